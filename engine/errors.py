@@ -1,0 +1,49 @@
+"""What can go wrong, one class a room; every message names the file, the cause and the remedy.
+
+The command line turns any `RoomlightError` into one line on stderr and exit code 2. Anything else that
+escapes is a bug and keeps its traceback.
+"""
+
+
+class RoomlightError(Exception):
+    """Base of every error a person can do something about."""
+
+
+class SessionError(RoomlightError):
+    """The session folder is missing, locked, damaged or of a newer schema."""
+
+
+class ImportFault(RoomlightError):
+    """Photographs, poses or masks given to `import` do not fit together."""
+
+
+class RawError(RoomlightError):
+    """A RAW or EXR file cannot be read or holds values that no camera makes."""
+
+
+class HdrError(RoomlightError):
+    """A bracket is incomplete, or no exposure of it holds usable pixels."""
+
+
+class MaskError(RoomlightError):
+    """The object could not be told from the background, or a given mask does not fit."""
+
+
+class PoseError(RoomlightError):
+    """Too few views could be placed, or given poses are not rigid transforms."""
+
+
+class LightError(RoomlightError):
+    """The background does not determine a light."""
+
+
+class SurfaceError(RoomlightError):
+    """The surface cannot be solved from these views and this light."""
+
+
+class ExportError(RoomlightError):
+    """A result could not be written."""
+
+
+class Cancelled(RoomlightError):
+    """The person asked for a stop; what was finished stays finished."""

@@ -1,0 +1,109 @@
+"""What flows from stage to stage: frozen records of arrays, each with its shape, unit and frame.
+
+Conventions (every file obeys them): `a_from_b` names a transform; camera frame is OpenCV's (x right,
+y down, z forward) and the centre of the first pixel is (0.5, 0.5); the object lives in the camera frame;
+the light lives in the world frame; radiance is linear Rec.709 on one scale per session; directions are
+unit vectors pointing away from the surface; a normal that faces the camera has z < 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole with OpenCV's radial-tangential distortion; one per session.
+
+    Focal lengths and principal point in pixels; (0.5, 0.5) is the centre of the first pixel.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """The photographs as linear radiance: stage *hdr*'s answer.
+
+    `noise` holds (shot, floor): the variance of a radiance x is about shot * x + floor**2 per channel.
+    `clipped` marks pixels saturated in every exposure: their radiance is a lower bound.
+    `dark` marks pixels below noise in every exposure.
+    """
+
+    names: tuple[str, ...]
+    radiance: Float[np.ndarray, "n h w 3"]  # float32, linear Rec.709, session scale
+    clipped: Bool[np.ndarray, "n h w"]
+    dark: Bool[np.ndarray, "n h w"]
+    noise: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Masks:
+    """Stage *segment*'s answer: where the object is, and where each view shows the room.
+
+    `object` holds the object with whatever carries it. `background` excludes it with a margin, and
+    whatever else is unfit to show the room in that view.
+    """
+
+    object: Bool[np.ndarray, "h w"]
+    background: Bool[np.ndarray, "n h w"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Stage *poses*'s answer. Rows of unregistered views hold NaN and `registered` is False there."""
+
+    camera: Camera
+    cam_from_world: Float[np.ndarray, "n 3 4"]  # float64, x_cam = R x_world + t
+    registered: Bool[np.ndarray, " n"]
+    points: Float[np.ndarray, "m 3"]  # sparse points, world frame; may be empty
+    scale: str  # "rig" | "board" | "given" | "unknown": what fixes the length of one scene unit
+    reprojection_px: float  # mean over all observations; NaN when poses were given
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gaussians:
+    """The room's light as 3D Gaussians, world frame, G = exp(-(x-mu)^T Sigma^-1 (x-mu)) without 1/2 (2).
+
+    Sigma = R diag(scales**2) R^T with R from unit quaternions (w, x, y, z); alpha = 1 - exp(-density G) (4).
+    `radiance` holds real spherical-harmonic coefficients per channel, first index the constant basis
+    function, in the order of Sloan 2008; the constant coefficient alone gives radiance = coeff * Y00,
+    clamped at zero when evaluated.
+    """
+
+    means: Float[np.ndarray, "k 3"]
+    quaternions: Float[np.ndarray, "k 4"]
+    scales: Float[np.ndarray, "k 3"]  # scene units, > 0
+    density: Float[np.ndarray, " k"]  # sigma of (4), > 0
+    radiance: Float[np.ndarray, "k b 3"]  # b = (degree + 1)**2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Stage *surface*'s answer, on the pixel grid of the photographs, camera frame.
+
+    Values outside `mask` are zero. `stderr_*` are one standard error, inflated by the misfit.
+    `flags` is a bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned.
+    `points_from` says what fixes the depth's absolute scale.
+    """
+
+    mask: Bool[np.ndarray, "h w"]
+    normal: Float[np.ndarray, "h w 3"]
+    albedo: Float[np.ndarray, "h w 3"]
+    roughness: Float[np.ndarray, "h w"]
+    depth: Float[np.ndarray, "h w"]  # z, scene units
+    stderr_normal: Float[np.ndarray, "h w"]  # radians
+    stderr_albedo: Float[np.ndarray, "h w"]
+    stderr_roughness: Float[np.ndarray, "h w"]
+    residual: Float[np.ndarray, "h w"]  # robust relative misfit
+    flags: UInt8[np.ndarray, "h w"]
