@@ -45,5 +45,9 @@ class ExportError(RoomlightError):
     """A result could not be written."""
 
 
+class TruthError(RoomlightError):
+    """A ground truth cannot be read, or does not fit the result it is held against."""
+
+
 class Cancelled(RoomlightError):
     """The person asked for a stop; what was finished stays finished."""
