@@ -1,0 +1,110 @@
+"""transforms.json of nerfstudio and instant-ngp: reads and writes it.
+
+Source: https://docs.nerf.studio/quickstart/data_conventions.html. Their poses are world_from_cam with
+OpenGL's camera axes; they are turned into cam_from_world with ours here, and back.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.errors import PoseError
+from engine.geometry import check_rigid, inverse, opencv_from_opengl
+from engine.poselist import Listed, folded_lens
+from engine.types import Camera, Poses
+
+MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+
+
+def _number(table: Mapping[str, Any], key: str, default: float, path: Path) -> float:
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise PoseError(f"{path}: {key} is {value!r}, not a number; export the file again")
+    return float(value)
+
+
+def _intrinsics(table: Mapping[str, Any], size: tuple[int, int], path: Path) -> Camera:
+    def get(key: str, default: float) -> float:
+        return _number(table, key, default, path)
+
+    model = table.get("camera_model", "OPENCV")
+    if model not in MODELS or table.get("is_fisheye"):
+        raise PoseError(f"{path}: camera model {model} is not supported; undistort to a pinhole first")
+    width, height = round(get("w", float(size[0]))), round(get("h", float(size[1])))
+    fx = get("fl_x", 0.0)
+    if fx == 0 and "camera_angle_x" in table:
+        fx = width / 2 / math.tan(get("camera_angle_x", 0.0) / 2)
+    if not fx > 0 or width < 1 or height < 1:
+        raise PoseError(f"{path}: no focal length (fl_x or camera_angle_x) or no size (w, h); add them")
+    fy = get("fl_y", 0.0)
+    if fy == 0 and "fl_x" not in table and "camera_angle_y" in table:
+        fy = height / 2 / math.tan(get("camera_angle_y", 0.0) / 2)
+    camera = Camera(
+        width, height, fx, fy or fx, get("cx", width / 2), get("cy", height / 2),
+        p1=get("p1", 0.0), p2=get("p2", 0.0),
+    )  # fmt: skip
+    return folded_lens(camera, [get(f"k{i}", 0.0) for i in (1, 2, 3, 4)], 0.0, str(path))
+
+
+def read(path: Path, size: tuple[int, int]) -> Listed:
+    """Poses and the shared camera; `size` (width, height) stands in where the file gives none.
+
+    Raises:
+        PoseError: not such a file, a matrix that is not rigid, several cameras, or a lens we cannot express.
+    """
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        frames = {str(frame["file_path"]): frame for frame in table["frames"]}
+        world_from_gl = {
+            name: np.array(frame["transform_matrix"], dtype=np.float64)[:3] for name, frame in frames.items()
+        }
+        if len(frames) < len(table["frames"]):
+            raise ValueError("a file_path is listed twice")
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise PoseError(
+            f"{path}: not a transforms.json ({type(error).__name__}: {error}); it needs a list `frames` of"
+            " file_path and transform_matrix (4 x 4)"
+        ) from error
+    poses: dict[str, np.ndarray] = {}
+    for name, matrix in world_from_gl.items():
+        if matrix.shape != (3, 4):
+            raise PoseError(f"{path}: transform_matrix of {name} is not 4 x 4; export the file again")
+        check_rigid(matrix, f"{path}: {name}")
+        poses[name] = inverse(np.concatenate([matrix[:, :3] @ opencv_from_opengl, matrix[:, 3:]], axis=1))
+    # nerfstudio may repeat the intrinsics in each frame; a session has one camera.
+    keys = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "camera_model",
+            "k1", "k2", "k3", "k4", "p1", "p2")  # fmt: skip
+    own = {name: {**table, **{k: frame[k] for k in keys if k in frame}} for name, frame in frames.items()}
+    cameras = {name: _intrinsics(values, size, path) for name, values in own.items()}
+    distinct = set(cameras.values())
+    if len(distinct) != 1:
+        raise PoseError(
+            f"{path}: {'no frames' if not distinct else f'{len(distinct)} different cameras'}; a session is"
+            " photographed with one camera at one zoom: export with shared intrinsics"
+        )
+    return Listed(distinct.pop(), poses, False, np.zeros((0, 3)), "given", ())
+
+
+def write(path: Path, poses: Poses, names: Sequence[str]) -> None:
+    """Registered views as transforms.json that nerfstudio and instant-ngp read; `names` become file_path."""
+    camera = poses.camera
+    frames = []
+    for name, cam_from_world, registered in zip(names, poses.cam_from_world, poses.registered, strict=True):
+        if registered:
+            matrix = np.eye(4)
+            matrix[:3] = inverse(cam_from_world)
+            matrix[:3, :3] = matrix[:3, :3] @ opencv_from_opengl
+            frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
+    table = {
+        "camera_model": "OPENCV", "w": camera.width, "h": camera.height,
+        "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
+        "camera_angle_x": 2 * math.atan(camera.width / 2 / camera.fx),
+        "camera_angle_y": 2 * math.atan(camera.height / 2 / camera.fy),
+        "k1": camera.k1, "k2": camera.k2, "p1": camera.p1, "p2": camera.p2,
+        "frames": frames,
+    }  # fmt: skip
+    path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")

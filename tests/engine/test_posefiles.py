@@ -1,0 +1,276 @@
+"""Promises of `engine.posefiles` and the formats behind it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from engine.colmap_model import quaternion_of, rotation_of
+from engine.errors import PoseError
+from engine.geometry import inverse, project
+from engine.posefiles import read_poses, write_colmap, write_transforms
+from engine.types import Camera, Poses
+
+LENS = Camera(640, 480, 500.5, 501.25, 322.5, 238.25, k1=-0.08, k2=0.02, p1=0.001, p2=-0.002)
+
+
+def random_poses(seed: int, count: int = 9, camera: Camera = LENS) -> Poses:
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(count, random_state=rng).as_matrix()
+    shift = rng.normal(size=(count, 3, 1)) * 3
+    return Poses(
+        camera, np.concatenate([rotation, shift], axis=2), np.ones(count, dtype=bool),
+        rng.normal(size=(20, 3)), "unknown", 0.5,
+    )  # fmt: skip
+
+
+def names_of(poses: Poses) -> list[str]:
+    return [f"{i:04d}.exr" for i in range(len(poses.registered))]
+
+
+def metashape_xml(poses: Poses, names: list[str], extra: str = "", chunk: str = "") -> str:
+    c = poses.camera
+    cameras = "".join(
+        f'<camera id="{i}" sensor_id="0" label="{Path(n).stem}"><transform>'
+        + " ".join(repr(float(v)) for v in [*inverse(m).ravel(), 0, 0, 0, 1])
+        + "</transform></camera>"
+        for i, (n, m) in enumerate(zip(names, poses.cam_from_world, strict=True))
+    )
+    # Written from the manual: offsets from the centre, f + b1 along x, p1 and p2 the other way round.
+    return f"""<?xml version="1.0"?><document version="2.0.0"><chunk label="a" enabled="true"><sensors>
+      <sensor id="0" type="frame"><resolution width="{c.width}" height="{c.height}"/>
+      <calibration type="frame" class="initial"><f>1.0</f></calibration>
+      <calibration type="frame" class="adjusted"><resolution width="{c.width}" height="{c.height}"/>
+      <f>{c.fy!r}</f><b1>{c.fx - c.fy!r}</b1><cx>{c.cx - c.width / 2!r}</cx><cy>{c.cy - c.height / 2!r}</cy>
+      <k1>{c.k1!r}</k1><k2>{c.k2!r}</k2><p1>{c.p2!r}</p1><p2>{c.p1!r}</p2>{extra}</calibration>
+      </sensor></sensors><cameras>{cameras}</cameras>{chunk}</chunk></document>"""
+
+
+def write_binary(folder: Path, poses: Poses, names: list[str]) -> None:
+    text = folder.parent / "text"
+    write_colmap(text, poses, names)
+    folder.mkdir(parents=True)
+    pycolmap.Reconstruction(str(text)).write_binary(str(folder))
+
+
+def check_same(path: Path, poses: Poses, names: list[str]) -> None:
+    found = read_poses(path, names, (poses.camera.width, poses.camera.height))
+    np.testing.assert_allclose(found.cam_from_world, poses.cam_from_world, atol=1e-9)
+    for field in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"):
+        assert getattr(found.camera, field) == pytest.approx(getattr(poses.camera, field), abs=1e-9)
+    assert found.registered.all()
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_poses_survive_every_format(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    folder = tmp_path_factory.mktemp("formats")
+    poses = random_poses(seed)
+    names = names_of(poses)
+    write_transforms(folder / "transforms.json", poses, names)
+    write_colmap(folder / "model", poses, names)
+    write_binary(folder / "scene" / "sparse" / "0", poses, names)
+    (folder / "cameras.xml").write_text(metashape_xml(poses, names))
+    for given_file in ("transforms.json", "model", "scene", "cameras.xml"):
+        check_same(folder / given_file, poses, names)
+    np.testing.assert_allclose(
+        read_poses(folder / "scene", names, (640, 480)).points, poses.points, atol=1e-12
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**31), angle=st.sampled_from([1e-9, 1e-3, 1.0, np.pi - 1e-9, np.pi]))
+def test_quaternions_are_exact_near_none_and_half_turns(seed: int, angle: float) -> None:
+    axis = np.random.default_rng(seed).normal(size=3)
+    rotation = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle).as_matrix()
+    np.testing.assert_allclose(rotation_of(quaternion_of(rotation)), rotation, atol=1e-12)
+
+
+def test_pycolmap_projects_through_our_model_as_we_do(tmp_path: Path) -> None:
+    poses = random_poses(3)
+    write_colmap(tmp_path, poses, names_of(poses))
+    model = pycolmap.Reconstruction(str(tmp_path))
+    cam_points = np.array([[0.2, -0.1, 1.5], [-0.4, 0.3, 2.0]])
+    theirs = model.cameras[1].img_from_cam(cam_points)
+    np.testing.assert_allclose(project(poses.camera, cam_points), theirs, atol=1e-9)
+    image = next(i for i in model.images.values() if i.name == "0004.exr")
+    np.testing.assert_allclose(image.cam_from_world().matrix(), poses.cam_from_world[4], atol=1e-12)
+
+
+def test_opengl_hand_value(tmp_path: Path) -> None:
+    """An OpenGL camera at (1, 2, 3) without rotation looks along world -z, with world +y up."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = [1, 2, 3]
+    frames = [{"file_path": "./images/a.png", "transform_matrix": matrix.tolist()}]
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"camera_angle_x": np.pi / 2, "frames": frames}))
+    found = read_poses(path, ["a"], (200, 100))
+    assert (found.camera.fx, found.camera.fy) == pytest.approx((100, 100))
+    assert (found.camera.cx, found.camera.cy) == (100, 50)
+    ahead = found.cam_from_world[0] @ [1, 2, -7, 1]  # ten units ahead
+    np.testing.assert_allclose(ahead, [0, 0, 10], atol=1e-12)
+    above = found.cam_from_world[0] @ [1, 3, 3, 1]
+    np.testing.assert_allclose(above, [0, -1, 0], atol=1e-12)  # our y points down
+
+
+def test_rows_follow_the_asked_names_not_the_file(tmp_path: Path) -> None:
+    poses = random_poses(1)
+    write_transforms(tmp_path / "t.json", poses, [f"images/{n}" for n in names_of(poses)])
+    found = read_poses(tmp_path / "t.json", ["0005", "0002.dng"], (640, 480))
+    np.testing.assert_allclose(found.cam_from_world, poses.cam_from_world[[5, 2]], atol=1e-9)
+
+
+def test_unregistered_views_are_left_out_and_come_back_as_nan(tmp_path: Path) -> None:
+    full = random_poses(2)
+    keep = np.arange(9) != 4
+    cam_from_world = np.where(keep[:, None, None], full.cam_from_world, np.nan)
+    poses = Poses(full.camera, cam_from_world, keep, full.points, "unknown", 0.5)
+    write_colmap(tmp_path / "m", poses, names_of(poses))
+    found = read_poses(tmp_path / "m", names_of(poses), (640, 480))
+    np.testing.assert_array_equal(found.registered, keep)
+    assert np.isnan(found.cam_from_world[4]).all()
+
+
+def test_poses_of_other_photographs_are_refused_with_names(tmp_path: Path) -> None:
+    poses = random_poses(1)
+    write_transforms(tmp_path / "t.json", poses, names_of(poses))
+    with pytest.raises(PoseError, match=r"t\.json: no pose for 1 of 2 .*IMG_7.*0000\.exr"):
+        read_poses(tmp_path / "t.json", ["0001", "IMG_7"], (640, 480))
+    write_colmap(tmp_path / "m", poses, names_of(poses))
+    with pytest.raises(PoseError, match="no pose for 3 of 4"):
+        read_poses(tmp_path / "m", ["0001", "a", "b", "c"], (640, 480))
+
+
+def test_two_candidates_for_one_photograph_are_refused(tmp_path: Path) -> None:
+    poses = random_poses(1, 2)
+    write_transforms(tmp_path / "t.json", poses, ["left/a.png", "right/a.png"])
+    with pytest.raises(PoseError, match=r"a could be any of left/a\.png, right/a\.png"):
+        read_poses(tmp_path / "t.json", ["a"], (640, 480))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "cause"),
+    [
+        (lambda m: m[:3, :3].__imul__(1.1), "not orthonormal"),
+        (lambda m: m[:3, 0].__imul__(-1), "mirrors"),
+        (lambda m: m.__setitem__((0, 3), np.nan), "NaN"),
+    ],
+)
+def test_matrices_that_are_not_rigid_are_refused(tmp_path: Path, spoil, cause: str) -> None:
+    path = tmp_path / "t.json"
+    poses = random_poses(1)
+    write_transforms(path, poses, names_of(poses))
+    table = json.loads(path.read_text())
+    matrix = np.array(table["frames"][3]["transform_matrix"])
+    spoil(matrix)
+    table["frames"][3]["transform_matrix"] = matrix.tolist()
+    path.write_text(json.dumps(table))
+    with pytest.raises(PoseError, match=rf"t\.json: 0003\.exr: .*{cause}"):
+        read_poses(path, names_of(poses), (640, 480))
+
+
+def test_intrinsics_scale_to_the_photographs_only_at_the_same_aspect(tmp_path: Path) -> None:
+    poses = random_poses(1)
+    write_colmap(tmp_path, poses, names_of(poses))
+    half = read_poses(tmp_path, names_of(poses), (320, 240))
+    assert half.camera.fx == pytest.approx(LENS.fx / 2)
+    assert half.camera.cy == pytest.approx(LENS.cy / 2)
+    assert half.notes == ("intrinsics rescaled from 640 x 480 to 320 x 240",)
+    with pytest.raises(PoseError, match="640 x 480 but the photographs are 480 x 640, another aspect"):
+        read_poses(tmp_path, names_of(poses), (480, 640))
+
+
+def test_metashape_chunk_transform_sets_the_world(tmp_path: Path) -> None:
+    poses = random_poses(5)
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
+    chunk = (
+        f"<transform><rotation>{' '.join(map(repr, turn.ravel().tolist()))}</rotation>"
+        "<translation>1 2 3</translation><scale>2.5</scale></transform>"
+    )
+    (tmp_path / "c.xml").write_text(metashape_xml(poses, names_of(poses), chunk=chunk))
+    found = read_poses(tmp_path / "c.xml", names_of(poses), (640, 480))
+    centres = inverse(found.cam_from_world)[..., 3]
+    chunk_centres = inverse(poses.cam_from_world)[..., 3]
+    np.testing.assert_allclose(centres, 2.5 * chunk_centres @ turn.T + [1, 2, 3], atol=1e-9)
+    assert found.scale == "given"
+
+
+def test_a_third_radial_term_is_folded_in_when_two_can_say_the_same(tmp_path: Path) -> None:
+    poses = random_poses(5)
+    (tmp_path / "c.xml").write_text(metashape_xml(poses, names_of(poses), extra="<k3>0.005</k3>"))
+    camera = read_poses(tmp_path / "c.xml", names_of(poses), (640, 480)).camera
+    assert camera.k2 != LENS.k2
+    x = np.array([[0.5, 0.3, 1.0]])
+    r2 = 0.34
+    moved = project(camera, x) - project(LENS, x)
+    assert np.linalg.norm(moved - 0.005 * r2**3 * x[:, :2] * LENS.fx) < 0.1
+    (tmp_path / "d.xml").write_text(metashape_xml(poses, names_of(poses), extra="<k3>0.5</k3>"))
+    with pytest.raises(PoseError, match="needs more terms"):
+        read_poses(tmp_path / "d.xml", names_of(poses), (640, 480))
+
+
+def test_only_adjusted_metashape_calibration_counts(tmp_path: Path) -> None:
+    poses = random_poses(5)
+    text = metashape_xml(poses, names_of(poses)).replace('class="adjusted"', 'class="initial"')
+    (tmp_path / "c.xml").write_text(text)
+    with pytest.raises(PoseError, match="no calibration of class adjusted"):
+        read_poses(tmp_path / "c.xml", names_of(poses), (640, 480))
+
+
+@pytest.mark.parametrize("model", ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"])
+@pytest.mark.parametrize("binary", [False, True])
+def test_every_supported_colmap_lens_reads_as_pycolmap_sees_it(
+    tmp_path: Path, model: str, binary: bool
+) -> None:
+    options = pycolmap.SyntheticDatasetOptions(
+        num_rigs=1, num_cameras_per_rig=1, num_frames_per_rig=5, num_points3D=30, camera_width=640,
+        camera_height=480, camera_model_id=getattr(pycolmap.CameraModelId, model),
+        camera_params={"SIMPLE_PINHOLE": [400, 320, 240], "PINHOLE": [400, 410, 320, 240],
+                       "SIMPLE_RADIAL": [400, 320, 240, 0.1], "RADIAL": [400, 320, 240, 0.1, -0.02],
+                       "OPENCV": [400, 410, 320, 240, 0.1, -0.02, 0.001, 0.002]}[model],
+    )  # fmt: skip
+    theirs = pycolmap.synthesize_dataset(options)
+    (theirs.write_binary if binary else theirs.write_text)(str(tmp_path))
+    images = sorted(theirs.images.values(), key=lambda image: image.name)
+    found = read_poses(tmp_path, [image.name for image in images], (640, 480))
+    for row, image in zip(found.cam_from_world, images, strict=True):
+        np.testing.assert_allclose(row, image.cam_from_world().matrix(), atol=1e-9)
+    x = np.array([[0.3, -0.2, 1.0]])
+    np.testing.assert_allclose(project(found.camera, x), theirs.cameras[1].img_from_cam(x), atol=1e-6)
+    assert len(found.points) == theirs.num_points3D()
+
+
+def test_unsupported_lenses_are_named(tmp_path: Path) -> None:
+    poses = random_poses(1)
+    write_colmap(tmp_path / "m", poses, names_of(poses))
+    (tmp_path / "m" / "cameras.txt").write_text("1 OPENCV_FISHEYE 640 480 1 2 3 4 5 6 7 8\n")
+    with pytest.raises(PoseError, match="OPENCV_FISHEYE is not supported"):
+        read_poses(tmp_path / "m", names_of(poses), (640, 480))
+    write_transforms(tmp_path / "t.json", poses, names_of(poses))
+    text = (tmp_path / "t.json").read_text().replace('"OPENCV"', '"OPENCV_FISHEYE"')
+    (tmp_path / "t.json").write_text(text)
+    with pytest.raises(PoseError, match="OPENCV_FISHEYE is not supported"):
+        read_poses(tmp_path / "t.json", names_of(poses), (640, 480))
+
+
+def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
+    poses = random_poses(1)
+    names = names_of(poses)
+    write_binary(tmp_path / "bin", poses, names)
+    whole = (tmp_path / "bin" / "images.bin").read_bytes()
+    for length in (4, 100, len(whole) - 4):
+        (tmp_path / "bin" / "images.bin").write_bytes(whole[:length])
+        with pytest.raises(PoseError, match=r"bin: the COLMAP model cannot be read"):
+            read_poses(tmp_path / "bin", names, (640, 480))
+    (tmp_path / "t.json").write_text('{"frames": [{"file_path": ')
+    (tmp_path / "e.json").write_text('{"frames": []}')
+    (tmp_path / "c.xml").write_text("<document><chunk>")
+    (tmp_path / "n.csv").write_text("")
+    for name in ("t.json", "e.json", "c.xml", "n.csv", "nothing"):
+        with pytest.raises(PoseError, match=name):
+            read_poses(tmp_path / name, names, (640, 480))
