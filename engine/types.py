@@ -107,3 +107,24 @@ class Surface:
     stderr_roughness: Float[np.ndarray, "h w"]
     residual: Float[np.ndarray, "h w"]  # robust relative misfit
     flags: UInt8[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Renders:
+    """Views kept out of the surface's fit, re-rendered from the answer; zero outside the object."""
+
+    views: tuple[int, ...]  # indices into Frames
+    radiance: Float[np.ndarray, "k h w 3"]  # float32, session scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panorama:
+    """Radiance that arrives at the object's centre in one view, in the camera frame of that view.
+
+    Column u of w, row v of h: azimuth phi = 2 pi (u + 0.5) / w - pi, polar angle theta = pi (v + 0.5) / h from
+    -y (up); direction = (sin theta sin phi, -cos theta, sin theta cos phi), so the middle looks along +z.
+    """
+
+    view: str
+    radiance: Float[np.ndarray, "h w 3"]
+    seen: Float[np.ndarray, "h w"]  # 1 where photographs show that direction, 0 where it is a guess
