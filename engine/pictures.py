@@ -1,0 +1,68 @@
+"""The maps as PNG pictures, each with its meaning written inside and given back as facts.
+
+Normals are drawn as the camera sees them: red right, blue towards the viewer, green up (OpenGL, Blender) or
+down (DirectX). Depth keeps sample 0 for "no answer".
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from engine import png
+from engine.types import Surface
+
+
+def draw(
+    surface: Surface, photograph: Float[np.ndarray, "h w 3"], green: str, unit: str
+) -> tuple[dict[str, bytes], dict[str, object]]:
+    """The files by name, and what their samples mean; `green` is "up" or "down"."""
+    mask = surface.mask
+    sign = 1.0 if green == "up" else -1.0
+    shown = surface.normal * [1.0, -sign, -1.0] * 0.5 + 0.5
+    normal = png.to_16_bit(np.where(mask[..., None], shown, [0.5, 0.5, 1.0]))
+    normal_text = {
+        "Description": "normals as seen by the camera: red right, blue towards the viewer, green "
+        + ("up (OpenGL, Blender)" if sign > 0 else "down (DirectX)"),
+    }
+    known = mask & (surface.depth > 0)
+    near, far = (
+        (float(surface.depth[known].min()), float(surface.depth[known].max())) if known.any() else (0.0, 0.0)
+    )
+    steps = (surface.depth - near) / max(far - near, 1e-30)
+    depth = np.where(known, 1 + np.round(np.clip(steps, 0, 1) * 65534), 0).astype(np.uint16)
+    depth_text = {
+        "Description": "depth along z = near + (sample - 1) / 65534 * (far - near); sample 0 is no answer",
+        "near": repr(near),
+        "far": repr(far),
+        "unit": unit,
+    }
+    stderr = np.degrees(surface.stderr_normal)
+    limit = float(np.ceil(max(np.percentile(stderr[mask], 99), 0.1))) if mask.any() else 1.0
+    stderr_text = {
+        "Description": "one standard error of the normal = sample / 65535 * full_deg",
+        "full_deg": repr(limit),
+    }
+    white = float(np.percentile(photograph, 99)) or 1.0
+    pictures = {
+        "normal.png": png.encode((normal >> 8).astype(np.uint8), "data", normal_text),
+        "normal_16.png": png.encode(normal, "data", normal_text),
+        "albedo.png": png.encode(png.to_8_bit(png.srgb(surface.albedo)), "srgb"),
+        "albedo_linear_16.png": png.encode(
+            png.to_16_bit(surface.albedo),
+            "linear",
+            {"Description": "albedo = sample / 65535, linear Rec.709"},
+        ),
+        "roughness_16.png": png.encode(
+            png.to_16_bit(surface.roughness), "data", {"Description": "roughness = sample / 65535"}
+        ),
+        "depth_16.png": png.encode(depth, "data", depth_text),
+        "stderr_normal_16.png": png.encode(png.to_16_bit(stderr / limit), "data", stderr_text),
+        "mask.png": png.encode(mask.astype(np.uint8) * 255),
+        "photograph.png": png.encode(png.to_8_bit(png.srgb(photograph / white)), "srgb"),
+    }
+    facts: dict[str, object] = {
+        "normal": {"green": green},
+        "depth_16": {"near": near, "far": far, "unit": unit, "no_answer": 0},
+        "stderr_normal_16": {"full_deg": limit},
+        "photograph": {"radiance_shown_white": white},
+    }
+    return pictures, facts

@@ -1,0 +1,263 @@
+"""An export appears whole or not at all, and other programs read what we wrote."""
+
+import errno
+import json
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pycolmap
+import pytest
+import trimesh
+from PIL import Image
+from plyfile import PlyData
+
+from engine import export, ply
+from engine.errors import Cancelled, ExportError
+from engine.export import ExportParams
+from engine.geometry import inverse
+from engine.light.gaussians import from_3dgs
+from engine.progress import Progress
+from engine.types import Gaussians, Panorama, Poses
+from tests.engine.ball import CAMERA, ball
+from tests.engine.test_metrics import ring
+
+NAMES = ("a.exr", "b.exr", "c.exr", "d.exr")
+
+
+def gaussians(count: int = 7) -> Gaussians:
+    draw = np.random.default_rng(5)
+    return Gaussians(
+        means=draw.normal(size=(count, 3)),
+        quaternions=draw.normal(size=(count, 4)),
+        scales=draw.uniform(0.1, 0.5, (count, 3)),
+        density=draw.uniform(0.1, 5.0, count),
+        radiance=draw.normal(size=(count, 4, 3)),
+    )
+
+
+def poses(scale: str = "rig") -> Poses:
+    cam_from_world = ring(4)
+    cam_from_world[2] = np.nan
+    registered = np.array([True, True, False, True])
+    return Poses(CAMERA, cam_from_world, registered, np.zeros((0, 3)), scale, 0.3)
+
+
+def panorama() -> Panorama:
+    radiance = np.linspace(0, 40, 8 * 16 * 3).reshape(8, 16, 3)
+    return Panorama("a.exr", radiance, np.repeat([[1.0], [0.0]], 4, 0) * np.ones((1, 16)))
+
+
+def write(to: Path, params: ExportParams | None = None, progress: Progress | None = None, scale: str = "rig"):
+    photograph = np.tile(np.linspace(0.01, 3, 64)[:, None], (48, 1, 3))
+    export.write(
+        to, ball(), gaussians(), poses(scale), NAMES, panorama(), photograph,
+        params or ExportParams(), progress or Progress(),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory) -> Path:
+    to = tmp_path_factory.mktemp("export") / "out"
+    write(to)
+    return to
+
+
+def test_the_index_lists_every_file(exported):
+    index = json.loads((exported / "export.json").read_text())
+    there = {str(path.relative_to(exported)) for path in exported.rglob("*") if path.is_file()}
+    assert there == {*index["files"], "export.json"}
+    assert {"maps.exr", "surface.ply", "surface.glb", "light.ply", "light.exr", "transforms.json"} <= there
+    assert index["unit_of_length"] == "metre"
+    assert index["camera"]["fx"] == 70.0
+
+
+def test_maps_come_back_with_the_named_channels_frame_units_and_camera(exported):
+    surface = ball()
+    with OpenEXR.File(str(exported / "maps.exr"), separate_channels=True) as file:
+        header = dict(file.header())
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    asked = (
+        "normal.X normal.Y normal.Z albedo.R albedo.G albedo.B roughness.Y depth.Z mask.Y stderr.normal_deg"
+    )
+    assert set(asked.split()) <= set(channels)
+    normal = np.stack([channels[f"normal.{axis}"] for axis in "XYZ"], -1)
+    assert normal == pytest.approx(surface.normal, abs=1e-6)
+    albedo = np.stack([channels[f"albedo.{colour}"] for colour in "RGB"], -1)
+    assert albedo == pytest.approx(surface.albedo, abs=1e-6)
+    assert channels["depth.Z"] == pytest.approx(surface.depth, abs=1e-6)
+    assert channels["roughness.Y"] == pytest.approx(surface.roughness, abs=1e-6)
+    assert (channels["mask.Y"] == surface.mask).all()
+    assert channels["stderr.normal_deg"] == pytest.approx(np.degrees(surface.stderr_normal), abs=1e-5)
+    assert (channels["flags.Y"] == surface.flags).all()
+    assert "z forward" in header["frame"]
+    assert header["unit.depth"] == "metre"
+    assert json.loads(header["camera"])["cx"] == 31.0
+
+
+def test_the_panorama_keeps_high_radiance_and_says_what_was_guessed(exported):
+    with OpenEXR.File(str(exported / "light.exr"), separate_channels=True) as file:
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+        assert "a.exr" in file.header()["frame"]
+    assert np.stack([channels[c] for c in "RGB"], -1) == pytest.approx(panorama().radiance, abs=1e-5)
+    assert channels["seen.Y"] == pytest.approx(panorama().seen)
+
+
+def normals_of(path: Path, green_down: bool) -> np.ndarray:
+    samples = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1].astype(float)
+    shown = samples / (65535 if samples.max() > 255 else 255) * 2 - 1
+    return shown * [1, 1 if green_down else -1, -1]
+
+
+@pytest.mark.parametrize("convention", ["opengl", "directx"])
+def test_the_normal_picture_says_its_convention_and_keeps_it(tmp_path, convention):
+    write(tmp_path / "out", ExportParams(normal_png=convention))
+    surface = ball()
+    for name, within in (("normal_16.png", 1e-4), ("normal.png", 0.009)):
+        decoded = normals_of(tmp_path / "out" / name, convention == "directx")
+        assert decoded[surface.mask] == pytest.approx(surface.normal[surface.mask], abs=within)
+        image = Image.open(tmp_path / "out" / name)
+        image.load()
+        assert ("up (OpenGL" if convention == "opengl" else "down (DirectX") in image.info["Description"]
+
+
+def test_the_top_of_the_ball_is_green_in_opengl(exported):
+    surface = ball()
+    top = np.nonzero(surface.mask)[0].min()
+    column = int(np.nonzero(surface.mask[top])[0].mean())
+    red, green, _ = cv2.imread(str(exported / "normal.png"))[top, column, ::-1]
+    assert green > 220
+    assert abs(int(red) - 128) < 25
+
+
+def test_depth_and_roughness_pictures_decode_to_the_maps(exported):
+    surface = ball()
+    image = Image.open(exported / "depth_16.png")
+    image.load()
+    near, far = float(image.info["near"]), float(image.info["far"])
+    samples = cv2.imread(str(exported / "depth_16.png"), cv2.IMREAD_UNCHANGED).astype(float)
+    assert ((samples == 0) == ~surface.mask).all()
+    depth = near + (samples - 1) / 65534 * (far - near)
+    assert depth[surface.mask] == pytest.approx(surface.depth[surface.mask], abs=(far - near) / 65534)
+    rough = cv2.imread(str(exported / "roughness_16.png"), cv2.IMREAD_UNCHANGED) / 65535
+    assert rough == pytest.approx(surface.roughness, abs=1e-5)
+    linear = cv2.imread(str(exported / "albedo_linear_16.png"), cv2.IMREAD_UNCHANGED)[..., ::-1] / 65535
+    assert linear == pytest.approx(surface.albedo, abs=1e-5)
+
+
+def test_meshes_poses_and_light_open_in_other_programs(exported):
+    assert len(trimesh.load(exported / "surface.glb").to_geometry().faces) > 1000
+    assert len(PlyData.read(exported / "surface.ply")["face"]) > 1000
+    back = from_3dgs({item.name: PlyData.read(exported / "light.ply")["vertex"][item.name]
+                      for item in PlyData.read(exported / "light.ply")["vertex"].properties})  # fmt: skip
+    assert back.means == pytest.approx(gaussians().means, abs=1e-5)
+    assert back.radiance == pytest.approx(gaussians().radiance, abs=1e-4)
+    model = pycolmap.Reconstruction(str(exported / "colmap"))
+    assert sorted(image.name for image in model.images.values()) == ["a.exr", "b.exr", "d.exr"]
+    first = next(image for image in model.images.values() if image.name == "a.exr")
+    assert first.cam_from_world().matrix() == pytest.approx(poses().cam_from_world[0], abs=1e-9)
+    listed = json.loads((exported / "transforms.json").read_text())["frames"]
+    world_from_gl = np.array(listed[0]["transform_matrix"])
+    assert world_from_gl[:3, :3] @ np.diag([1, -1, -1]) == pytest.approx(
+        inverse(poses().cam_from_world[0])[:, :3]
+    )
+
+
+def test_an_unknown_scale_is_said_so(tmp_path):
+    write(tmp_path / "out", scale="unknown")
+    assert json.loads((tmp_path / "out" / "export.json").read_text())["unit_of_length"] == "unknown"
+
+
+def test_an_earlier_export_is_replaced_and_nothing_else_is(tmp_path):
+    to = tmp_path / "out"
+    write(to)
+    write(to, ExportParams(normal_png="directx"))
+    assert json.loads((to / "export.json").read_text())["png"]["normal"]["green"] == "down"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    (to / "my notes.txt").write_text("keep me")
+    with pytest.raises(ExportError, match=r"holds 1 files that no export wrote, such as my notes\.txt"):
+        write(to)
+    assert (to / "my notes.txt").read_text() == "keep me"
+    with pytest.raises(ExportError, match="not a plain folder"):
+        write(to / "my notes.txt")
+
+
+def test_a_stop_half_way_leaves_the_earlier_export_and_no_litter(tmp_path):
+    to = tmp_path / "out"
+    write(to)
+    before = (to / "export.json").read_bytes()
+    asked = iter([False, False, False, True])
+    with pytest.raises(Cancelled):
+        write(to, progress=Progress(cancelled=lambda: next(asked)))
+    assert (to / "export.json").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_litter_of_a_killed_run_is_wiped(tmp_path):
+    (tmp_path / ".out.partial").mkdir()
+    (tmp_path / ".out.partial" / "half").write_text("")
+    write(tmp_path / "out")
+    assert not (tmp_path / "out" / "half").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("code", "remedy"),
+    [(errno.ENOSPC, "free space"), (errno.EACCES, "may write to"), (errno.EIO, "check the disk")],
+)
+def test_a_refusal_of_the_system_is_one_line_with_a_remedy(tmp_path, monkeypatch, code, remedy):
+    to = tmp_path / "out"
+    write(to)
+    before = sorted(path.name for path in to.rglob("*"))
+
+    def refuse(*_args):
+        raise OSError(code, os.strerror(code), str(to / "surface.ply"))
+
+    monkeypatch.setattr(ply, "surface_ply", refuse)
+    with pytest.raises(ExportError, match=remedy) as told:
+        write(to)
+    assert "surface.ply" in str(told.value)
+    assert "\n" not in str(told.value)
+    assert sorted(path.name for path in to.rglob("*")) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_full_disk_while_writing_exr_is_told(tmp_path):
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full here")
+    with pytest.raises(OSError, match="No space left"):
+        export._write_exr(full, {"Y": np.zeros((64, 64))}, {})
+
+
+def test_a_copy_of_an_export_is_the_same_files(exported, tmp_path):
+    export.copy(exported, tmp_path / "there")
+    assert (tmp_path / "there" / "surface.glb").read_bytes() == (exported / "surface.glb").read_bytes()
+    assert (tmp_path / "there" / "colmap").is_dir()
+    with pytest.raises(ExportError, match=r"holds no export\.json"):
+        export.copy(tmp_path, tmp_path / "elsewhere")
+
+
+def test_the_same_result_gives_the_same_bytes(exported, tmp_path):
+    write(tmp_path / "again")
+    for name in json.loads((exported / "export.json").read_text())["files"]:
+        assert (tmp_path / "again" / name).read_bytes() == (exported / name).read_bytes(), name
+
+
+def test_unknown_choices_are_refused(tmp_path):
+    with pytest.raises(ExportError, match="choose opengl"):
+        write(tmp_path / "out", ExportParams(normal_png="blender"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_surface_without_depth_is_refused_before_anything_appears(tmp_path):
+    flat = replace(ball(), depth=np.zeros((48, 64)))
+    with pytest.raises(ExportError, match="no three neighbouring"):
+        export.write(tmp_path / "out", flat, gaussians(), poses(), NAMES, panorama(),
+                     np.ones((48, 64, 3)), ExportParams(), Progress())  # fmt: skip
+    assert list(tmp_path.iterdir()) == []
+    assert not math.isnan(flat.depth.sum())
