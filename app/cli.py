@@ -1,0 +1,125 @@
+"""The command line: says what each command takes, runs it, and turns errors into one line and an exit code.
+
+Exit codes: 0 done, 2 something the person can put right (one line on stderr), 130 stopped by Ctrl-C. Any
+other exception is a bug and keeps its traceback. Rooms are imported inside the commands, so that help and
+faults in the command line cost no time.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from app import commands
+from engine.errors import Cancelled, RoomlightError
+from engine.pipeline.settings import PRESETS
+from hardware.errors import HardwareError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    args = _parser().parse_args(argv)
+    try:
+        return args.run(args)
+    except (Cancelled, KeyboardInterrupt):
+        print("stopped; run again to resume", file=sys.stderr)
+        return 130
+    except (RoomlightError, HardwareError) as error:
+        print(f"roomlight: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        # The reader of our output left, as `roomlight plan ... | head` does; there is nobody to tell.
+        sys.stderr.close()
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="roomlight",
+        description="Recovers shape and reflectance of an object from the light of the room it stands in.",
+    )
+    parser.add_argument("--version", action="version", version=f"roomlight {version('roomlight')}")
+    add = parser.add_subparsers(dest="command", required=True, metavar="COMMAND").add_parser
+
+    to_import = add("import", help="make a session of a folder of photographs")
+    to_import.add_argument("folder", type=Path, help="RAW files, or linear EXR/HDR images")
+    to_import.add_argument("session", type=Path, help="the session to make")
+    to_import.add_argument("--poses", type=Path, help="transforms.json, COLMAP model folder or Metashape XML")
+    to_import.add_argument("--mask", type=Path, help="PNG of the photographs' size, white on the object")
+    to_import.add_argument("--bracket", type=_bracket, default=None, help="exposures a view, or auto")
+    to_import.set_defaults(run=commands.run_import)
+
+    process = add("process", help="run every stage that is not done")
+    _add_session(process)
+    _add_settings(process)
+    process.add_argument("--until", metavar="STAGE", help="stop after this stage")
+    process.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+    process.set_defaults(run=commands.run_process)
+
+    plan = add("plan", help="say which stages would run and why; changes nothing")
+    _add_session(plan)
+    _add_settings(plan)
+    plan.set_defaults(run=commands.run_plan)
+
+    simulate = add("simulate", help="photograph a virtual object in a virtual room: OUT/session, OUT/truth")
+    simulate.add_argument("out", type=Path)
+    simulate.add_argument("--room", required=True, help="name of a room; a wrong name lists them")
+    simulate.add_argument("--object", required=True, help="name of an object; a wrong name lists them")
+    simulate.add_argument("--views", type=int, default=96)
+    simulate.add_argument("--size", type=int, nargs=2, default=(512, 384), metavar=("W", "H"))
+    simulate.add_argument("--motion", choices=("handheld", "turntable", "gimbal"), default="handheld")
+    simulate.add_argument("--seed", type=int, default=0)
+    simulate.add_argument("--vignetting", type=float, default=0.0, help="share of light lost in the corners")
+    simulate.set_defaults(run=commands.run_simulate)
+
+    export = add("export", help="write the results as EXR, PNG, PLY, GLB, COLMAP and transforms.json")
+    _add_session(export)
+    export.add_argument("--to", type=Path, required=True, help="folder to write to")
+    export.set_defaults(run=commands.run_export)
+
+    report = add("report", help="write one self-contained HTML page about the results")
+    _add_session(report)
+    report.add_argument("--to", type=Path, help="HTML file; SESSION/exports/report.html if left out")
+    report.set_defaults(run=commands.run_report)
+
+    evaluate = add("evaluate", help="compare the results with a ground truth")
+    _add_session(evaluate)
+    evaluate.add_argument("truth", type=Path, help="a studio's truth folder, or an .npz")
+    evaluate.add_argument("--json", action="store_true", help="print JSON")
+    evaluate.set_defaults(run=commands.run_evaluate)
+
+    demo = add("demo", help="process the bundled session from RAW to report")
+    demo.add_argument("--to", type=Path, default=Path("out/demo"), help="folder to work in")
+    demo.add_argument("--preset", choices=PRESETS, default=None)
+    demo.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+    demo.set_defaults(run=commands.run_demo)
+    return parser
+
+
+def _add_session(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", type=Path)
+
+
+def _add_settings(parser: argparse.ArgumentParser) -> None:
+    """What changes params.toml; left out, what is written there holds."""
+    parser.add_argument("--preset", choices=PRESETS, default=None)
+    parser.add_argument("--seed", type=int, default=None)
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="STAGE.PARAM=VALUE",
+        help="as in surface.directions=2048",
+    )
+
+
+def _bracket(text: str) -> int | None:
+    if text == "auto":
+        return None
+    if text.isdigit() and int(text) >= 1:
+        return int(text)
+    raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number of exposures")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,255 @@
+"""Make a session of a folder of photographs, with poses and a mask where they are given.
+
+RAW files of any kind LibRaw reads are grouped into brackets; linear EXR or Radiance HDR images are one view
+each. Everything is read and checked before the session appears, and it appears by one rename: a fault leaves
+nothing behind.
+"""
+
+import json
+import math
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from engine import session as sessions
+from engine.brackets import Taken, group, natural
+from engine.errors import ImportFault, PoseError
+from engine.images import read_mask, read_radiance
+from engine.posefiles import GivenPoses, read_poses
+from engine.progress import Progress
+from engine.raw import read_facts, read_mosaic
+from engine.session import Session
+
+FEWEST_VIEWS = 8
+LINEAR_SUFFIXES = frozenset({".exr", ".hdr"})
+RAW_SUFFIXES = frozenset(
+    f".{suffix}"
+    for line in (
+        "3fr ari arw bay cap cr2 cr3 crw dcr dcs dng drf eip erf fff gpr iiq k25 kdc mdc mef mos",
+        "mrw nef nrw orf pef ptx pxn r3d raf raw rw2 rwl rwz sr2 srf srw x3f",
+    )
+    for suffix in line.split()
+)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One view to be: its files and the facts of each."""
+
+    name: str
+    files: tuple[Path, ...]
+    facts: tuple[dict[str, Any], ...]
+
+
+def make_session(
+    folder: Path,
+    to: Path,
+    poses: Path | None = None,
+    mask: Path | None = None,
+    bracket: int | None = None,
+    progress: Progress | None = None,
+) -> Session:
+    """Check everything in `folder`, then make the session `to`.
+
+    Args:
+        bracket: exposures a view; None finds out.
+
+    Raises:
+        RoomlightError: what does not fit, naming the file; no session is made.
+    """
+    progress = progress or Progress()
+    if to.exists() and (not to.is_dir() or any(to.iterdir())):
+        raise ImportFault(f"{to}: exists already; choose another name for the session or remove it first")
+    kind, files = find_photographs(folder)
+    reading = progress.part(0.0, 0.6)
+    views, camera = (
+        _raw_views(folder, files, bracket, reading)
+        if kind == "raw"
+        else _linear_views(folder, files, reading)
+    )
+    if len(views) < FEWEST_VIEWS:
+        raise ImportFault(
+            f"{folder}: {len(views)} view{'s' if len(views) != 1 else ''} of {len(files)} files; at least"
+            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more"
+        )
+    size = (camera["width"], camera["height"])
+    given = given_poses(poses, views, folder, size) if poses is not None else None
+    if mask is not None:
+        read_mask(mask, camera["height"], camera["width"])
+    partial = to.with_name(f".{to.name}.partial")
+    with sessions.told(to):
+        shutil.rmtree(partial, ignore_errors=True)
+        to.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        session = sessions.create(partial, kind, camera)
+        for i, view in enumerate(views):
+            progress.step(0.6 + 0.4 * i / len(views), f"copying {view.name}")
+            sessions.add_shot(session, view.name, view.files, view.facts)
+        if given is not None:
+            sessions.write_edit(session, "poses.json", encode_poses(given, [view.name for view in views]))
+        if mask is not None:
+            sessions.write_edit(session, "mask.png", mask.read_bytes())
+        with sessions.told(to):
+            if to.exists():
+                to.rmdir()
+            partial.rename(to)
+            sessions.sync_folder(to.parent)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    progress.step(1.0, f"{len(views)} views")
+    return sessions.open_session(to)
+
+
+def find_photographs(folder: Path) -> tuple[str, list[Path]]:
+    """("raw" or "linear", files): those of `folder` itself, else those of the folders in it.
+
+    Raises:
+        ImportFault: no such folder, nothing to import in it, or RAW and linear images mixed.
+    """
+    if not folder.is_dir():
+        raise ImportFault(f"{folder}: no such folder; give the folder that holds the photographs")
+    known = RAW_SUFFIXES | LINEAR_SUFFIXES
+    try:
+        for found in (folder.iterdir(), folder.rglob("*")):
+            files = [path for path in found if path.suffix.lower() in known and path.is_file()]
+            files = sorted((path for path in files if not path.name.startswith(".")), key=natural)
+            if files:
+                break
+        else:
+            there = sorted(
+                {path.suffix.lower() or "no suffix" for path in folder.rglob("*") if path.is_file()}
+            )
+            raise ImportFault(
+                f"{folder}: no photographs in it ({'only ' + ', '.join(there[:6]) if there else 'empty'}); it"
+                " must hold RAW files, or linear .exr or .hdr images"
+            )
+    except PermissionError as fault:
+        raise ImportFault(f"{fault.filename}: no permission to read it; change its permissions") from fault
+    linear = [path for path in files if path.suffix.lower() in LINEAR_SUFFIXES]
+    raw = [path for path in files if path.suffix.lower() in RAW_SUFFIXES]
+    if linear and raw:
+        raise ImportFault(
+            f"{linear[0]}: linear images ({len(linear)}) and RAW files ({len(raw)}) are mixed; put one kind"
+            " in a folder of its own"
+        )
+    return ("raw", raw) if raw else ("linear", linear)
+
+
+def _raw_views(
+    folder: Path, files: Sequence[Path], bracket: int | None, progress: Progress
+) -> tuple[list[View], dict[str, Any]]:
+    taken = [Taken(path, read_facts(path)) for path in files]
+    first = taken[0]
+    for item in taken[1:]:
+        _check_same(first.path, first.facts.camera, item.path, item.facts.camera, "cameras")
+        sizes = [f"{facts.width} x {facts.height}" for facts in (first.facts, item.facts)]
+        _check_same(first.path, sizes[0], item.path, sizes[1], "sizes")
+    brackets = group(taken, bracket)
+    views = [
+        View(
+            _name(folder, items[0].path),
+            tuple(item.path for item in items),
+            tuple(_exposure_facts(item) for item in items),
+        )
+        for items in brackets
+    ]
+    _check_pixels(brackets, progress)
+    facts = first.facts
+    return views, {"model": facts.camera, "width": facts.width, "height": facts.height}
+
+
+def _check_pixels(brackets: Sequence[Sequence[Taken]], progress: Progress) -> None:
+    """Decode every file once, so that a truncated or burnt-out one is told now and not after an hour."""
+
+    def clipped_share(item: Taken) -> float:
+        mosaic = read_mosaic(item.path)
+        return float((mosaic.counts >= min(mosaic.white)).mean())
+
+    with ThreadPoolExecutor(4) as pool:
+        try:
+            for i, items in enumerate(brackets):
+                progress.step(i / len(brackets), f"checking {items[0].path.name}")
+                shares = list(pool.map(clipped_share, items))
+                if min(shares) > 0.999:
+                    darkest = min(items, key=lambda item: item.ev)
+                    raise ImportFault(
+                        f"{darkest.path}: every pixel is clipped, in each of the {len(items)} exposures of"
+                        " this view; take the view again with a shorter exposure, or leave it out"
+                    )
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _linear_views(
+    folder: Path, files: Sequence[Path], progress: Progress
+) -> tuple[list[View], dict[str, Any]]:
+    size, views = "", []
+    shape = (0, 0)
+    for i, path in enumerate(files):
+        progress.step(i / len(files), f"checking {path.name}")
+        shape = read_radiance(path).shape[:2]
+        told = f"{shape[1]} x {shape[0]}"
+        size = size or told
+        _check_same(files[0], size, path, told, "sizes")
+        views.append(View(_name(folder, path), (path,), ({},)))
+    return views, {"model": None, "width": shape[1], "height": shape[0]}
+
+
+def _check_same(first: Path, value: str, other: Path, other_value: str, what: str) -> None:
+    if value != other_value:
+        raise ImportFault(
+            f"{other}: two {what} are mixed: {other_value} here but {value} in {first.name}; import the"
+            " photographs of one camera at one size"
+        )
+
+
+def _name(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).with_suffix("").as_posix()
+
+
+def _exposure_facts(item: Taken) -> dict[str, Any]:
+    facts = item.facts
+    return {
+        "shutter_s": facts.shutter_s,
+        "iso": facts.iso,
+        "aperture": None if math.isnan(facts.aperture) else facts.aperture,
+        "time_s": None if math.isnan(facts.time_s) else facts.time_s,
+    }
+
+
+def given_poses(path: Path, views: Sequence[View], folder: Path, size: tuple[int, int]) -> GivenPoses:
+    """Poses for the views; a bracket is known by whichever of its exposures the other program was shown.
+
+    Raises:
+        PoseError: the poses are unreadable, not rigid, or of other photographs.
+    """
+    first_fault: PoseError | None = None
+    for exposure in range(len(views[0].files)):
+        names = [view.files[exposure].relative_to(folder).as_posix() for view in views]
+        try:
+            return read_poses(path, names, size)
+        except PoseError as fault:
+            first_fault = first_fault or fault
+    assert first_fault is not None
+    raise first_fault
+
+
+def encode_poses(given: GivenPoses, names: Sequence[str]) -> bytes:
+    """`edits/poses.json`: given poses in our convention, by view name; null where a view has none."""
+    views = {
+        name: pose.tolist() if registered else None
+        for name, pose, registered in zip(names, given.cam_from_world, given.registered, strict=True)
+    }
+    content = {
+        "camera": asdict(given.camera),
+        "scale": given.scale,
+        "views": views,
+        "points": given.points.tolist(),
+        "notes": list(given.notes),
+    }
+    return json.dumps(content).encode()

@@ -1,0 +1,27 @@
+"""What draft, standard and fine mean: the parameters in which each differs from the stages' defaults."""
+
+from collections.abc import Mapping
+from typing import Any
+
+Preset = Mapping[str, Mapping[str, Any]]
+
+
+def draft() -> Preset:
+    """A first look."""
+    return {"surface": {"directions": 1024, "rounds": 2}}
+
+
+def standard() -> Preset:
+    """The stages' own defaults: what the accuracy targets are measured with."""
+    return {}
+
+
+def fine() -> Preset:
+    """As far as the data carry."""
+    return {"surface": {"directions": 4096, "passes": 6}}
+
+
+def of_stage(stage: str) -> dict[str, Mapping[str, Any]]:
+    """Preset name -> what it changes in `stage`."""
+    presets = {"draft": draft(), "standard": standard(), "fine": fine()}
+    return {name: changes.get(stage, {}) for name, changes in presets.items()}

@@ -1,0 +1,136 @@
+"""What the user asked: a preset, a seed, and single parameters; read from `params.toml` and the command line.
+
+Every value is checked against the stage's parameter dataclass, so a misspelt name or a word where a number
+belongs is refused before any work starts.
+"""
+
+import dataclasses
+import difflib
+import tomllib
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from engine.errors import SessionError
+
+PRESETS = ("draft", "standard", "fine")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """`overrides` maps stage -> parameter -> value as the user wrote it."""
+
+    preset: str = "standard"
+    seed: int = 0
+    overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def from_toml(content: Mapping[str, Any], where: str = "params.toml") -> Settings:
+    """Read the top level of `params.toml`; the stages' tables are checked by `resolve`."""
+    preset = content.get("preset", "standard")
+    if preset not in PRESETS:
+        raise SessionError(f"{where}: preset {preset!r} is unknown; choose {', '.join(PRESETS)}")
+    seed = content.get("seed", 0)
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise SessionError(f"{where}: seed must be a whole number >= 0, not {seed!r}")
+    overrides = {key: value for key, value in content.items() if key not in ("preset", "seed")}
+    for key, value in overrides.items():
+        if not isinstance(value, dict):
+            raise SessionError(f"{where}: {key!r} is unknown; write it in its stage's table, as [stage]")
+    return Settings(preset, seed, overrides)
+
+
+def to_toml(settings: Settings) -> dict[str, Any]:
+    tables = {stage: dict(values) for stage, values in settings.overrides.items() if values}
+    return {"preset": settings.preset, "seed": settings.seed, **tables}
+
+
+def with_changes(
+    settings: Settings, preset: str | None, seed: int | None, assignments: Sequence[str]
+) -> Settings:
+    """The settings after the command line's `--preset`, `--seed` and `--set stage.param=value`."""
+    overrides = {stage: dict(values) for stage, values in settings.overrides.items()}
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        stage, dot, parameter = name.strip().partition(".")
+        if not (equals and dot and stage and parameter):
+            raise SessionError(f"--set {text}: write it as stage.param=value, as in surface.directions=2048")
+        overrides.setdefault(stage, {})[parameter] = _parse(value.strip())
+    return from_toml(
+        {
+            "preset": settings.preset if preset is None else preset,
+            "seed": settings.seed if seed is None else seed,
+            **overrides,
+        },
+        "command line",
+    )
+
+
+def _parse(text: str) -> Any:
+    """A TOML value, or the bare word itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def check_stages(settings: Settings, stages: Sequence[str]) -> None:
+    """Refuse a table for a stage that does not exist."""
+    for stage in settings.overrides:
+        if stage not in stages:
+            raise SessionError(
+                f"there is no stage {stage!r}{_close(stage, stages)}; stages: {', '.join(stages)}"
+            )
+
+
+def resolve(stage: str, defaults: Any, preset: Mapping[str, Any], overrides: Mapping[str, Any]) -> Any:
+    """The stage's parameters: its defaults, changed by the preset, changed by the user.
+
+    Raises:
+        SessionError: an unknown parameter, or a value of the wrong kind.
+    """
+    hints = typing.get_type_hints(type(defaults))
+    names = [item.name for item in dataclasses.fields(defaults)]
+    changes = {}
+    for name, value in {**preset, **overrides}.items():
+        if name not in names:
+            raise SessionError(
+                f"stage {stage} has no parameter {name!r}{_close(name, names)}; it has: {', '.join(names)}"
+            )
+        changes[name] = _coerce(value, hints[name], f"{stage}.{name}")
+    return dataclasses.replace(defaults, **changes)
+
+
+def _close(name: str, known: Sequence[str]) -> str:
+    match = difflib.get_close_matches(name, known, 1)
+    return f" (did you mean {match[0]!r}?)" if match else ""
+
+
+def _coerce(value: Any, hint: Any, where: str) -> Any:
+    """`value` as the annotation wants it; 2 is a fine float, "2" is not a number."""
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        if value is None or (value in ("none", "auto") and type(None) in args and str not in args):
+            return None
+        for arg in args:
+            if arg is not type(None):
+                try:
+                    return _coerce(value, arg, where)
+                except SessionError:
+                    continue
+    elif origin is typing.Literal:
+        if value in args:
+            return value
+        raise SessionError(f"{where}: {value!r} is unknown; choose {', '.join(map(str, args))}")
+    elif hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    elif origin is tuple and isinstance(value, list | tuple):
+        inner = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)
+        if len(inner) == len(value):
+            return tuple(_coerce(item, kind, where) for item, kind in zip(value, inner, strict=True))
+    elif (isinstance(hint, type) and type(value) is hint) or hint is Any:
+        return value
+    wanted = hint.__name__ if isinstance(hint, type) else str(hint)
+    raise SessionError(f"{where}: {value!r} is not a value for it; it takes {wanted}")

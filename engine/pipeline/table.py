@@ -1,0 +1,58 @@
+"""The table of stages: which rooms' functions make up roomlight's pipeline, and at which version each is.
+
+Raise a stage's version whenever the same inputs and parameters would give another result: finished results of
+the old version then count as stale, and `plan` says so.
+"""
+
+from engine.pipeline import presets, work
+from engine.pipeline.stages import Hashes, Stage
+from engine.session import Session, edits, shots
+
+
+def stages() -> tuple[Stage, ...]:
+    """hdr -> segment -> poses -> light -> surface -> export."""
+    from engine.light.train import LightParams
+    from engine.segment import SegmentParams
+    from engine.sfm import PoseParams
+    from engine.surface.solve import SurfaceParams
+
+    return (
+        Stage(
+            "hdr", 1, work.HdrStageParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
+        ),
+        Stage(
+            "segment", 1, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
+            given="mask.png", presets=presets.of_stage("segment"),
+        ),
+        Stage(
+            "poses", 1, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",
+            presets=presets.of_stage("poses"),
+        ),
+        Stage(
+            "light", 1, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
+            presets=presets.of_stage("light"),
+        ),
+        Stage(
+            "surface", 1, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+            presets=presets.of_stage("surface"),
+        ),
+        Stage(
+            "export", 1, work.ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
+            presets=presets.of_stage("export"),
+        ),
+    )  # fmt: skip
+
+
+def _shots(session: Session) -> Hashes:
+    return {f"shots/{shot.folder.name}": shot.fingerprint for shot in shots(session)}
+
+
+def _edits(*names: str):
+    def read(session: Session) -> Hashes:
+        return {f"edits/{name}": sha for name, sha in edits(session).items() if name in names}
+
+    return read
+
+
+def _pose_inputs(session: Session) -> Hashes:
+    return {}

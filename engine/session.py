@@ -1,0 +1,316 @@
+"""The session folder: the one place that knows where photographs, hand edits and results lie on disk.
+
+Layout: `session.json` (schema, facts), `params.toml` (what the user asked),
+`shots/0007/` (files never changed after `shot.json`, which is written last and holds their sha256), `edits/`
+(given masks, poses, strokes), `stages/<stage>/<fingerprint>/`, `exports/`, `run.lock`. Everything that must
+not be half there is written beside its place, synced, and renamed.
+"""
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from engine.errors import SessionError
+
+SCHEMA = 1
+
+_REMEDY = {
+    errno.ENOSPC: "the disk is full; free some space and run again",
+    errno.EDQUOT: "your disk quota is used up; free some space and run again",
+    errno.EACCES: "no permission to write here; change the folder's permissions or choose another folder",
+    errno.EPERM: "writing here is not permitted; change the folder's permissions or choose another folder",
+    errno.EROFS: "the disk is read-only; choose another folder",
+    errno.EFBIG: "the file grew over the size this disk or process allows; choose another disk",
+    errno.EIO: "the disk reported an input/output error; check the disk and copy the session elsewhere",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """An opened session; `facts` is `session.json` as it was read."""
+
+    folder: Path
+    facts: Mapping[str, Any]
+
+    @property
+    def kind(self) -> str:
+        """ "raw" (bracketed mosaics) or "linear" (one radiance image per view)."""
+        return self.facts["kind"]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One view: its files in the session and what is known of them."""
+
+    name: str  # what the person knows the view by, e.g. IMG_0412; names are unique in a session
+    folder: Path
+    files: tuple[Path, ...]
+    sha256: tuple[str, ...]
+    exposures: tuple[Mapping[str, Any], ...]  # per file: source, shutter_s, iso, aperture, time, ...
+    rig: Mapping[str, Any] | None  # {"kind", "pan_deg", "tilt_deg"} as logged by the rig
+
+    @property
+    def fingerprint(self) -> str:
+        return hashlib.sha256(json.dumps([self.name, *self.sha256]).encode()).hexdigest()[:16]
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn the system's refusals to write into an error that names file, cause and remedy."""
+    try:
+        yield
+    except OSError as error:
+        remedy = _REMEDY.get(error.errno or _full_disk(path))
+        if remedy is None:
+            raise
+        where = error.filename if isinstance(error.filename, str) else path
+        raise SessionError(f"{where}: {remedy}") from error
+
+
+def _full_disk(path: Path) -> int:
+    """ENOSPC when the disk is full: libraries that write in C report a short write without its reason."""
+    existing = next(place for place in (path, *path.absolute().parents) if place.exists())
+    return errno.ENOSPC if shutil.disk_usage(existing).free < 1 << 20 else 0
+
+
+def sync_folder(folder: Path) -> None:
+    """Make names just created or renamed in `folder` survive a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Replace `path` by `content`: a reader sees the old bytes or the new, never a mixture."""
+    beside = path.with_name(f".{path.name}.partial")
+    with told(path):
+        try:
+            with beside.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+            sync_folder(path.parent)
+        except OSError:
+            with contextlib.suppress(OSError):
+                beside.unlink(missing_ok=True)
+            raise
+
+
+def file_sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def create(
+    folder: Path, kind: str, camera: Mapping[str, Any], rig: Mapping[str, Any] | None = None
+) -> Session:
+    """Make a new, empty session.
+
+    Args:
+        kind: "raw" or "linear".
+        camera: facts such as make, model, width, height; informative.
+        rig: {"kind", "geometry"} in the frame of the camera at pan = tilt = 0, metres; None when handheld.
+
+    Raises:
+        SessionError: something is there already, or the disk refuses.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise SessionError(f"{folder}: exists already; choose another name or remove it first")
+    with told(folder):
+        for part in ("shots", "edits", "stages", "exports"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+    facts = {"schema": SCHEMA, "kind": kind, "camera": dict(camera), "rig": dict(rig) if rig else None}
+    write_atomic(folder / "session.json", json.dumps(facts, indent=1).encode())
+    return Session(folder, facts)
+
+
+def open_session(folder: Path) -> Session:
+    """Read a session.
+
+    Raises:
+        SessionError: not a session, damaged, or written by a newer version.
+    """
+    path = folder / "session.json"
+    try:
+        facts = json.loads(path.read_bytes())
+        schema = facts["schema"]
+    except (FileNotFoundError, NotADirectoryError):
+        raise SessionError(
+            f"{folder}: not a session (no session.json); make one with `roomlight import`"
+        ) from None
+    except PermissionError:
+        raise SessionError(f"{path}: no permission to read it; change the file's permissions") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise SessionError(
+            f"{path}: damaged ({error}); restore it from a copy or import the photographs again"
+        ) from None
+    if not isinstance(schema, int) or schema > SCHEMA:
+        raise SessionError(
+            f"{path}: has schema {schema}, this roomlight reads up to {SCHEMA}; install a newer roomlight"
+        )
+    if facts.get("kind") not in ("raw", "linear"):
+        raise SessionError(f"{path}: damaged (kind {facts.get('kind')!r}); import the photographs again")
+    return Session(folder, facts)
+
+
+def add_shot(
+    session: Session,
+    name: str,
+    files: Sequence[Path],
+    exposures: Sequence[Mapping[str, Any]],
+    rig: Mapping[str, Any] | None = None,
+) -> Shot:
+    """Copy one view's files into the session; it exists once its `shot.json` does.
+
+    A folder without `shot.json`, left by a crash, is overwritten.
+
+    Raises:
+        SessionError: the disk refuses; the session stays as it was.
+    """
+    number = 1 + max((int(p.parent.name) for p in (session.folder / "shots").glob("*/shot.json")), default=-1)
+    folder = session.folder / "shots" / f"{number:04d}"
+    entries = []
+    with told(folder):
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            folder.mkdir()
+            for index, (source, facts) in enumerate(zip(files, exposures, strict=True)):
+                stem = "radiance" if session.kind == "linear" else f"e{index}"
+                target = folder / f"{stem}{source.suffix.lower()}"
+                digest = _copy(source, target)
+                entry = {"name": target.name, "sha256": digest, "bytes": target.stat().st_size}
+                entries.append({**entry, "source": source.name, **facts})
+            sync_folder(folder)
+            sync_folder(folder.parent)
+        except OSError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+    shot = {"name": name, "files": entries, "rig": dict(rig) if rig else None}
+    write_atomic(folder / "shot.json", json.dumps(shot, indent=1).encode())
+    return _shot(folder / "shot.json")
+
+
+def _copy(source: Path, target: Path) -> str:
+    """Copy bytes, return their sha256."""
+    digest = hashlib.sha256()
+    with source.open("rb") as reader, target.open("wb") as writer:
+        while block := reader.read(1 << 22):
+            digest.update(block)
+            writer.write(block)
+        writer.flush()
+        os.fsync(writer.fileno())
+    return digest.hexdigest()
+
+
+def shots(session: Session) -> tuple[Shot, ...]:
+    """All finished shots in the order they were taken.
+
+    Raises:
+        SessionError: a `shot.json` is damaged, or a file it names is gone or of another size.
+    """
+    return tuple(_shot(path) for path in sorted((session.folder / "shots").glob("*/shot.json")))
+
+
+def _shot(path: Path) -> Shot:
+    try:
+        shot = json.loads(path.read_bytes())
+        entries = shot["files"]
+        files = tuple(path.parent / entry["name"] for entry in entries)
+        sizes = [entry["bytes"] for entry in entries]
+        result = Shot(
+            shot["name"], path.parent, files, tuple(entry["sha256"] for entry in entries), tuple(entries),
+            shot["rig"],
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SessionError(
+            f"{path}: damaged ({error!r}); restore it or import the photographs again"
+        ) from None
+    for file, size in zip(files, sizes, strict=True):
+        if not file.is_file():
+            raise SessionError(f"{file}: is missing; shots never change, so restore it from your copy")
+        if file.stat().st_size != size:
+            raise SessionError(
+                f"{file}: has {file.stat().st_size} bytes, {size} were taken; restore it from your copy"
+            )
+    return result
+
+
+def verify(shot: Shot) -> None:
+    """Check a shot's files against the hashes taken when they arrived.
+
+    Raises:
+        SessionError: a file's bytes changed.
+    """
+    for file, sha256 in zip(shot.files, shot.sha256, strict=True):
+        if file_sha256(file) != sha256:
+            raise SessionError(f"{file}: its bytes changed since it was taken; restore it from your copy")
+
+
+def edits(session: Session) -> dict[str, str]:
+    """sha256[:16] of every hand-made or given input, by its name in `edits/`."""
+    folder = session.folder / "edits"
+    files = sorted(path for path in folder.glob("*") if path.is_file() and not path.name.startswith("."))
+    return {path.name: file_sha256(path)[:16] for path in files}
+
+
+def write_edit(session: Session, name: str, content: bytes) -> None:
+    """Put a given or hand-made input (mask, strokes, poses) into the session."""
+    with told(session.folder / "edits"):
+        (session.folder / "edits").mkdir(exist_ok=True)
+    write_atomic(session.folder / "edits" / name, content)
+
+
+def read_params(session: Session) -> dict[str, Any]:
+    """What the user asked: `params.toml`, empty when there is none."""
+    path = session.folder / "params.toml"
+    try:
+        return tomllib.loads(path.read_text())
+    except FileNotFoundError:
+        return {}
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SessionError(f"{path}: not valid TOML ({error}); correct or remove it") from None
+
+
+def write_params(session: Session, params: Mapping[str, Any]) -> None:
+    write_atomic(session.folder / "params.toml", tomli_w.dumps(dict(params)).encode())
+
+
+@contextlib.contextmanager
+def lock(session: Session) -> Iterator[None]:
+    """Hold the session for writing; the system lets go of it when this process ends, however it ends.
+
+    Raises:
+        SessionError: another process holds it.
+    """
+    path = session.folder / "run.lock"
+    with told(path):
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(handle, 32).decode(errors="replace").strip() or "unknown"
+            raise SessionError(
+                f"{session.folder}: process {holder} is working on this session; wait for it or stop it first"
+            ) from None
+        # A full disk may refuse the pid; the lock itself needs no space and still holds.
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(handle)

@@ -1,0 +1,104 @@
+"""Records survive the disk, and equal records give equal bytes."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import SessionError
+from engine.pipeline import artefacts
+from engine.types import Camera, Frames, Poses
+
+CAMERA = Camera(8, 6, 10.0, 10.0, 4.0, 3.0)
+
+
+def frames(seed: int = 0) -> Frames:
+    rng = np.random.default_rng(seed)
+    radiance = rng.random((3, 6, 8, 3)).astype(np.float32)
+    return Frames(
+        ("a", "b", "c"), radiance, radiance[..., 0] > 0.9, radiance[..., 1] < 0.1, (0.01, float("inf"))
+    )
+
+
+def poses() -> Poses:
+    matrices = np.full((3, 3, 4), np.nan)
+    matrices[0] = np.eye(3, 4)
+    return Poses(CAMERA, matrices, np.array([True, False, False]), np.zeros((0, 3)), "given", float("nan"))
+
+
+def digest(folder: Path) -> str:
+    content = b"".join(path.name.encode() + path.read_bytes() for path in sorted(folder.iterdir()))
+    return hashlib.sha256(content).hexdigest()
+
+
+def test_frames_come_back_exactly_and_read_only(tmp_path: Path) -> None:
+    before = frames()
+    artefacts.save(tmp_path, "frames", before)
+    after = artefacts.load(tmp_path, "frames", Frames)
+    assert after.names == before.names
+    assert after.noise == before.noise
+    for name in ("radiance", "clipped", "dark"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+        assert getattr(after, name).dtype == getattr(before, name).dtype
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(after, name)[0] = 0
+
+
+def test_nested_records_empty_arrays_and_nan_come_back(tmp_path: Path) -> None:
+    artefacts.save(tmp_path, "poses", poses())
+    after = artefacts.load(tmp_path, "poses", Poses)
+    assert after.camera == CAMERA
+    assert after.points.shape == (0, 3)
+    assert np.isnan(after.reprojection_px)
+    np.testing.assert_array_equal(after.cam_from_world, poses().cam_from_world)
+
+
+def test_equal_records_give_equal_bytes_whatever_the_memory_layout(tmp_path: Path) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    one.mkdir(), two.mkdir()
+    artefacts.save(one, "frames", frames())
+    again = frames()
+    turned = Frames(again.names, np.asfortranarray(again.radiance), again.clipped, again.dark, again.noise)
+    artefacts.save(two, "frames", turned)
+    assert digest(one) == digest(two)
+    artefacts.save(two, "frames", frames(1))
+    assert digest(one) != digest(two)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    ratio: float
+    label: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    fits: tuple[Fit, ...]
+    by_name: dict[str, float]
+    flags: dict[str, int]
+    pair: tuple[int, float]
+    best: Fit | None
+    notes: list[str]
+
+
+def test_reports_come_back_as_what_they_were(tmp_path: Path) -> None:
+    report = Report(
+        (Fit(1.0, None), Fit(float("nan"), "x")),
+        {"a": float("-inf")},
+        {"b": 2},
+        (1, 2.0),
+        Fit(3.0, "y"),
+        ["n"],
+    )
+    artefacts.save(tmp_path, "report", report)
+    after = artefacts.load(tmp_path, "report", Report)
+    assert repr(after) == repr(report)
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    artefacts.save(tmp_path, "frames", frames())
+    (tmp_path / "frames.radiance.npy").write_bytes(b"\x93NUMPY")
+    with pytest.raises(SessionError, match=r"frames\.json"):
+        artefacts.load(tmp_path, "frames", Frames)
