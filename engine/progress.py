@@ -19,10 +19,10 @@ class Progress:
 
     listener: Callable[[float, str], None] = field(default=lambda fraction, note: None)
     cancelled: Callable[[], bool] = field(default=lambda: False)
-    begin: float = 0.0
-    span: float = 1.0
+    begin: float | int = 0.0
+    span: float | int = 1.0
 
-    def step(self, fraction: float, note: str = "") -> None:
+    def step(self, fraction: float | int, note: str = "") -> None:
         """Say that `fraction` of this job is done.
 
         Raises:
@@ -32,7 +32,7 @@ class Progress:
             raise Cancelled("stopped on request; finished stages are kept and the next run resumes")
         self.listener(self.begin + self.span * min(max(fraction, 0.0), 1.0), note)
 
-    def part(self, begin: float, end: float) -> "Progress":
+    def part(self, begin: float | int, end: float | int) -> "Progress":
         """A `Progress` whose 0..1 fills `begin`..`end` of this one."""
         return Progress(
             self.listener,

@@ -1,0 +1,129 @@
+"""The reflectance of one surface point towards the camera: the paper's two-parameter Disney BRDF.
+
+Source: the paper, Eq. (9)-(11); the full diffuse lobe after B. Burley, "Physically Based Shading at
+Disney" (2012), Sec. 5.3; GGX and Smith's separable masking after Walter et al. 2007; Fresnel after
+Schlick 1994 with F0 = 0.04 (index 1.5). alpha = roughness**2. All directions are unit and point away from
+the surface. A "row" is the response of one pixel to unit radiance from every direction, cosine included:
+
+    diffuse[p, d] = k_d / pi * max(0, n.l)        to be multiplied by albedo
+    specular[p, d] = f_s * max(0, n.l)
+
+`rows` is the Numba kernel, `rows_reference` says the same in torch (and is what runs on CUDA).
+"""
+
+import math
+from typing import no_type_check
+
+import numba
+import numpy as np
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+F0 = 0.04
+"""Normal reflectance of a dielectric of index 1.5, as in the paper's Disney model (specular = 0.5)."""
+
+
+def lobe_floor(count: int) -> float:
+    """What averaging over one of `count` direction cells adds to alpha**2.
+
+    A cell of solid angle 4 pi / count is about a disc of radius 2 / sqrt(count); the half-vector moves half
+    as far as the light, and alpha**2 is twice the per-axis variance of a narrow lobe.
+    """
+    radius = 2 / math.sqrt(count)
+    return 2 * (radius / 2) ** 2 / 4
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+@no_type_check
+def _rows(normals, roughness, views, dx, dy, dz, visible, full_diffuse, floor, diffuse, specular):
+    for p in numba.prange(normals.shape[0]):
+        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
+        vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
+        r = roughness[p]
+        nv = max(nx * vx + ny * vy + nz * vz, np.float32(1e-3))
+        a2 = r * r * r * r + floor
+        smith_v = nv + math.sqrt(a2 + (np.float32(1) - a2) * nv * nv)
+        mv = np.float32(1) - nv
+        fv = mv * mv * mv * mv * mv
+        over_pi = np.float32(1 / math.pi)
+        for d in range(dx.shape[0]):
+            nl = nx * dx[d] + ny * dy[d] + nz * dz[d]
+            nl = max(nl, np.float32(0)) * visible[p, d]
+            lv = vx * dx[d] + vy * dy[d] + vz * dz[d]
+            half2 = max(np.float32(0.5) + np.float32(0.5) * lv, np.float32(1e-6))  # (l.h)^2
+            nh = (nl + nv) / (np.float32(2) * math.sqrt(half2))
+            t = nh * nh * (a2 - np.float32(1)) + np.float32(1)
+            t = max(t, np.float32(1e-7))
+            mh = np.float32(1) - math.sqrt(half2)
+            fresnel = np.float32(F0) + np.float32(1 - F0) * (mh * mh * mh * mh * mh)
+            smith_l = nl + math.sqrt(a2 + (np.float32(1) - a2) * nl * nl)
+            specular[p, d] = a2 * over_pi / (t * t) * fresnel / (smith_l * smith_v) * nl
+            if full_diffuse:
+                ml = np.float32(1) - nl
+                fl = ml * ml * ml * ml * ml
+                retro = np.float32(2) * r * half2 - np.float32(0.5)
+                k = (np.float32(1) + retro * fl) * (np.float32(1) + retro * fv)
+            else:
+                k = np.float32(1)
+            diffuse[p, d] = k * over_pi * nl
+
+
+def rows(
+    normals: Float[np.ndarray, "p 3"],
+    roughness: Float[np.ndarray, " p"],
+    views: Float[np.ndarray, "p 3"],
+    directions: Float[np.ndarray, "d 3"],
+    visible: UInt8[np.ndarray, "p d"],
+    full_diffuse: bool,
+    floor: float,
+) -> tuple[Float[np.ndarray, "p d"], Float[np.ndarray, "p d"]]:
+    """(diffuse, specular) rows of `p` pixels in float32; `visible` is 0 or 1; `floor` from `lobe_floor`."""
+    shape = (len(normals), len(directions))
+    diffuse, specular = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    rows_into(normals, roughness, views, directions, visible, full_diffuse, floor, diffuse, specular)
+    return diffuse, specular
+
+
+def rows_into(
+    normals: Float[np.ndarray, "p 3"],
+    roughness: Float[np.ndarray, " p"],
+    views: Float[np.ndarray, "p 3"],
+    directions: Float[np.ndarray, "d 3"],
+    visible: UInt8[np.ndarray, "p d"],
+    full_diffuse: bool,
+    floor: float,
+    diffuse: Float[np.ndarray, "p d"],
+    specular: Float[np.ndarray, "p d"],
+) -> None:
+    """`rows`, into arrays the caller keeps (the solver fills the same ones thousands of times)."""
+    d = np.ascontiguousarray(directions.T, dtype=np.float32)
+    _rows(
+        np.ascontiguousarray(normals, np.float32), np.ascontiguousarray(roughness, np.float32),
+        np.ascontiguousarray(views, np.float32), d[0], d[1], d[2], visible, full_diffuse,
+        np.float32(floor), diffuse, specular,
+    )  # fmt: skip
+
+
+def rows_reference(
+    normals: Float[Tensor, "p 3"],
+    roughness: Float[Tensor, " p"],
+    views: Float[Tensor, "p 3"],
+    directions: Float[Tensor, "d 3"],
+    visible: Tensor,
+    full_diffuse: bool,
+    floor: float,
+) -> tuple[Float[Tensor, "p d"], Float[Tensor, "p d"]]:
+    """The same rows, plainly, in torch and the tensors' own precision."""
+    nl = (normals @ directions.T).clamp(min=0) * visible
+    nv = (normals * views).sum(1).clamp(min=1e-3)[:, None]
+    a2 = roughness[:, None] ** 4 + floor
+    lh = ((1 + views @ directions.T) / 2).clamp(min=1e-6).sqrt()
+    nh = (nl + nv) / (2 * lh)
+    ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1).clamp(min=1e-7) ** 2)
+    fresnel = F0 + (1 - F0) * (1 - lh) ** 5
+    masking = 1 / ((nl + (a2 + (1 - a2) * nl**2).sqrt()) * (nv + (a2 + (1 - a2) * nv**2).sqrt()))
+    diffuse = nl / math.pi
+    if full_diffuse:
+        retro = 2 * roughness[:, None] * lh**2 - 0.5
+        diffuse = diffuse * (1 + retro * (1 - nl) ** 5) * (1 + retro * (1 - nv) ** 5)
+    return diffuse, ggx * fresnel * masking * nl

@@ -1,0 +1,230 @@
+"""Damped Gauss-Newton on every pixel's own six unknowns: normal (2), albedo (3), roughness (1).
+
+Residual: log((I + eps) / (a D + S + eps)) per view and channel, weighted by its variance and by a Cauchy
+weight whose width is the pixel's own spread of residuals, so that views with a passing shadow or a
+highlight the model misses count little. Marquardt damping per pixel; a step that does not lower the misfit
+is taken back. Albedo is solved as its logarithm. Derivatives of D and S by forward differences of the rows.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import no_type_check
+
+import numba
+import numpy as np
+from jaxtyping import Float, Int
+
+from engine.progress import Progress
+from engine.surface.observations import Observations
+from engine.surface.transport import Responses, Sight
+
+STEP = 0.01
+"""Forward-difference step: radians of normal, units of roughness."""
+ROUGHNESS = (0.06, 1.0)
+ALBEDO = (0.004, 1.0)
+CAUCHY = 2.0
+"""Width of the Cauchy weight in units of the pixel's own residual spread."""
+ROUGHNESS_PRIOR = (0.5, 0.25)
+"""Mean and spread of a weak prior, one observation's worth: it decides only where no highlight was seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Where the iteration stands; arrays over pixels in mask order."""
+
+    normals: Float[np.ndarray, "p 3"]
+    albedo: Float[np.ndarray, "p 3"]
+    roughness: Float[np.ndarray, " p"]
+    spread: Float[np.ndarray, " p"]  # robust standard deviation of the weighted residuals
+    damping: Float[np.ndarray, " p"]
+    misfit: Float[np.ndarray, " p"]  # robust misfit at the accepted state
+    system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state
+    slope: Float[np.ndarray, "p 6"]
+
+
+def begin(
+    normals: Float[np.ndarray, "p 3"], albedo: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
+) -> State:
+    """A state with no misfit known yet."""
+    count = len(normals)
+    return State(
+        normals,
+        np.clip(albedo, *ALBEDO),
+        np.clip(roughness, *ROUGHNESS),
+        np.full(count, np.nan),
+        np.full(count, 1e-2),
+        np.full(count, np.inf),
+        np.zeros((count, 6, 6)),
+        np.zeros((count, 6)),
+    )
+
+
+def tangents(
+    normals: Float[np.ndarray, "p 3"],
+) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
+    """Two unit vectors that complete each normal to an orthonormal frame (Duff et al. 2017)."""
+    x, y, z = normals.T
+    sign = np.where(z >= 0, 1.0, -1.0)
+    a = -1 / (sign + z)
+    b = x * y * a
+    return (
+        np.stack([1 + sign * x * x * a, sign * b, -sign * x], 1),
+        np.stack([b, sign + y * y * a, -y], 1),
+    )
+
+
+def tilt(normals: Float[np.ndarray, "p 3"], steps: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 3"]:
+    """Normals moved by `steps` radians along their tangents."""
+    first, second = tangents(normals)
+    moved = normals + first * steps[:, :1] + second * steps[:, 1:]
+    return moved / np.linalg.norm(moved, axis=1, keepdims=True)
+
+
+def respread(
+    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations
+) -> State:
+    """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
+    spread = np.empty(len(state.normals))
+    for pixels in parts:
+        diffuse, specular = responses(
+            sight, pixels, state.normals[pixels][:, None], state.roughness[pixels][:, None],
+            responses.energy(sight, pixels),
+        )  # fmt: skip
+        residual = _residuals(diffuse[:, 0], specular[:, 0], state.albedo[pixels], seen, pixels)
+        spread[pixels] = 1.4826 * np.nanmedian(np.abs(residual), axis=1)
+    spread = np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
+    return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
+
+
+def _residuals(diffuse, specular, albedo, seen, pixels):
+    eps = seen.eps[pixels][:, None]
+    model = diffuse * np.tile(albedo, diffuse.shape[1] // 3) + specular
+    weight = seen.weight[pixels]
+    logs = np.log((seen.radiance[pixels] + eps) / (np.maximum(model, 0) + eps))
+    return np.where(weight > 0, logs * np.sqrt(weight), np.nan)
+
+
+def iterate(
+    state: State,
+    responses: Responses,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    passes: int,
+    progress: Progress,
+) -> State:
+    """`passes` evaluations of every pixel with a damped step between them; ends on an accepted state."""
+    kept = State(*(getattr(state, name).copy() for name in State.__slots__))
+    for i, pixels in enumerate(parts):
+        progress.step(i / len(parts), "solving pixels")
+        energy = responses.energy(sight, pixels)
+        n, a, r = kept.normals[pixels], kept.albedo[pixels], kept.roughness[pixels]
+        for turn in range(passes):
+            first, second = tangents(n)
+            variants = np.stack([n, n + STEP * first, n + STEP * second, n], 1)
+            variants /= np.linalg.norm(variants, axis=2, keepdims=True)
+            # Roughness differences step inwards at the upper bound.
+            inward = np.where(r + STEP > ROUGHNESS[1], -STEP, STEP)
+            rough = np.stack([r, r, r, r + inward], 1)
+            diffuse, specular = responses(sight, pixels, variants, rough, energy)
+            misfit, system, slope = _normal_equations(
+                diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels],
+                seen.eps[pixels], kept.spread[pixels], r,
+            )  # fmt: skip
+            better = misfit <= kept.misfit[pixels]
+            won, lost = pixels[better], pixels[~better]
+            kept.normals[won], kept.albedo[won], kept.roughness[won] = n[better], a[better], r[better]
+            kept.misfit[won], kept.system[won], kept.slope[won] = (x[better] for x in (misfit, system, slope))
+            kept.damping[won] = np.maximum(kept.damping[won] * 0.3, 1e-4)
+            kept.damping[lost] = np.minimum(kept.damping[lost] * 6, 1e4)
+            if turn + 1 < passes:
+                move = _damped_step(kept.system[pixels], kept.slope[pixels], kept.damping[pixels])
+                n = _facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
+                a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
+                r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
+    return kept
+
+
+def _damped_step(system, slope, damping):
+    diagonal = np.einsum("pii->pi", system)
+    damped = system + np.eye(6) * (diagonal * damping[:, None] + 1e-6)[:, None]
+    move = np.linalg.solve(damped, slope[..., None])[..., 0]
+    # Trust region: beyond these lengths the linearisation says nothing.
+    limit = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2])
+    return np.clip(move, -limit, limit)
+
+
+def _facing(normals, views):
+    """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
+    cosine = (normals * views).sum(1, keepdims=True)
+    fixed = normals + views * np.maximum(0.03 - cosine, 0)
+    return fixed / np.linalg.norm(fixed, axis=1, keepdims=True)
+
+
+@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def _normal_equations(diffuse, specular, albedo, inward, radiance, weight, eps, spread, roughness):
+    count, _, channels = diffuse.shape
+    misfit = np.zeros(count)
+    system = np.zeros((count, 6, 6))
+    slope = np.zeros((count, 6))
+    for p in numba.prange(count):
+        width = (CAUCHY * spread[p]) ** 2
+        tilt_step, rough_step = np.float32(1 / STEP), np.float32(1) / np.float32(inward[p])
+        d, s = diffuse[p], specular[p]
+        total = 0.0
+        for c in range(3):
+            a = np.float32(albedo[p, c])
+            # One channel sees four unknowns: two tilts, its own albedo, roughness.
+            h00 = h01 = h02 = h03 = h11 = h12 = h13 = h22 = h23 = h33 = 0.0
+            g0 = g1 = g2 = g3 = 0.0
+            for v in range(c, channels, 3):
+                w = weight[p, v]
+                model = a * d[0, v] + s[0, v]
+                over = np.float32(1) / (max(model, np.float32(0)) + eps[p])
+                e = np.float32(math.log((radiance[p, v] + eps[p]) * over))
+                ratio = w * e * e / width
+                total += width * math.log1p(ratio)
+                robust = w / (1 + ratio)
+                j0 = (a * (d[1, v] - d[0, v]) + s[1, v] - s[0, v]) * over * tilt_step
+                j1 = (a * (d[2, v] - d[0, v]) + s[2, v] - s[0, v]) * over * tilt_step
+                j2 = a * d[0, v] * over
+                j3 = (a * (d[3, v] - d[0, v]) + s[3, v] - s[0, v]) * over * rough_step
+                g0 += robust * j0 * e
+                g1 += robust * j1 * e
+                g2 += robust * j2 * e
+                g3 += robust * j3 * e
+                h00 += robust * j0 * j0
+                h01 += robust * j0 * j1
+                h02 += robust * j0 * j2
+                h03 += robust * j0 * j3
+                h11 += robust * j1 * j1
+                h12 += robust * j1 * j2
+                h13 += robust * j1 * j3
+                h22 += robust * j2 * j2
+                h23 += robust * j2 * j3
+                h33 += robust * j3 * j3
+            k = 2 + c
+            slope[p, 0] += g0
+            slope[p, 1] += g1
+            slope[p, k] = g2
+            slope[p, 5] += g3
+            system[p, 0, 0] += h00
+            system[p, 0, 1] += h01
+            system[p, 1, 1] += h11
+            system[p, 0, 5] += h03
+            system[p, 1, 5] += h13
+            system[p, 5, 5] += h33
+            system[p, 0, k] = h02
+            system[p, 1, k] = h12
+            system[p, k, k] = h22
+            system[p, k, 5] = h23
+        mean, spread_r = ROUGHNESS_PRIOR
+        off = (roughness[p] - mean) / spread_r
+        misfit[p] = total + off * off * spread[p] ** 2
+        slope[p, 5] -= off / spread_r * spread[p] ** 2
+        system[p, 5, 5] += (spread[p] / spread_r) ** 2
+        for k in range(6):
+            for j in range(k):
+                system[p, k, j] = system[p, j, k]
+    return misfit, system, slope

@@ -1,0 +1,54 @@
+"""The object's pixels as the solver reads them: radiance per view with how far each value can be trusted.
+
+Values are compared as logarithms, log(x + eps), so that a shadow counts as much as a highlight; eps is a
+small share of the pixel's own median, below which ratios mean nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import binary_erosion
+
+from engine.types import Frames
+
+FLOOR_SHARE = 0.02
+"""eps as a share of the pixel's median radiance over the views."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """`p` object pixels in `n` fitted views; the view-and-channel axis `v` = 3 n is view-major."""
+
+    radiance: Float[np.ndarray, "p v"]  # float32
+    weight: Float[np.ndarray, "p v"]  # 1 / variance of log radiance, model error included; 0 = unusable
+    eps: Float[np.ndarray, " p"]
+    saturated: Float[np.ndarray, " p"]  # share of views clipped
+    edge: Bool[np.ndarray, " p"]  # the pixel may hold some background
+
+
+def observe(
+    frames: Frames,
+    mask: Bool[np.ndarray, "h w"],
+    views: Int[np.ndarray, " n"],
+    model_error: float,
+) -> Observations:
+    """Gather the mask's pixels (row order). `model_error` is the relative misfit expected of a good model:
+    it keeps a bright, nearly noiseless value from outvoting all others."""
+    radiance = np.ascontiguousarray(frames.radiance[views][:, mask].transpose(1, 0, 2)).astype(np.float32)
+    usable = ~(frames.clipped[views] | frames.dark[views])[:, mask].T
+    positive = np.maximum(radiance, 0)
+    level = np.median(positive.reshape(len(radiance), -1), axis=1)
+    eps = FLOOR_SHARE * np.maximum(level, 1e-12)
+    shot, floor = frames.noise
+    variance = (shot * positive + floor**2) / (positive + eps[:, None, None]) ** 2 + model_error**2
+    weight = usable[..., None] / variance
+    edge = mask & ~np.asarray(binary_erosion(mask, np.ones((3, 3), bool)), bool)
+    count = len(radiance)
+    return Observations(
+        positive.reshape(count, -1),
+        weight.astype(np.float32).reshape(count, -1),
+        eps.astype(np.float32),
+        frames.clipped[views][:, mask].mean(0).astype(np.float32),
+        edge[mask],
+    )

@@ -1,0 +1,252 @@
+"""What the light does at every pixel, in all views at once: I = E T.
+
+Camera and object are rigid, so a pixel's rows T (reflectance, cosine, visibility for every direction) are
+the same in all views and the pictures follow from one matrix product with the incident energy E. E is known
+at a small lattice of probe points around the object and interpolated to the centre of each block of pixels:
+over a block of 16 x 16 pixels the light does not change noticeably, over the object it does.
+
+Camera frame throughout; energies are radiance times solid angle; arrays over views keep (view, channel)
+flattened to one axis `v` = 3 n, view-major.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numba
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+
+from engine.geometry import fibonacci_sphere, unproject
+from engine.surface.brdf import lobe_floor, rows_into, rows_reference
+from engine.surface.visibility import Occlusion
+from engine.types import Camera
+
+BLOCK = 16
+"""Pixels along one side of a block that shares one interpolated light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """Probe points on a regular lattice in (x / z, y / z, z) that encloses the object."""
+
+    low: Float[np.ndarray, " 3"]
+    high: Float[np.ndarray, " 3"]
+    shape: tuple[int, int, int]
+
+    def points(self) -> Float[np.ndarray, "m 3"]:
+        """The probes, camera frame, last lattice axis fastest."""
+        axes = [
+            np.linspace(lo, hi, k) if k > 1 else np.array([(lo + hi) / 2])
+            for lo, hi, k in zip(self.low, self.high, self.shape, strict=True)
+        ]
+        x, y, z = np.meshgrid(*axes, indexing="ij")
+        return np.stack([x * z, y * z, z], -1).reshape(-1, 3)
+
+    def weights(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " m"]:
+        """Trilinear weights of the probes at one point; points outside take the nearest face's values."""
+        at = np.array([point[0] / point[2], point[1] / point[2], point[2]])
+        per_axis = []
+        for i, count in enumerate(self.shape):
+            axis = np.zeros(count)
+            if count == 1:
+                axis[0] = 1
+            else:
+                t = np.clip((at[i] - self.low[i]) / (self.high[i] - self.low[i]), 0, 1) * (count - 1)
+                k = min(int(t), count - 2)
+                axis[k], axis[k + 1] = 1 - (t - k), t - k
+            per_axis.append(axis)
+        return np.einsum("i,j,k->ijk", *per_axis).ravel()
+
+
+def lattice_around(
+    camera: Camera, mask: Bool[np.ndarray, "h w"], depth: tuple[float, float], shape: tuple[int, int, int]
+) -> Lattice:
+    """The lattice that spans the mask's bounding box and the depth range."""
+    v, u = np.nonzero(mask)
+    corners = np.array([[u.min(), v.min()], [u.max() + 1.0, v.max() + 1.0]], dtype=float)
+    xy = unproject(camera, corners)
+    return Lattice(np.append(xy.min(0), depth[0]), np.append(xy.max(0), depth[1]), shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Incident:
+    """The light at the lattice: energy per view and direction cell, view-major in the last axis."""
+
+    lattice: Lattice
+    directions: Float[np.ndarray, "d 3"]  # camera frame
+    energy: Float[np.ndarray, "m d v"]  # float32, radiance times solid angle
+
+    def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
+        """Energy at a point of the camera frame."""
+        weights = self.lattice.weights(point).astype(np.float32)
+        total = np.zeros(self.energy.shape[1:], np.float32)
+        for k in np.nonzero(weights)[0]:
+            total += weights[k] * self.energy[k]
+        return total
+
+    def views(self, index: Int[np.ndarray, " k"]) -> "Incident":
+        """The same light for some of its views."""
+        m, d, v = self.energy.shape
+        energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
+        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy))
+
+
+def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
+    """Indices (into the mask's pixels in row order) of each block's pixels."""
+    v, u = np.nonzero(mask)
+    tile = (v // BLOCK) * (mask.shape[1] // BLOCK + 1) + u // BLOCK
+    order = np.argsort(tile, kind="stable")
+    cuts = np.nonzero(np.diff(tile[order]))[0] + 1
+    return [part.astype(np.int64) for part in np.split(order, cuts)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """Where the pixels' points are and what they see of the object itself."""
+
+    points: Float[np.ndarray, "p 3"]
+    views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
+    occlusion: Occlusion | None  # None: nothing hides anything
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True)
+@no_type_check
+def _bounce(table, start, direction, source, photographed, cell, rows_per_pixel, out):
+    """Move each occluded entry's light from the room's to what the photograph saw there."""
+    for row in numba.prange(table.shape[0]):
+        p = row // rows_per_pixel
+        for k in range(start[p], start[p + 1]):
+            d = direction[k]
+            if d < 0:
+                continue
+            t = table[row, d] * cell
+            table[row, d] = 0
+            q = source[k]
+            if t != 0 and q >= 0:
+                for v in range(out.shape[1]):
+                    out[row, v] += t * photographed[q, v]
+
+
+class Responses:
+    """Diffuse and specular responses of blocks of pixels in every view, under one light."""
+
+    def __init__(
+        self,
+        incident: Incident,
+        photographed: Float[np.ndarray, "q v"],
+        full_diffuse: bool,
+        bounce: bool,
+        device: str,
+    ):
+        self.incident = incident
+        self.photographed = photographed if bounce else np.zeros_like(photographed)
+        self.full_diffuse = full_diffuse
+        self.device = device
+        self.floor = lobe_floor(len(incident.directions))
+        self.cell = np.float32(4 * np.pi / len(incident.directions))
+
+    def energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
+        """The light a block of pixels shares."""
+        return self.incident.at(sight.points[pixels].mean(0))
+
+    def __call__(
+        self,
+        sight: Sight,
+        pixels: Int[np.ndarray, " p"],
+        normals: Float[np.ndarray, "p k 3"],
+        roughness: Float[np.ndarray, "p k"],
+        energy: Float[np.ndarray, "d v"],
+    ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
+        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied."""
+        variants = roughness.shape[1]
+        directions = self.incident.directions
+        # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
+        # The variants lean a hundredth of a radian from the first, hence the margin.
+        above = (normals[:, 0].astype(np.float32) @ directions.T.astype(np.float32)).max(0) > -0.02
+        kept = np.nonzero(above)[0]
+        hidden = None
+        if sight.occlusion is not None:
+            start, direction, source = sight.occlusion.of(pixels)
+            column = np.full(len(directions), -1, np.int32)
+            column[kept] = np.arange(len(kept))
+            hidden = start, column[direction], source
+        views = np.repeat(sight.views[pixels], variants, 0)
+        run = self._on_cpu if self.device == "cpu" else self._on_device
+        answer = run(
+            normals.reshape(-1, 3), roughness.reshape(-1), views, directions[kept], energy[kept], hidden,
+            variants,
+        )  # fmt: skip
+        answer = answer.reshape(2, len(pixels), variants, -1)
+        return answer[0], answer[1]
+
+    def _on_cpu(self, normals, roughness, views, directions, energy, hidden, variants):
+        size, d = len(normals), len(directions)
+        table = np.empty((2 * size, d), np.float32)
+        everything = np.ones((size, d), np.uint8)
+        rows_into(
+            normals, roughness, views, directions, everything, self.full_diffuse, self.floor,
+            table[:size], table[size:],
+        )  # fmt: skip
+        out = np.zeros((2 * size, energy.shape[1]), np.float32)
+        if hidden is not None:
+            for half in (slice(0, size), slice(size, 2 * size)):
+                start, column, source = hidden
+                _bounce(table[half], start, column, source, self.photographed, self.cell, variants, out[half])
+        out += table @ energy
+        return out
+
+    def _on_device(self, normals, roughness, views, directions, energy, hidden, variants):
+        def there(array):
+            return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.device)
+
+        size = len(normals)
+        seen = torch.ones((size, len(directions)), device=self.device)
+        table = torch.cat(
+            rows_reference(
+                there(normals), there(roughness), there(views), there(directions), seen,
+                self.full_diffuse, self.floor,
+            )
+        )  # fmt: skip
+        out = torch.zeros((2 * size, energy.shape[1]), device=self.device)
+        if hidden is not None:
+            start, column, source = hidden
+            owner = np.repeat(np.arange(len(start) - 1), np.diff(start))[column >= 0]
+            source, column = source[column >= 0], column[column >= 0]
+            light = there(self.photographed[np.maximum(source, 0)] * (source >= 0)[:, None])
+            at = torch.as_tensor(column.astype(np.int64), device=self.device)
+            for variant in range(variants):
+                for half in (0, size):
+                    row = torch.as_tensor(owner * variants + variant + half, device=self.device)
+                    share = table[row, at] * float(self.cell)
+                    table[row, at] = 0
+                    out.index_add_(0, row, share[:, None] * light)
+        out += table @ there(energy)
+        return out.cpu().numpy()
+
+
+def direction_cells(count: int) -> Float[np.ndarray, "d 3"]:
+    """The direction grid of the solver, camera frame."""
+    return fibonacci_sphere(count)
+
+
+def predict(
+    responses: Responses,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    normals: Float[np.ndarray, "p 3"],
+    albedo: Float[np.ndarray, "p 3"],
+    roughness: Float[np.ndarray, " p"],
+) -> Iterator[tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b n 3"]]]:
+    """Re-rendered radiance of each block of pixels in every view of the responses' light."""
+    for pixels in parts:
+        diffuse, specular = responses(
+            sight,
+            pixels,
+            normals[pixels][:, None],
+            roughness[pixels][:, None],
+            responses.energy(sight, pixels),
+        )
+        shape = (len(pixels), -1, 3)
+        yield pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)

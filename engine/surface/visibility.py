@@ -1,0 +1,116 @@
+"""Which directions each surface point sees, and which part of the object hides the others.
+
+The depth map is a mesh; rays from every pixel's point towards every direction cell above its horizon are cast
+once per depth update (Embree, through Open3D) and serve all views. What is kept is the list of hidden
+(pixel, direction) pairs with the pixel that hides it, whose photographed radiance is the light that
+comes from there instead. Camera frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.progress import Progress
+
+TEAR = 0.03
+"""Relative step in z between neighbours beyond which the surface is taken to be torn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occlusion:
+    """Hidden directions of each pixel, as rows of a sparse matrix (pixels in mask order)."""
+
+    start: Int[np.ndarray, " s"]  # pixel p owns entries start[p]:start[p + 1]
+    direction: Int[np.ndarray, " e"]  # direction cell
+    source: Int[np.ndarray, " e"]  # the pixel that hides it; -1 where the camera cannot see what does
+    share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
+
+    def of(
+        self, pixels: Int[np.ndarray, " p"]
+    ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
+        """The same three arrays for a few pixels, in their order."""
+        lengths = self.start[pixels + 1] - self.start[pixels]
+        start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        take = np.repeat(self.start[pixels] - start[:-1], lengths) + np.arange(start[-1])
+        return start, self.direction[take], self.source[take]
+
+
+def depth_mesh(
+    points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], tear: float = TEAR
+) -> tuple[Float[np.ndarray, "p 3"], Int[np.ndarray, "t 3"]]:
+    """Vertices (mask order) and triangles of a depth map, torn where neighbours' z differs by more than
+    `tear` (relative) beyond what their pixel spacing explains."""
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(mask.sum())
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    triangles = np.concatenate(
+        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
+    )
+    triangles = triangles[(triangles >= 0).all(1)]
+    z = points[mask][:, 2]
+    corner = z[triangles]
+    keep = corner.max(1) - corner.min(1) <= tear * corner.min(1)
+    return points[mask], triangles[keep]
+
+
+def occlusion(
+    points: Float[np.ndarray, "h w 3"],
+    normals: Float[np.ndarray, "h w 3"],
+    mask: Bool[np.ndarray, "h w"],
+    directions: Float[np.ndarray, "d 3"],
+    progress: Progress,
+    tear: float = TEAR,
+) -> Occlusion:
+    """Cast every pixel's rays at the depth mesh.
+
+    Origins are lifted along the normal by half a pixel's footprint: less and the facets of the mesh shade
+    themselves, more and real contact shadows leak.
+    """
+    import open3d as o3d
+
+    vertices, triangles = depth_mesh(points, mask, tear)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
+    )
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(mask.sum())
+    flat_normals = normals[mask]
+    footprint = _footprint(points, mask)
+    origins = vertices + flat_normals * footprint[:, None] * 0.5
+    # Facing the camera a little more than the surface does keeps origins off back-tilted facets.
+    origins -= vertices / np.linalg.norm(vertices, axis=1, keepdims=True) * footprint[:, None] * 0.5
+    chunk = max(1, 2_000_000 // len(directions))
+    starts, hidden_directions, sources = [np.zeros(1, np.int64)], [], []
+    share = np.zeros(len(vertices), np.float32)
+    directions32 = directions.astype(np.float32)
+    for begin in range(0, len(vertices), chunk):
+        progress.step(begin / len(vertices), "casting visibility rays")
+        part = slice(begin, min(begin + chunk, len(vertices)))
+        cosine = flat_normals[part].astype(np.float32) @ directions32.T
+        p, d = np.nonzero(cosine > 0)
+        rays = np.concatenate([origins[part][p].astype(np.float32), directions32[d]], 1)
+        answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
+        hit = np.isfinite(answer["t_hit"].numpy())
+        p, d = p[hit], d[hit]
+        triangle = triangles[answer["primitive_ids"].numpy()[hit]]
+        uv = answer["primitive_uvs"].numpy()[hit]
+        nearest = np.argmax(np.stack([1 - uv.sum(1), uv[:, 0], uv[:, 1]], 1), 1)
+        starts.append(starts[-1][-1:] + np.cumsum(np.bincount(p, minlength=part.stop - part.start)))
+        hidden_directions.append(d.astype(np.int32))
+        sources.append(triangle[np.arange(len(triangle)), nearest].astype(np.int32))
+        total = np.maximum(cosine, 0).sum(1)
+        share[part] = np.bincount(p, cosine[p, d], minlength=part.stop - part.start) / total
+    return Occlusion(
+        np.concatenate(starts), np.concatenate(hidden_directions), np.concatenate(sources), share
+    )
+
+
+def _footprint(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
+    """Width of a pixel at the surface, scene units: z times the ideal plane's pixel pitch."""
+    z = points[..., 2]
+    x = np.where(mask, points[..., 0] / np.where(mask, z, 1), np.nan)
+    pitch = np.nanmedian(np.abs(np.diff(x, axis=1)))
+    return z[mask] * pitch
