@@ -1,0 +1,89 @@
+"""Sort the pixels of a cube map into direction cells, conserving energy.
+
+Frames: cube faces and directions share one frame (the camera's, for probes). Face f looks along its own z;
+`FACES[f]` is face_from_frame. A pixel's energy goes to the nearest direction, or is shared among the three
+directions around it so that its own direction is their weighted mean: the share that a cosine-like
+function of direction (diffuse shading) cannot tell from the pixel itself, where nearest is off by up to
+half a cell.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull, cKDTree
+
+FACES = np.array(
+    [
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+        [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+        [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    ],
+    dtype=np.float64,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellMap:
+    """Where the energy of every pixel of a cube map of `side` pixels goes."""
+
+    index: Int[np.ndarray, "6 side side s"]  # into the directions; s = 1 nearest, 3 shared
+    share: Float[np.ndarray, "6 side side s"]  # float32, sums to 1 over s
+
+
+def face_directions(side: int) -> Float[np.ndarray, "6 side side 3"]:
+    """Unit directions of the pixel centres of all six faces."""
+    at = (np.arange(side) + 0.5) / side * 2 - 1
+    x, y = np.meshgrid(at, at)
+    local = np.stack([x, y, np.ones_like(x)], axis=-1)
+    local /= np.linalg.norm(local, axis=-1, keepdims=True)
+    return np.einsum("hwi,fij->fhwj", local, FACES)
+
+
+def pixel_solid_angles(side: int) -> Float[np.ndarray, "side side"]:
+    """Exact solid angle of every pixel of a cube face (they sum to 4 pi / 6)."""
+    edge = np.arange(side + 1) / side * 2 - 1
+    x, y = np.meshgrid(edge, edge)
+    corner = np.arctan2(x * y, np.sqrt(x * x + y * y + 1))
+    return corner[1:, 1:] - corner[:-1, 1:] - corner[1:, :-1] + corner[:-1, :-1]
+
+
+def nearest_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
+    """Every pixel wholly into its nearest direction."""
+    index = cKDTree(directions).query(face_directions(side))[1]
+    index = np.ascontiguousarray(index[..., None], dtype=np.int32)
+    return CellMap(index, np.ones(index.shape, np.float32))
+
+
+def shared_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
+    """Every pixel among the three directions of the spherical triangle that holds it."""
+    triangles = ConvexHull(directions).simplices
+    matrices = np.linalg.inv(np.swapaxes(directions[triangles], 1, 2))  # direction -> corner weights
+    order = np.argsort(triangles.ravel(), kind="stable")
+    start = np.searchsorted(triangles.ravel()[order], np.arange(len(directions) + 1))
+    rays = face_directions(side).reshape(-1, 3)
+    best = np.full(len(rays), -np.inf)
+    index = np.zeros((len(rays), 3), np.int32)
+    share = np.zeros((len(rays), 3))
+    # The triangle around a ray nearly always touches its nearest direction; obtuse ones need the next ones.
+    for close in cKDTree(directions).query(rays, k=4)[1].T:
+        todo = best < -1e-9
+        if not todo.any():
+            break
+        for nth in range(int((start[1:] - start[:-1]).max())):
+            at = start[close] + nth
+            rows = np.nonzero(todo & (at < start[close + 1]))[0]
+            triangle = order[at[rows]] // 3
+            weights = np.einsum("rij,rj->ri", matrices[triangle], rays[rows])
+            weights /= weights.sum(1, keepdims=True)
+            better = weights.min(1) > best[rows]
+            rows, triangle, weights = rows[better], triangle[better], weights[better]
+            best[rows] = weights.min(1)
+            index[rows], share[rows] = triangles[triangle], weights
+    share = np.maximum(share, 0)
+    share /= share.sum(1, keepdims=True)
+    shape = (6, side, side, 3)
+    return CellMap(index.reshape(shape), share.astype(np.float32).reshape(shape))

@@ -1,0 +1,67 @@
+"""What the photographs showed of the room, asked per place: was this point in any view's background?
+
+Gaussians stretch and float where no photograph looked; their opacity there proves nothing. A point counts
+as shown if it falls on a background pixel of at least one registered view. Furniture between is ignored.
+World frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numba import njit
+
+from engine.light.photographs import pinhole_of, shown_background
+from engine.types import Masks, Poses
+
+_FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """The registered views' backgrounds, small, on an ideal pinhole."""
+
+    cam_from_world: Float[np.ndarray, "n 3 4"]
+    lens: Float[np.ndarray, " 4"]  # fx fy cx cy of the small pictures
+    shown: Bool[np.ndarray, "n h w"]
+
+
+def coverage_of(masks: Masks, poses: Poses, width: int = 128) -> Coverage:
+    """What the registered views showed, on pictures of about `width` pixels."""
+    lens, _, _ = pinhole_of(poses.camera, width)
+    views = np.nonzero(poses.registered)[0]
+    shown = np.stack([shown_background(masks.background[i], poses.camera, width) for i in views])
+    return Coverage(np.ascontiguousarray(poses.cam_from_world[views]), lens, shown)
+
+
+@njit(**_FLAGS)
+def _covered(cam_from_world, lens, shown, points, out):
+    views, height, width = shown.shape
+    recent = 0  # neighbours are mostly shown by the same view
+    for p in range(points.shape[0]):
+        out[p] = 0.0
+        for turn in range(views):
+            i = (recent + turn) % views
+            pose = cam_from_world[i]
+            z = pose[2, 0] * points[p, 0] + pose[2, 1] * points[p, 1] + pose[2, 2] * points[p, 2] + pose[2, 3]
+            if z <= 0:
+                continue
+            x = pose[0, 0] * points[p, 0] + pose[0, 1] * points[p, 1] + pose[0, 2] * points[p, 2] + pose[0, 3]
+            u = lens[0] * x / z + lens[2]
+            if u < 0 or u >= width:
+                continue
+            y = pose[1, 0] * points[p, 0] + pose[1, 1] * points[p, 1] + pose[1, 2] * points[p, 2] + pose[1, 3]
+            v = lens[1] * y / z + lens[3]
+            if v < 0 or v >= height:
+                continue
+            if shown[i, int(v), int(u)]:
+                out[p] = 1.0
+                recent = i
+                break
+
+
+def covered(coverage: Coverage, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " p"]:
+    """1 where some view showed the point, else 0."""
+    out = np.empty(len(points))
+    _covered(coverage.cam_from_world, coverage.lens, coverage.shown, np.ascontiguousarray(points), out)
+    return out

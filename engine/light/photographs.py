@@ -1,0 +1,105 @@
+"""Photographs as the light sees them: ideal pinholes at chosen sizes, with what may be trusted.
+
+A lens is undone at full size by bilinear lookup, on a pinhole wide enough to keep every pixel; smaller sizes
+are area means over background pixels only, so the object never bleeds into the room and energy is kept.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from engine.geometry import distort, unproject
+from engine.light.rasterise import Pinhole
+from engine.types import Camera, Frames, Masks, Poses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Photographs:
+    """Views of one size. `weight` is the share of a pixel that shows the room; 0 where nothing does."""
+
+    cam_from_world: Float[np.ndarray, "n 3 4"]
+    lens: Float[np.ndarray, " 4"]  # fx fy cx cy
+    radiance: Float[np.ndarray, "n h w 3"]
+    weight: Float[np.ndarray, "n h w"]
+    clipped: Bool[np.ndarray, "n h w"]  # radiance is a lower bound
+
+    def pinhole(self, view: int) -> Pinhole:
+        """The camera of one view."""
+        _, height, width = self.weight.shape
+        return Pinhole(self.cam_from_world[view], self.lens, width, height)
+
+
+def pinhole_of(camera: Camera, width: int) -> tuple[Float[np.ndarray, " 4"], int, int]:
+    """Lens (fx fy cx cy), width and height of the ideal pinhole, `width` for the camera's own width.
+
+    With distortion the picture grows as far as the undistorted pixels reach.
+    """
+    left, top, right, bottom = 0.0, 0.0, float(camera.width), float(camera.height)
+    if camera.k1 or camera.k2 or camera.p1 or camera.p2:
+        u, v = np.linspace(0, camera.width, 65), np.linspace(0, camera.height, 65)
+        edge = np.concatenate(
+            [np.stack([u, np.full_like(u, y)], 1) for y in (0, camera.height)]
+            + [np.stack([np.full_like(v, x), v], 1) for x in (0, camera.width)]
+        )
+        ideal = unproject(camera, edge.astype(np.float64)) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        left, top = np.floor(ideal.min(0))
+        right, bottom = np.ceil(ideal.max(0))
+    scale = width / camera.width
+    wide, high = max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale))
+    sx, sy = wide / (right - left), high / (bottom - top)
+    lens = np.array([camera.fx * sx, camera.fy * sy, (camera.cx - left) * sx, (camera.cy - top) * sy])
+    return lens, wide, high
+
+
+def _undistort_maps(camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
+    """Source pixel of every full-size pinhole pixel, OpenCV's corner convention; None for an ideal lens."""
+    if not (camera.k1 or camera.k2 or camera.p1 or camera.p2):
+        return None
+    lens, width, height = pinhole_of(camera, camera.width)
+    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    xy = np.stack([(u - lens[2]) / lens[0], (v - lens[3]) / lens[1]], axis=-1)
+    source = distort(camera, xy) * [camera.fx, camera.fy] + [camera.cx, camera.cy] - 0.5
+    return source[..., 0].astype(np.float32), source[..., 1].astype(np.float32)
+
+
+def _straight(picture: np.ndarray, maps: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    return picture if maps is None else cv2.remap(picture, *maps, cv2.INTER_LINEAR, borderValue=0)
+
+
+def _smaller(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+    if picture.shape[:2] == (height, width):
+        return picture
+    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def shown_background(
+    background: Bool[np.ndarray, "h w"], camera: Camera, width: int
+) -> Bool[np.ndarray, "small_h small_w"]:
+    """Where a small ideal view is mostly background."""
+    _, wide, high = pinhole_of(camera, width)
+    return _smaller(_straight(background.astype(np.float32), _undistort_maps(camera)), wide, high) > 0.5
+
+
+def resample(frames: Frames, masks: Masks, poses: Poses, views: np.ndarray, width: int) -> Photographs:
+    """The views at `width` pixels for the camera's width (at most that), on ideal pinholes."""
+    camera = poses.camera
+    lens, wide, high = pinhole_of(camera, min(width, camera.width))
+    maps = _undistort_maps(camera)
+    radiance = np.zeros((len(views), high, wide, 3), np.float32)
+    weight = np.zeros((len(views), high, wide), np.float32)
+    clipped = np.zeros((len(views), high, wide), bool)
+    for i, view in enumerate(views):
+        good = masks.background[view]
+        share = good.astype(np.float32)
+        room = np.where(good[..., None], frames.radiance[view], np.float32(0))
+        weight[i] = _smaller(_straight(share, maps), wide, high)
+        room = _smaller(_straight(room, maps), wide, high)
+        radiance[i] = room / np.maximum(weight[i], 1e-6)[..., None]
+        cut = (frames.clipped[view] & good).astype(np.float32)
+        if cut.any():
+            # One clipped pixel makes a mean a lower bound too.
+            clipped[i] = _smaller(_straight(cut, maps), wide, high) > 0
+    weight[weight < 0.5] = 0
+    return Photographs(np.ascontiguousarray(poses.cam_from_world[views]), lens, radiance, weight, clipped)

@@ -1,0 +1,165 @@
+"""Render a view of the Gaussians and its gradients on all threads: the kernels' front door.
+
+World frame; a view is `cam_from_world` with a pinhole (no lens distortion: resample the photographs).
+Channels of a rendering: radiance (3), transmittance left over, sum of weight * z.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.light import kernels_cpu, tiles
+from engine.light.gaussians import radiance_towards, rotations
+from engine.types import Gaussians
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pinhole:
+    """A view without lens distortion; focal lengths and principal point in pixels."""
+
+    cam_from_world: Float[np.ndarray, "3 4"]
+    lens: Float[np.ndarray, " 4"]  # fx fy cx cy
+    width: int
+    height: int
+
+    @property
+    def origin(self) -> Float[np.ndarray, " 3"]:
+        """Centre of projection, world frame."""
+        return -self.cam_from_world[:, :3].T @ self.cam_from_world[:, 3]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shapes:
+    """What the kernels need of the Gaussians whatever the view: factors of Sigma and its inverse."""
+
+    white: Float[np.ndarray, "k 3 3"]  # W = S^-1 R^T
+    spread: Float[np.ndarray, "k 3 3"]  # S R^T
+    means: Float[np.ndarray, "k 3"]
+    density: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gradients:
+    """d loss / d parameters of the Gaussians a view can see; `turn` is about the Gaussian's own axes."""
+
+    index: Int[np.ndarray, " v"]
+    means: Float[np.ndarray, "v 3"]
+    turn: Float[np.ndarray, "v 3"]  # R <- R exp([turn]x)
+    log_scales: Float[np.ndarray, "v 3"]
+    density: Float[np.ndarray, " v"]
+    colours: Float[np.ndarray, "v 3"]
+
+
+Run = Callable[[Callable, tuple], None]
+
+
+@contextmanager
+def workers(threads: int | None = None) -> Iterator[Run]:
+    """A way to run `kernel(*args, part, parts)` for every part; the split does not change any result."""
+    count = threads or len(os.sched_getaffinity(0))
+    with ThreadPoolExecutor(count) as pool:
+
+        def run(kernel: Callable, args: tuple) -> None:
+            parts = 8 * count
+            for job in [pool.submit(kernel, *args, part, parts) for part in range(parts)]:
+                job.result()
+
+        yield run
+
+
+def shapes(gaussians: Gaussians) -> Shapes:
+    """The Gaussians' geometry as the kernels take it."""
+    axes = np.swapaxes(rotations(np.asarray(gaussians.quaternions, np.float64)), 1, 2)
+    return Shapes(
+        np.ascontiguousarray(axes / gaussians.scales[:, :, None], dtype=np.float64),
+        np.ascontiguousarray(axes * gaussians.scales[:, :, None], dtype=np.float64),
+        np.ascontiguousarray(gaussians.means, dtype=np.float64),
+        np.ascontiguousarray(gaussians.density, dtype=np.float64),
+    )
+
+
+def _project(geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole) -> tuple:
+    rotation = np.ascontiguousarray(view.cam_from_world[:, :3])
+    index, packed, boxes = tiles.project(
+        geometry.white, geometry.spread, geometry.means, geometry.density,
+        np.ascontiguousarray(colours, dtype=np.float64), rotation, view.origin,
+        view.lens, view.width, view.height,
+    )  # fmt: skip
+    across, down = -(-view.width // tiles.TILE), -(-view.height // tiles.TILE)
+    return index, packed, tiles.lists(boxes, across, down)
+
+
+def render(
+    geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole, near: float, run: Run
+) -> Float[np.ndarray, "h w 5"]:
+    """One view; Gaussians that answer nearer than z = `near` do not count."""
+    _, packed, (tile_start, members, _, _) = _project(geometry, colours, view)
+    image = np.zeros((view.height, view.width, kernels_cpu.CHANNELS), np.float32)
+    run(kernels_cpu.forward, (packed, tile_start, members, view.lens, np.float32(near), image))
+    return image
+
+
+def render_view(gaussians: Gaussians, view: Pinhole, near: float = 0.0) -> Float[np.ndarray, "h w 5"]:
+    """`render` for a caller that wants one picture."""
+    with workers() as run:
+        return render(shapes(gaussians), radiance_towards(gaussians, view.origin), view, near, run)
+
+
+def push_back(
+    geometry: Shapes,
+    colours: Float[np.ndarray, "k 3"],
+    view: Pinhole,
+    near: float,
+    target: Float[np.ndarray, "h w 3"],
+    weights: Float[np.ndarray, "h w"],
+    floor_only: Bool[np.ndarray, "h w"],
+    knee: float,
+    hollow: float,
+    run: Run,
+) -> tuple[Float[np.ndarray, "h w 5"], Gradients]:
+    """Render one view and differentiate the loss of `kernels_cpu.backward` by every parameter."""
+    index, packed, (tile_start, members, own_start, slots) = _project(geometry, colours, view)
+    image = np.zeros((view.height, view.width, kernels_cpu.CHANNELS), np.float32)
+    grads = np.empty((len(members), kernels_cpu.GRADIENTS), np.float32)
+    run(
+        kernels_cpu.backward,
+        (
+            packed, tile_start, members, view.lens, np.float32(near), image, target, weights, floor_only,
+            knee, hollow, grads,
+        ),
+    )  # fmt: skip
+    totals = np.empty((len(index), kernels_cpu.GRADIENTS), np.float32)
+    run(kernels_cpu.collect, (grads, own_start, slots, totals))
+    return image, _chain(geometry, view, index, totals.astype(np.float64))
+
+
+def _chain(
+    geometry: Shapes, view: Pinhole, index: Int[np.ndarray, " v"], totals: Float[np.ndarray, "v 16"]
+) -> Gradients:
+    """From M = W R_wc and m = W (mu - origin) back to mean, rotation and scale."""
+    white, spread = geometry.white[index], geometry.spread[index]
+    d_camera, d_m = totals[:, :9].reshape(-1, 3, 3), totals[:, 9:12]
+    offset = geometry.means[index] - view.origin
+    d_white = d_camera @ view.cam_from_world[:, :3] + d_m[:, :, None] * offset[:, None, :]
+    # W = S^-1 R^T: with R <- R exp([w]x), d W = -S^-1 [w]x S W, hence the antisymmetric part below.
+    mixed = d_white @ np.swapaxes(spread, 1, 2)  # d_white R S
+    scales2 = (spread * spread).sum(-1)
+    twist = mixed / scales2[:, :, None] ** 0.5  # S^-1 d_white R S
+    twist = twist / scales2[:, None, :] ** 0.5  # S^-1 d_white R
+    turn = np.stack(
+        [twist[:, 1, 2] - twist[:, 2, 1], twist[:, 2, 0] - twist[:, 0, 2], twist[:, 0, 1] - twist[:, 1, 0]],
+        axis=1,
+    )
+    return Gradients(
+        index=index,
+        means=np.einsum("vij,vi->vj", white, d_m),
+        turn=turn,
+        log_scales=-(d_white * white).sum(-1),
+        density=totals[:, 12],
+        colours=totals[:, 13:16],
+    )

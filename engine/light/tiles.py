@@ -1,0 +1,165 @@
+"""Which Gaussians can touch which 8x8 tile of a pinhole view: projection, bounds, depth-sorted lists.
+
+Bounds are exact tangent planes of the ellipsoid |W (x - mu)|^2 <= q_cut, so they are conservative for any
+Gaussian, however near, wide or oblique; q_cut is where density * G falls below `FAINT`, and the kernels
+apply the same cut on every ray, so a ray's value never depends on the tile it was traced in.
+
+Per view, camera frame, float32: `packed[v]` = M (9, row major), m (3), density, radiance (3), q_cut, with
+M = W R_wc and m = W (mu - origin): the exponent on the ray z * (x, y, 1) is |m - z M (x, y, 1)|^2.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+TILE = 8
+WIDTH = 17  # columns of `packed`
+FAINT = 2e-5  # density * G below which a Gaussian does not exist
+
+_FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+
+
+@njit(**_FLAGS)
+def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
+    """First and last tile (inclusive) along one axis whose edge planes do not exclude the ellipsoid.
+
+    `sxx`, `sxz`, `szz` are q_cut times the covariance; the planes hold the origin and a tile edge.
+    """
+    if z * z > szz * 1.001:  # wholly in front: the outline's extent in closed form
+        lower = szz - z * z
+        middle = (sxz - x * z) / lower
+        inner = sxz * sxz - szz * sxx - 2.0 * sxz * x * z + szz * x * x + sxx * z * z
+        half = math.sqrt(max(inner, 0.0)) / -lower
+        lo = (focal * (middle - half) + centre) / TILE
+        hi = (focal * (middle + half) + centre) / TILE
+        return int(min(max(math.floor(lo), 0.0), float(tiles))), int(
+            min(max(math.floor(hi), -1.0), tiles - 1.0)
+        )
+    first, last = 0, tiles - 1
+    while first <= last:  # right edge of `first`: is all of it to the right?
+        edge = ((first + 1) * TILE - centre) / focal
+        gap = x - edge * z
+        if gap > 0 and gap * gap > sxx - 2 * edge * sxz + edge * edge * szz:
+            first += 1
+        else:
+            break
+    while last >= first:
+        edge = (last * TILE - centre) / focal
+        gap = x - edge * z
+        if gap < 0 and gap * gap > sxx - 2 * edge * sxz + edge * edge * szz:
+            last -= 1
+        else:
+            break
+    return first, last
+
+
+@njit(**_FLAGS)
+def project(white, spread, means, density, colours, rotation, origin, lens, width, height):
+    """Gaussians that may touch the view, nearest mean first: indices, `packed` rows, tile boxes.
+
+    `white` = W and `spread` = S R^T per Gaussian; `rotation` is camera_from_world; `lens` = fx fy cx cy.
+    """
+    count = means.shape[0]
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    across, down = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    # Unit normals of the frustum's four sides, pointing out: a bounding sphere test rejects most at once.
+    lx, hx, ly, hy = -cx / fx, (width - cx) / fx, -cy / fy, (height - cy) / fy
+    nlx, nhx = 1 / math.sqrt(1 + lx * lx), 1 / math.sqrt(1 + hx * hx)
+    nly, nhy = 1 / math.sqrt(1 + ly * ly), 1 / math.sqrt(1 + hy * hy)
+    index = np.empty(count, np.int32)
+    boxes = np.empty((count, 4), np.int32)
+    depths = np.empty(count, np.float32)
+    packed = np.empty((count, WIDTH), np.float32)
+    n = 0
+    camera_spread = np.empty((3, 3))
+    for k in range(count):
+        sigma = float(density[k])
+        if sigma <= FAINT:
+            continue
+        wx, wy, wz = means[k, 0] - origin[0], means[k, 1] - origin[1], means[k, 2] - origin[2]
+        x = rotation[0, 0] * wx + rotation[0, 1] * wy + rotation[0, 2] * wz
+        y = rotation[1, 0] * wx + rotation[1, 1] * wy + rotation[1, 2] * wz
+        z = rotation[2, 0] * wx + rotation[2, 1] * wy + rotation[2, 2] * wz
+        q_cut = 8.0 * (1.0 - math.sqrt(math.sqrt(math.sqrt(FAINT / sigma))))
+        largest = 0.0
+        for i in range(3):
+            largest = max(largest, spread[k, i, 0] ** 2 + spread[k, i, 1] ** 2 + spread[k, i, 2] ** 2)
+        radius = math.sqrt(q_cut * largest)
+        if (
+            z < -radius
+            or (lx * z - x) * nlx > radius
+            or (x - hx * z) * nhx > radius
+            or (ly * z - y) * nly > radius
+            or (y - hy * z) * nhy > radius
+        ):
+            continue
+        sxx = sxz = syy = syz = szz = 0.0
+        for i in range(3):
+            for j in range(3):
+                camera_spread[i, j] = (
+                    spread[k, i, 0] * rotation[j, 0]
+                    + spread[k, i, 1] * rotation[j, 1]
+                    + spread[k, i, 2] * rotation[j, 2]
+                )
+            a, b, c = camera_spread[i, 0], camera_spread[i, 1], camera_spread[i, 2]
+            sxx += q_cut * a * a
+            sxz += q_cut * a * c
+            syy += q_cut * b * b
+            syz += q_cut * b * c
+            szz += q_cut * c * c
+        if z < 0 and z * z > szz:
+            continue
+        first, last = _column_span(x, z, sxx, sxz, szz, fx, cx, across)
+        if first > last:
+            continue
+        top, bottom = _column_span(y, z, syy, syz, szz, fy, cy, down)
+        if top > bottom:
+            continue
+        for i in range(3):
+            for j in range(3):
+                packed[n, 3 * i + j] = (
+                    white[k, i, 0] * rotation[j, 0]
+                    + white[k, i, 1] * rotation[j, 1]
+                    + white[k, i, 2] * rotation[j, 2]
+                )
+            packed[n, 9 + i] = white[k, i, 0] * wx + white[k, i, 1] * wy + white[k, i, 2] * wz
+            packed[n, 13 + i] = colours[k, i]
+        packed[n, 12] = sigma
+        packed[n, 16] = q_cut
+        index[n] = k
+        boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = first, last, top, bottom
+        depths[n] = math.sqrt(wx * wx + wy * wy + wz * wz)
+        n += 1
+    order = np.argsort(depths[:n], kind="mergesort")
+    return index[:n][order], packed[:n][order], boxes[:n][order]
+
+
+@njit(**_FLAGS)
+def lists(boxes, across, down):
+    """Per-tile lists in the order of `boxes`: (tile_start, members, own_start, slots).
+
+    Tile t holds members[tile_start[t]:tile_start[t+1]]; entry v sits at slots[own_start[v]:own_start[v+1]].
+    """
+    tile_start = np.zeros(across * down + 1, np.int64)
+    own_start = np.zeros(boxes.shape[0] + 1, np.int64)
+    for v in range(boxes.shape[0]):
+        for row in range(boxes[v, 2], boxes[v, 3] + 1):
+            for column in range(boxes[v, 0], boxes[v, 1] + 1):
+                tile_start[row * across + column + 1] += 1
+        own_start[v + 1] = own_start[v] + (boxes[v, 1] - boxes[v, 0] + 1) * (boxes[v, 3] - boxes[v, 2] + 1)
+    for t in range(across * down):
+        tile_start[t + 1] += tile_start[t]
+    members = np.empty(own_start[-1], np.int32)
+    slots = np.empty(own_start[-1], np.int64)
+    fill = tile_start[:-1].copy()
+    at = 0
+    for v in range(boxes.shape[0]):
+        for row in range(boxes[v, 2], boxes[v, 3] + 1):
+            for column in range(boxes[v, 0], boxes[v, 1] + 1):
+                t = row * across + column
+                members[fill[t]] = v
+                slots[at] = fill[t]
+                fill[t] += 1
+                at += 1
+    return tile_start, members, own_start, slots
