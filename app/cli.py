@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--motion", choices=("handheld", "turntable", "gimbal"), default="handheld")
     simulate.add_argument("--seed", type=int, default=0)
     simulate.add_argument("--vignetting", type=float, default=0.0, help="share of light lost in the corners")
+    simulate.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     simulate.set_defaults(run=commands.run_simulate)
 
     export = add("export", help="write the results as EXR, PNG, PLY, GLB, COLMAP and transforms.json")
@@ -80,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     report = add("report", help="write one self-contained HTML page about the results")
     _add_session(report)
     report.add_argument("--to", type=Path, help="HTML file; SESSION/exports/report.html if left out")
+    report.add_argument("--truth", type=Path, help="a ground truth to show the errors against")
     report.set_defaults(run=commands.run_report)
 
     evaluate = add("evaluate", help="compare the results with a ground truth")

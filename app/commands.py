@@ -1,6 +1,8 @@
-"""What each command of the command line does: opens the session, calls the rooms, prints what matters."""
+"""What each command of the command line does: calls the rooms and prints what matters."""
 
+import json
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -30,7 +32,9 @@ def run_plan(args: Namespace) -> int:
     from engine.pipeline import stages, table
 
     opened = session.open_session(args.session)
-    for step in stages.plan(opened, table.stages(), _settings(args, session.read_params(opened))):
+    before = asked.from_toml(session.read_params(opened))
+    changed = asked.with_changes(before, args.preset, args.seed, args.set)
+    for step in stages.plan(opened, table.stages(), changed):
         print(f"{step.stage.name:8} {step.fingerprint}  {step.tell()}")
     return 0
 
@@ -42,36 +46,70 @@ def run_process(args: Namespace) -> int:
 
 def process(
     folder: Path,
-    preset: str | None,
-    seed: int | None,
-    assignments: list[str],
-    until: str | None,
-    device: str,
+    preset: str | None = None,
+    seed: int | None = None,
+    assignments: Sequence[str] = (),
+    until: str | None = None,
+    device: str = "auto",
 ) -> None:
     """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options."""
     from engine import session
-    from engine.pipeline import run, stages, table
+    from engine.pipeline import run, table
 
     opened = session.open_session(folder)
-    before = session.read_params(opened)
-    changed = asked.with_changes(asked.from_toml(before), preset, seed, assignments)
-    rows = table.stages()
-    stages.until(
-        stages.plan(opened, rows, changed), until
-    )  # refuses what is misspelt before anything is kept
-    run.choose_device(device, needed=device == "cuda")
-    console = Console()
-    with terminal.stoppable() as cancelled, terminal.Display(console) as display:
+    before = asked.from_toml(session.read_params(opened))
+    changed = asked.with_changes(before, preset, seed, assignments)
+    with terminal.stoppable() as cancelled, terminal.Display(Console()) as display:
         watcher = run.Watcher(
             lambda step: display.begin(step.stage.name),
             lambda step, fraction, note: display.move(fraction, note),
             lambda step, seconds: display.end(seconds),
             cancelled,
         )
-        steps = run.process(opened, rows, changed, device, until, watcher)
-    waiting = [step.stage.name for step in steps if not step.done]
-    print(f"{folder}: {', '.join(waiting) or 'nothing to do, every stage'} done")
+        steps = run.process(opened, table.stages(), changed, device, until, watcher)
+    ran = [step.stage.name for step in steps if not step.done]
+    print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
 
 
-def _settings(args: Namespace, params: dict[str, object]) -> asked.Settings:
-    return asked.with_changes(asked.from_toml(params), args.preset, args.seed, args.set)
+def run_simulate(args: Namespace) -> int:
+    from app import studio
+
+    with terminal.job("simulate") as progress:
+        studio.simulate(
+            args.out, args.room, args.object, args.views, tuple(args.size), args.motion, args.seed,
+            args.vignetting, args.device, progress,
+        )  # fmt: skip
+    print(f"{args.out}/session: {args.views} views of {args.object} in {args.room}, {args.motion}")
+    print(f"next: roomlight process {args.out}/session")
+    print(f"      roomlight evaluate {args.out}/session {args.out}/truth")
+    return 0
+
+
+def run_export(args: Namespace) -> int:
+    from app import results
+    from engine import export
+
+    export.copy(results.finished(args.session, "export").folder, args.to)
+    print(f"{args.to}: exported from {args.session}")
+    return 0
+
+
+def run_report(args: Namespace) -> int:
+    from app import results
+
+    print(results.write_report(args.session, args.to, args.truth))
+    return 0
+
+
+def run_evaluate(args: Namespace) -> int:
+    from app import results
+
+    scores = results.evaluate(args.session, args.truth)
+    print(json.dumps(scores, indent=1) if args.json else results.told(scores))
+    return 0
+
+
+def run_demo(args: Namespace) -> int:
+    from app import demo
+
+    return demo.run(args.to, args.preset, args.device)

@@ -50,7 +50,8 @@ class Display:
         return self
 
     def __exit__(self, *fault: object) -> None:
-        self._bars.stop()
+        if self._console.is_terminal:
+            self._bars.stop()
 
     def begin(self, name: str) -> None:
         self._name, self._start, self._told = name, self._clock(), self._clock()
@@ -82,7 +83,7 @@ class Display:
 @contextlib.contextmanager
 def job(name: str) -> Iterator[Progress]:
     """One named job with its own bar; Ctrl-C stops it at its next step."""
-    with stoppable() as cancelled, Display(Console(stderr=True)) as display:
+    with stoppable() as cancelled, Display(Console()) as display:
         start = time.monotonic()
         display.begin(name)
         yield Progress(display.move, cancelled)

@@ -17,15 +17,16 @@ from typing import Any
 from engine import session as sessions
 from engine.brackets import Taken, group, natural
 from engine.errors import ImportFault, PoseError
-from engine.hdr import HdrParams, stack
-from engine.images import read_mask
+from engine.hdr import HdrParams
+from engine.images import read_mask, read_radiance
+from engine.linear import check_values
 from engine.posefiles import GivenPoses, read_poses
 from engine.progress import Progress
 from engine.raw import read_facts, read_mosaic
 from engine.session import Session
 
 FEWEST_VIEWS = 8
-WHOLE = HdrParams(long_edge_px=1 << 30)  # read images as they are, at whatever size
+MERGE = HdrParams()  # what its later merge would refuse is refused here
 LINEAR_SUFFIXES = frozenset({".exr", ".hdr"})
 RAW_SUFFIXES = frozenset(
     f".{suffix}"
@@ -170,18 +171,18 @@ def _check_pixels(brackets: Sequence[Sequence[Taken]], progress: Progress) -> No
     def clipped_share(item: Taken) -> float:
         mosaic = read_mosaic(item.path)
         black, white = min(mosaic.black), min(mosaic.white)
-        return float((mosaic.counts >= black + WHOLE.saturation_share * (white - black)).mean())
+        return float((mosaic.counts >= black + MERGE.saturation_share * (white - black)).mean())
 
     with ThreadPoolExecutor(4) as pool:
         try:
             for i, items in enumerate(brackets):
                 progress.step(i / len(brackets), f"checking {items[0].path.name}")
                 shares = list(pool.map(clipped_share, items))
-                if min(shares) > WHOLE.hopeless_share:
+                if min(shares) > MERGE.hopeless_share:
                     darkest = min(items, key=lambda item: item.ev)
                     raise ImportFault(
-                        f"{darkest.path}: {min(shares):.0%} of the pixels are clipped even in the darkest of this"
-                        f" view's {len(items)} exposures; take it again with a shorter one, or leave it out"
+                        f"{darkest.path}: {min(shares):.0%} of the pixels are clipped even in the darkest"
+                        f" of the view's {len(items)} exposures; take it again with a shorter one, or drop it"
                     )
         except BaseException:
             pool.shutdown(cancel_futures=True)
@@ -195,7 +196,9 @@ def _linear_views(
     shape = (0, 0)
     for i, path in enumerate(files):
         progress.step(i / len(files), f"checking {path.name}")
-        shape = stack([path.name], [path], WHOLE, Progress())[0].clipped.shape[1:]
+        radiance = read_radiance(path)
+        check_values(path, radiance)
+        shape = radiance.shape[:2]
         told = f"{shape[1]} x {shape[0]}"
         size = size or told
         _check_same(files[0], size, path, told, "sizes")

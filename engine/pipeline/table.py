@@ -4,13 +4,18 @@ Raise a stage's version whenever the same inputs and parameters would give anoth
 the old version then count as stale, and `plan` says so.
 """
 
+import hashlib
+from collections.abc import Callable
+
 from engine.pipeline import presets, work
-from engine.pipeline.stages import Hashes, Stage
+from engine.pipeline.stages import Hashes, Stage, canonical
 from engine.session import Session, edits, shots
 
 
 def stages() -> tuple[Stage, ...]:
     """hdr -> segment -> poses -> light -> surface -> export."""
+    from engine.export import ExportParams
+    from engine.hdr import HdrParams
     from engine.light.train import LightParams
     from engine.segment import SegmentParams
     from engine.sfm import PoseParams
@@ -18,7 +23,7 @@ def stages() -> tuple[Stage, ...]:
 
     return (
         Stage(
-            "hdr", 1, work.HdrStageParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
+            "hdr", 1, HdrParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
             "segment", 1, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
@@ -37,7 +42,7 @@ def stages() -> tuple[Stage, ...]:
             presets=presets.of_stage("surface"),
         ),
         Stage(
-            "export", 1, work.ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
+            "export", 1, ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
@@ -47,7 +52,7 @@ def _shots(session: Session) -> Hashes:
     return {f"shots/{shot.folder.name}": shot.fingerprint for shot in shots(session)}
 
 
-def _edits(*names: str):
+def _edits(*names: str) -> Callable[[Session], Hashes]:
     def read(session: Session) -> Hashes:
         return {f"edits/{name}": sha for name, sha in edits(session).items() if name in names}
 
@@ -55,4 +60,10 @@ def _edits(*names: str):
 
 
 def _pose_inputs(session: Session) -> Hashes:
-    return {}
+    """Given poses, or else what the rig logged: its geometry and every view's angles."""
+    given = _edits("poses.json")(session)
+    rig = session.facts.get("rig")
+    if given or not rig:
+        return given
+    log = canonical([rig, [shot.rig for shot in shots(session)]])
+    return {"rig": hashlib.sha256(log.encode()).hexdigest()[:16]}

@@ -1,0 +1,127 @@
+"""What has been computed in a session: read it, hold it against a truth, put it on a page."""
+
+import datetime
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from engine import metrics, report
+from engine import session as sessions
+from engine.errors import SessionError
+from engine.hdr import HdrReport
+from engine.pipeline import run, stages, table, work
+from engine.pipeline import settings as asked
+from engine.pipeline.stages import Step
+from engine.truth import read_truth
+from engine.types import Frames, Gaussians, Masks, Panorama, Poses, Renders, Surface
+
+Scores = dict[str, dict[str, float | int | None]]
+Record = TypeVar("Record")
+
+
+def steps_of(folder: Path) -> tuple[Step, ...]:
+    """The session's stages under the settings that params.toml holds."""
+    session = sessions.open_session(folder)
+    return stages.plan(session, table.stages(), asked.from_toml(sessions.read_params(session)))
+
+
+def finished(folder: Path, stage: str) -> Step:
+    """The step of a finished stage.
+
+    Raises:
+        SessionError: it has not run with the present settings.
+    """
+    (step,) = [step for step in steps_of(folder) if step.stage.name == stage]
+    if not step.done:
+        raise SessionError(f"{folder}: stage {stage} {step.tell()}; run `roomlight process {folder}` first")
+    return step
+
+
+def evaluate(folder: Path, truth_path: Path) -> Scores:
+    """Scores of surface, mask and poses (where the truth has them)."""
+    load = run.loader(steps_of(folder))
+    truth = read_truth(truth_path)
+    scores = {
+        "surface": metrics.evaluate(load("surface", "surface", Surface), truth).as_dict(),
+        "mask": metrics.evaluate_mask(load("segment", "masks", Masks).object, truth.mask).as_dict(),
+    }
+    if truth.cam_from_world is not None:
+        poses = load("poses", "poses", Poses)
+        scores["poses"] = metrics.evaluate_poses(poses, truth.cam_from_world).as_dict()
+    return scores
+
+
+def told(scores: Scores) -> str:
+    lines = []
+    for room, values in scores.items():
+        lines.append(f"{room}:")
+        for name, value in values.items():
+            lines.append(f"  {name:28} {'unknown' if value is None else f'{value:.5g}'}")
+    return "\n".join(lines)
+
+
+def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Path:
+    """Write the HTML page about what is there so far; returns where it is."""
+    steps = {step.stage.name: step for step in steps_of(folder)}
+    load = run.loader(tuple(steps.values()))
+
+    def there(stage: str, record: str, kind: type[Record]) -> Record | None:
+        known = steps[stage].done and (steps[stage].folder / f"{record}.json").is_file()
+        return load(stage, record, kind) if known else None
+
+    session = sessions.open_session(folder)
+    frames, poses = there("hdr", "frames", Frames), there("poses", "poses", Poses)
+    renders = there("surface", "renders", Renders)
+    view = work.middle_view(poses) if poses is not None else 0
+    scores = evaluate(folder, truth) if truth is not None and steps["surface"].done else None
+    page = report.html(
+        report.Contents(
+            title=folder.resolve().name,
+            when=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
+            names=tuple(shot.name for shot in sessions.shots(session)),
+            photograph=None if frames is None else np.asarray(frames.radiance[view]),
+            surface=there("surface", "surface", Surface),
+            renders=renders,
+            held_out=None if frames is None or renders is None else frames.radiance[list(renders.views)],
+            panorama=there("export", "panorama", Panorama),
+            poses=poses,
+            gaussians=there("light", "gaussians", Gaussians),
+            hdr=there("hdr", "report", HdrReport),
+            stages=tuple(_stage_run(step) for step in steps.values() if step.done),
+            evaluation=None if scores is None else flat(scores),
+            exported=_exported(steps["export"]),
+        )
+    )
+    to = to or folder / "exports" / "report.html"
+    with sessions.told(to):
+        to.parent.mkdir(parents=True, exist_ok=True)
+    sessions.write_atomic(to, page.encode())
+    return to
+
+
+def flat(scores: Scores) -> Mapping[str, object]:
+    return {f"{room} {name}": value for room, values in scores.items() for name, value in values.items()}
+
+
+def _stage_run(step: Step) -> report.StageRun:
+    record = json.loads((step.folder / "record.json").read_bytes())
+    return report.StageRun(
+        step.stage.name, record["seconds"], record["device"], record["params"], _facts(step.folder)
+    )
+
+
+def _facts(folder: Path) -> Mapping[str, Any]:
+    """What the stage's own report says, as plain values."""
+    try:
+        return json.loads((folder / "report.json").read_bytes())["values"]
+    except FileNotFoundError:
+        return {}
+
+
+def _exported(step: Step) -> tuple[str, ...]:
+    if not step.done:
+        return ()
+    return tuple(json.loads((step.folder / "export.json").read_bytes())["files"])

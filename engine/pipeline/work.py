@@ -1,0 +1,169 @@
+"""What each stage does: loads its inputs, calls its room's function, names the records to keep.
+
+Given masks and poses (`edits/mask.png`, `edits/poses.json`) become records here without any computing beyond
+bringing them to the pixel grid of the frames. Rooms are imported where they are used: a run that stops
+early loads no more than it needs.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from engine.errors import PoseError, SurfaceError
+from engine.geometry import inverse, rays, transform
+from engine.pipeline.stages import Work
+from engine.session import Session, shots, verify
+from engine.types import Camera, Frames, Gaussians, Masks, Panorama, Poses, Surface
+
+Records = Mapping[str, Any]
+
+PANORAMA_ROWS = 256
+
+
+def hdr(work: Work) -> Records:
+    """frames, report."""
+    from engine.hdr import merge, stack
+    from engine.raw import Bracket
+
+    views = shots(work.session)
+    checking, merging = work.progress.part(0.0, 0.05), work.progress.part(0.05, 1.0)
+    for i, view in enumerate(views):
+        checking.step(i / len(views), f"checking {view.name}")
+        verify(view)
+    if work.session.kind == "raw":
+        frames, report = merge([Bracket(view.name, view.files) for view in views], work.params, merging)
+    else:
+        names, paths = [view.name for view in views], [view.files[0] for view in views]
+        frames, report = stack(names, paths, work.params, merging)
+    return {"frames": frames, "report": report}
+
+
+def segment(work: Work) -> Records:
+    """masks."""
+    from engine.images import read_mask
+    from engine.segment import from_object, segment
+
+    frames = work.load("hdr", "frames", Frames)
+    if not work.given:
+        return {"masks": segment(frames, work.params, None, work.progress)}
+    camera = work.session.facts["camera"]
+    mask = read_mask(work.session.folder / "edits" / "mask.png", camera["height"], camera["width"])
+    height, width = frames.dark.shape[1:]
+    by = camera["width"] // width
+    blocks = mask[: height * by, : width * by].reshape(height, by, width, by)
+    return {"masks": from_object(frames, blocks.mean(axis=(1, 3)) >= 0.5, work.params)}
+
+
+def poses(work: Work) -> Records:
+    """poses, and the report of how they were found unless they were given."""
+    frames = work.load("hdr", "frames", Frames)
+    if work.given:
+        return {"poses": _given_poses(work.session, frames)}
+    from engine.sfm import find_poses
+
+    masks = work.load("segment", "masks", Masks)
+    scratch = work.folder / "scratch"
+    scratch.mkdir()
+    found, report = find_poses(frames, masks, rig_log(work.session), work.params, scratch, work.progress)
+    return {"poses": found, "report": report}
+
+
+def _given_poses(session: Session, frames: Frames) -> Poses:
+    path = session.folder / "edits" / "poses.json"
+    content = json.loads(path.read_bytes())
+    camera = Camera(**content["camera"])
+    height, width = frames.dark.shape[1:]
+    by = camera.width // width
+    # Averaging by a whole factor drops the last columns and rows that do not fill a block.
+    camera = replace(
+        camera, width=width, height=height, fx=camera.fx / by, fy=camera.fy / by, cx=camera.cx / by,
+        cy=camera.cy / by,
+    )  # fmt: skip
+    matrices = np.full((len(frames.names), 3, 4), np.nan)
+    for row, name in enumerate(frames.names):
+        if content["views"].get(name) is not None:
+            matrices[row] = content["views"][name]
+    registered = np.isfinite(matrices).all(axis=(1, 2))
+    if not registered.any():
+        raise PoseError(f"{path}: holds no pose of any view of this session; import the poses again")
+    points = np.array(content["points"], dtype=np.float64).reshape(-1, 3)
+    return Poses(camera, matrices, registered, points, content["scale"], math.nan)
+
+
+def rig_log(session: Session) -> Any:
+    """What the rig reported, view by view; None when nothing was logged (handheld, imported)."""
+    from engine.sfm import RigLog
+
+    rig, views = session.facts.get("rig"), shots(session)
+    if not rig or not rig.get("geometry") or any(view.rig is None for view in views):
+        return None
+    pan, tilt = (
+        np.array([float((view.rig or {})[key]) for view in views]) for key in ("pan_deg", "tilt_deg")
+    )
+    return RigLog(rig["kind"], pan, tilt, rig["geometry"])
+
+
+def light(work: Work) -> Records:
+    """gaussians, report."""
+    from engine.light.train import fit
+
+    gaussians, report = fit(
+        work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
+        work.load("poses", "poses", Poses), work.params, work.seed, work.progress,
+    )  # fmt: skip
+    return {"gaussians": gaussians, "report": report}
+
+
+def surface(work: Work) -> Records:
+    """surface, renders of the views kept out, report."""
+    from engine.surface.solve import solve
+
+    found, renders, report = solve(
+        work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
+        work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
+        work.params, work.device, work.seed, work.progress,
+    )  # fmt: skip
+    return {"surface": found, "renders": renders, "report": report}
+
+
+def export(work: Work) -> Records:
+    """The files other programs read, and the panorama record that the report shows."""
+    from engine.export import write_files
+
+    frames, placed = work.load("hdr", "frames", Frames), work.load("poses", "poses", Poses)
+    found, gaussians = work.load("surface", "surface", Surface), work.load("light", "gaussians", Gaussians)
+    view = middle_view(placed)
+    seen = panorama(found, gaussians, placed, view, frames.names[view])
+    write_files(
+        work.folder, found, gaussians, placed, frames.names, seen, np.asarray(frames.radiance[view]),
+        work.params, work.progress,
+    )  # fmt: skip
+    return {"panorama": seen}
+
+
+def middle_view(placed: Poses) -> int:
+    """The registered view whose camera is nearest to the middle of all."""
+    usable = np.nonzero(placed.registered)[0]
+    centres = inverse(placed.cam_from_world[usable])[:, :, 3]
+    return int(usable[np.linalg.norm(centres - np.median(centres, axis=0), axis=1).argmin()])
+
+
+def panorama(found: Surface, gaussians: Gaussians, placed: Poses, view: int, name: str) -> Panorama:
+    """What arrives at the middle of the object in one view, unseen directions filled."""
+    from engine.light import probes
+
+    known = found.mask & (found.depth > 0)
+    if not known.any():
+        raise SurfaceError(
+            "the surface has no depth, so the object's place in the room is unknown; process again"
+        )
+    ray = rays(placed.camera)[known]
+    middle = np.median(ray / ray[:, 2:] * found.depth[known][:, None], axis=0)
+    cam_from_world = placed.cam_from_world[view]
+    origin = transform(inverse(cam_from_world), middle)
+    radiance, seen = probes.panorama(gaussians, origin, cam_from_world[:, :3], PANORAMA_ROWS, fill=True)
+    return Panorama(name, radiance, seen)
