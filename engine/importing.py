@@ -7,6 +7,7 @@ nothing behind.
 
 import json
 import math
+import os
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -68,11 +69,7 @@ def make_session(
         raise ImportFault(f"{to}: exists already; choose another name for the session or remove it first")
     kind, files = find_photographs(folder)
     reading = progress.part(0.0, 0.6)
-    views, camera = (
-        _raw_views(folder, files, bracket, reading)
-        if kind == "raw"
-        else _linear_views(folder, files, reading)
-    )
+    views, camera = _raw_views(files, bracket, reading) if kind == "raw" else _linear_views(files, reading)
     if len(views) < FEWEST_VIEWS:
         raise ImportFault(
             f"{folder}: {len(views)} view{'s' if len(views) != 1 else ''} of {len(files)} files; at least"
@@ -143,7 +140,7 @@ def find_photographs(folder: Path) -> tuple[str, list[Path]]:
 
 
 def _raw_views(
-    folder: Path, files: Sequence[Path], bracket: int | None, progress: Progress
+    files: Sequence[Path], bracket: int | None, progress: Progress
 ) -> tuple[list[View], dict[str, Any]]:
     taken = [Taken(path, read_facts(path)) for path in files]
     first = taken[0]
@@ -154,7 +151,7 @@ def _raw_views(
     brackets = group(taken, bracket)
     views = [
         View(
-            _name(folder, items[0].path),
+            _name(items[0].path, files),
             tuple(item.path for item in items),
             tuple(_exposure_facts(item) for item in items),
         )
@@ -189,9 +186,7 @@ def _check_pixels(brackets: Sequence[Sequence[Taken]], progress: Progress) -> No
             raise
 
 
-def _linear_views(
-    folder: Path, files: Sequence[Path], progress: Progress
-) -> tuple[list[View], dict[str, Any]]:
+def _linear_views(files: Sequence[Path], progress: Progress) -> tuple[list[View], dict[str, Any]]:
     size, views = "", []
     shape = (0, 0)
     for i, path in enumerate(files):
@@ -202,7 +197,7 @@ def _linear_views(
         told = f"{shape[1]} x {shape[0]}"
         size = size or told
         _check_same(files[0], size, path, told, "sizes")
-        views.append(View(_name(folder, path), (path,), ({},)))
+        views.append(View(_name(path, files), (path,), ({},)))
     return views, {"model": None, "width": shape[1], "height": shape[0]}
 
 
@@ -214,8 +209,9 @@ def _check_same(first: Path, value: str, other: Path, other_value: str, what: st
         )
 
 
-def _name(folder: Path, path: Path) -> str:
-    return path.relative_to(folder).with_suffix("").as_posix()
+def _name(path: Path, files: Sequence[Path]) -> str:
+    """What the person calls the view: its file's name, with folders only where the files lie in several."""
+    return path.relative_to(os.path.commonpath([file.parent for file in files])).with_suffix("").as_posix()
 
 
 def _exposure_facts(item: Taken) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What fits is imported whole; what does not is refused with file, cause and remedy, and leaves nothing."""
 
+import dataclasses
 import datetime
 import json
 from collections.abc import Callable
@@ -101,7 +102,7 @@ def test_images_in_a_folder_below_are_found_and_matched_to_their_poses(linear: P
     linear.rename(outer / "images")
     poses = write_poses(outer / "transforms.json", name="images/{:04d}.exr")
     session = importing.make_session(outer, tmp_path / "new.session", poses)
-    assert sessions.shots(session)[3].name == "images/0003"
+    assert sessions.shots(session)[3].name == "0003"
 
 
 def test_poses_may_name_any_exposure_of_the_bracket(raw: Path, tmp_path: Path) -> None:
@@ -145,6 +146,12 @@ def _empty(folder: Path) -> None:
         path.unlink()
 
 
+def _other_camera(folder: Path) -> None:
+    path = folder / "IMG_0012.DNG"
+    photograph = bracket(scene(4), 0.01, Sensor(), START, np.random.default_rng(0))[0]
+    dng.write(path, dataclasses.replace(photograph, model="Roomlight Virtual Two"))
+
+
 def _mixed(folder: Path) -> None:
     write_exr(folder / "render.exr", scene(0))
 
@@ -155,6 +162,7 @@ def _mixed(folder: Path) -> None:
         (_empty, r"card: no photographs"),
         (_truncate, r"IMG_0007\.DNG: .*(cut off|decoded)"),
         (_garbage, r"IMG_0004\.DNG: "),
+        (_other_camera, r"IMG_0012\.DNG: two cameras are mixed: .*Two here but .*One in IMG_0000\.DNG"),
         (_other_size, r"IMG_0024\.DNG: two sizes are mixed"),
         (lambda folder: (folder / "IMG_0010.DNG").unlink(), r"IMG_0009\.DNG: incomplete bracket"),
         (_clipped, r"IMG_0024\.DNG: 100% of the pixels are clipped"),
