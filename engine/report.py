@@ -1,0 +1,252 @@
+"""One page about one result: every map with its error, the light, the path, and what to be careful about.
+
+`html` is pure: records in, one self-contained page out (pictures inside, no network, no script). What has
+not been computed yet is said in its place. Units stand in every caption.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from jaxtyping import Float
+
+from engine import page, pathplan, plates, report_maps
+from engine.geometry import rays
+from engine.hdr import HdrReport
+from engine.types import Gaussians, Panorama, Poses, Renders, Surface
+
+METRES = ("rig", "board")
+
+
+@dataclass(frozen=True, slots=True)
+class StageRun:
+    """One finished stage: how long, with what, and the numbers it reported."""
+
+    name: str
+    seconds: float
+    device: str
+    params: Mapping[str, object]
+    facts: Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contents:
+    """What a report is made of; None or empty where it does not exist yet."""
+
+    title: str
+    when: str  # date of the report, as text
+    names: tuple[str, ...]  # of all views
+    photograph: Float[np.ndarray, "h w 3"] | None = None  # radiance of one view
+    surface: Surface | None = None
+    renders: Renders | None = None
+    held_out: Float[np.ndarray, "k h w 3"] | None = None  # photographs of the re-rendered views
+    panorama: Panorama | None = None
+    poses: Poses | None = None
+    gaussians: Gaussians | None = None
+    hdr: HdrReport | None = None
+    stages: tuple[StageRun, ...] = ()
+    exported: tuple[str, ...] = ()  # files
+    notes: tuple[str, ...] = ()  # what a person should know beyond what is found here
+    software: Mapping[str, str] | None = None
+
+
+def html(contents: Contents) -> str:
+    """The page."""
+    sections = [
+        _head(contents),
+        report_maps.maps(contents.photograph, contents.surface, _unit(contents.poses)),
+        report_maps.confidence(contents.surface),
+        _care(contents),
+        report_maps.renders(contents.surface, contents.renders, contents.held_out, contents.names),
+        _light(contents),
+        _path(contents),
+        _exposures(contents),
+        _times(contents),
+        _exports(contents),
+        _parameters(contents),
+    ]
+    return page.page(f"{contents.title} · Roomlight", sections)
+
+
+def _head(c: Contents) -> str:
+    numbers = [(f"{len(c.names)}", "photographs (views)")]
+    if c.poses is not None:
+        numbers.append((f"{int(c.poses.registered.sum())} / {len(c.poses.registered)}", "views with a pose"))
+    if c.surface is not None and c.surface.mask.any():
+        stderr = np.degrees(c.surface.stderr_normal[c.surface.mask])
+        numbers.append((f"{int(c.surface.mask.sum()):,}".replace(",", "\u202f"), "surface pixels"))
+        numbers.append((f"± {np.median(stderr):.2g}°", "standard error of the normal, median (estimated)"))
+    if c.panorama is not None:
+        numbers.append(
+            (f"{100 * plates.seen_share(c.panorama):.0f} %", "of the light's sphere was photographed")
+        )
+    if c.stages:
+        numbers.append((page.duration(sum(run.seconds for run in c.stages)), "for all stages"))
+    cells = "".join(
+        f"<div><b>{escape(value)}</b><span>{escape(what)}</span></div>" for value, what in numbers
+    )
+    return (
+        f"<h1>{escape(c.title)}</h1><p class=lead>Shape and reflectance from the light of the room ·"
+        f" {escape(c.when)}</p><div class=numbers>{cells}</div>"
+    )
+
+
+def _light(c: Contents) -> str:
+    if c.panorama is None:
+        return page.section("The light", page.missing("The light is not reconstructed yet", "process"))
+    share = 100 * plates.seen_share(c.panorama)
+    caption = (
+        f"<b>What arrives at the object</b> in view {escape(c.panorama.view)}, compressed so that"
+        " lamps and walls both show. Left to right: from behind the camera over its left, ahead (middle) and"
+        " right; top is up in the photograph."
+        f" {share:.0f} % of the sphere was photographed; what is hatched is a smooth guess."
+    )
+    return page.section("The light", "", (), page.figure(plates.panorama(c.panorama), caption, ""))
+
+
+def _path(c: Contents) -> str:
+    if c.poses is None:
+        return page.section("The path", page.missing("The poses are not known yet", "process"))
+    plan = pathplan.survey(c.poses, c.gaussians, _object_middle(c))
+    if plan is None:
+        return page.section("The path", '<p class="missing">No view has a pose.</p>')
+    unit = _unit(c.poses)
+    keys = (
+        ("accent", "camera and where it looks"),
+        ("object", "object"),
+        ("lamp", "lamps (half of the light)"),
+    )
+    key = "".join(
+        f'<span class=key style="background:var(--{colour})"></span>{what}' for colour, what in keys
+    )
+    figures = "".join(
+        f"<figure>{pathplan.draw(plan, above, unit)}<figcaption><b>{title}</b></figcaption></figure>"
+        for above, title in ((True, "From above"), (False, "From the side"))
+    )
+    return page.section("The path", f"<p class=note>{key}<br>Scale bar in {escape(unit)}.</p>") + (
+        f"<div class=pair>{figures}</div>"
+    )
+
+
+def _care(c: Contents) -> str:
+    """Whatever was clipped, unregistered, guessed or flagged, in sentences."""
+    lines = list(c.notes)
+    if c.hdr is not None:
+        if c.hdr.share_clipped > 0:
+            lines.append(
+                f"{100 * c.hdr.share_clipped:.2g} % of all pixels are clipped in every exposure (most in"
+                f" {c.hdr.most_clipped}: {100 * c.hdr.most_clipped_share:.2g} %); their radiance is a"
+                " lower bound."
+            )
+        if c.hdr.share_dark > 0:
+            lines.append(f"{100 * c.hdr.share_dark:.2g} % of all pixels are below noise in every exposure.")
+        if c.hdr.suspect:
+            lines.append(f"EXIF contradicts the pixels in {_some(c.hdr.suspect)}; the pixels were believed.")
+    if c.poses is not None:
+        lost = [name for name, seen in zip(c.names, c.poses.registered, strict=True) if not seen]
+        if lost:
+            lines.append(
+                f"{len(lost)} of {len(c.names)} views have no pose and were not used: {_some(lost)}."
+            )
+        if c.poses.scale == "unknown":
+            lines.append(
+                "The length of one scene unit is unknown: depth and light are right up to one factor."
+            )
+    if c.panorama is not None and plates.seen_share(c.panorama) < 0.995:
+        guessed = 100 * (1 - plates.seen_share(c.panorama))
+        lines.append(f"No photograph shows {guessed:.0f} % of the light's sphere; it was filled in smoothly.")
+    unknown = [
+        what
+        for what, known in (("clipping", c.hdr), ("poses", c.poses), ("unseen light", c.panorama))
+        if known is None
+    ]
+    if unknown:
+        lines.append(f"Not known before the stages have run: {', '.join(unknown)}.")
+    if not lines:
+        return page.section("To be careful about", "<p>Nothing was clipped, lost or guessed.</p>")
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return page.section("To be careful about", f"<ul class=care>{items}</ul>")
+
+
+def _exposures(c: Contents) -> str:
+    if c.hdr is None:
+        return page.section("Exposures", page.missing("The exposures are not merged yet", "process"))
+    if not c.hdr.steps:
+        return page.section("Exposures", "<p>One exposure a view: there are no ratios to check.</p>")
+    rows = [
+        (
+            f"{k + 1} → {k + 2}", f"{step.exif_ev:+.3f}", f"{step.fitted_ev:+.4f}",
+            f"{step.fitted_ev - step.exif_ev:+.4f}", f"{step.spread_ev:.4f}",
+            f"{step.worst_ev:.4f}", step.worst_view,
+        )
+        for k, step in enumerate(c.hdr.steps)
+    ]  # fmt: skip
+    heads = ("step", "EXIF, EV", "pixels, EV", "residual, EV", "spread, EV", "worst, EV", "in view")
+    text = (
+        f"<p>{c.hdr.exposures} exposures a view. Ratios fitted from the pixels, against what EXIF says.</p>"
+    )
+    return page.section("Exposures", text, (), page.table(heads, rows, numbers=range(1, 6)))
+
+
+def _times(c: Contents) -> str:
+    if not c.stages:
+        return page.section("Time", page.missing("No stage has run", "process"))
+    longest = max(run.seconds for run in c.stages) or 1.0
+    rows = "".join(
+        f"<tr><td>{escape(run.name)}</td><td class=n>{page.duration(run.seconds)}</td>"
+        f"<td>{escape(run.device)}</td><td style='width:45%'>"
+        f'<div class=time style="width:{100 * run.seconds / longest:.1f}%"></div></td></tr>'
+        for run in c.stages
+    )
+    head = "<tr><th>stage</th><th class=n>time</th><th>device</th><th></th></tr>"
+    table = f"<table style='width:100%'>{head}{rows}</table>"
+    return page.section("Time", f"<div class=scroll>{table}</div>")
+
+
+def _exports(c: Contents) -> str:
+    if not c.exported:
+        return page.section("Files", page.missing("The results are not written out yet", "process"))
+    items = " · ".join(f"<code>{escape(name)}</code>" for name in c.exported)
+    return page.section("Files", f"<p>{items}</p>")
+
+
+def _parameters(c: Contents) -> str:
+    parts = []
+    for run in c.stages:
+        for title, values in (("parameters", run.params), ("reported", run.facts)):
+            if values:
+                rows = [(name, page.brief(value)) for name, value in values.items()]
+                table = page.table((title, "value"), rows)
+                parts.append(f"<details><summary>{escape(run.name)}: {title}</summary>{table}</details>")
+    if c.software:
+        parts.append(
+            "<details><summary>software</summary>"
+            + page.table(("program", "version"), list(c.software.items()))
+            + "</details>"
+        )
+    if not parts:
+        return ""
+    return page.section("Parameters, reports and versions", "".join(parts))
+
+
+def _object_middle(c: Contents) -> Float[np.ndarray, " 3"] | None:
+    """The object's median point, camera frame."""
+    if c.surface is None or c.poses is None:
+        return None
+    known = c.surface.mask & (c.surface.depth > 0)
+    if not known.any():
+        return None
+    ray = rays(c.poses.camera)[known]
+    return np.median(ray / ray[:, 2:] * c.surface.depth[known][:, None], axis=0)
+
+
+def _unit(poses: Poses | None) -> str:
+    if poses is None or poses.scale == "unknown":
+        return "scene units"
+    return "metres" if poses.scale in METRES else "units of the given poses"
+
+
+def _some(names: Sequence[str], most: int = 12) -> str:
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

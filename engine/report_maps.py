@@ -1,0 +1,131 @@
+"""The sections of the report about the object: its maps, how sure they are, and how they re-render."""
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from engine import page, plates
+from engine.types import Renders, Surface
+
+FLAGS = ((1, "grazing"), (2, "shadowed in most views"), (4, "saturated"), (8, "ill-conditioned"))
+
+
+def maps(photograph: Float[np.ndarray, "h w 3"] | None, surface: Surface | None, unit: str) -> str:
+    """The photograph beside normals, albedo, roughness and depth."""
+    figures = []
+    if photograph is not None:
+        cut = plates.crop(surface.mask) if surface is not None else (slice(None), slice(None))
+        lit = photograph[surface.mask] if surface is not None and surface.mask.any() else photograph
+        picture = plates.photograph(photograph[cut], plates.white(lit))
+        figures.append(page.figure(picture, "<b>Photograph</b> of one view, exposed for the object", ""))
+    s = surface
+    if s is None:
+        return page.section("Maps", page.missing("The surface is not solved yet", "process"), figures)
+    cut, mask = plates.crop(s.mask), s.mask
+    near, far = np.percentile(s.depth[mask], [1, 99]) if mask.any() else (0.0, 1.0)
+    m = mask[cut]
+    figures += [
+        page.figure(
+            plates.normals(s.normal[cut], m), "<b>Normals</b>: red right, green up, blue towards the viewer"
+        ),
+        page.figure(plates.albedo(s.albedo[cut], m), "<b>Albedo</b>, 0 to 1, shown sRGB-encoded"),
+        page.figure(
+            plates.scalar(s.roughness[cut], m, 0.0, 1.0, "viridis"),
+            "<b>Roughness</b>, no unit (GGX, alpha = roughness²)" + page.bar("viridis", "0", "1"),
+        ),
+        page.figure(
+            plates.scalar(s.depth[cut], m, near, far, "cividis"),
+            f"<b>Depth</b> along the viewing axis, {escape(unit)}"
+            + page.bar("cividis", f"{near:.4g}", f"{far:.4g}"),
+        ),
+    ]
+    return page.section("Maps", "<p>Camera frame, cropped to the object.</p>", figures)
+
+
+def confidence(surface: Surface | None) -> str:
+    """Standard errors, misfit and flags of every pixel."""
+    s = surface
+    if s is None or not s.mask.any():
+        return page.section("How sure", page.missing("Standard errors come with the surface", "process"))
+    cut, inside = plates.crop(s.mask), s.mask
+    figures = []
+    for values, name, unit, colours, factor in (
+        (s.stderr_normal, "Standard error of the normal", "degrees", "magma", 180 / np.pi),
+        (s.stderr_albedo, "Standard error of the albedo", "albedo, 0 to 1", "magma", 1.0),
+        (s.stderr_roughness, "Standard error of the roughness", "roughness, 0 to 1", "magma", 1.0),
+        (s.residual, "Misfit left over", "share of the radiance", "viridis", 1.0),
+    ):
+        shown = values * factor
+        half, most = np.percentile(shown[inside], [50, 95])
+        top = float(np.percentile(shown[inside], 98)) or 1.0
+        figures.append(
+            page.figure(
+                plates.scalar(shown[cut], s.mask[cut], 0.0, top, colours),
+                f"<b>{name}</b>, {unit}. Median {half:.3g}, 95 % below {most:.3g}"
+                + page.bar(colours, "0", f"{top:.3g}"),
+            )
+        )
+    total = int(inside.sum())
+    rows = [
+        (name, f"{100 * int(((s.flags & bit) > 0)[inside].sum()) / total:.1f} % of the pixels")
+        for bit, name in FLAGS
+    ]
+    flagged = (s.flags[cut] > 0) & s.mask[cut]
+    figures.append(
+        page.figure(
+            plates.scalar(np.where(flagged, 1.0, 0.15), s.mask[cut], 0.0, 1.0, "YlOrBr"),
+            "<b>Flagged pixels</b> (dark): to be taken with care. Shares in the table",
+        )
+    )
+    text = (
+        "<p>One standard error from each pixel's own system of equations, inflated by the misfit. It knows of"
+    )
+    text += " noise and of how well the light tells the unknowns apart, not of what the model leaves out.</p>"
+    return page.section("How sure", text, figures, page.table(("flag", "share"), rows))
+
+
+def renders(
+    surface: Surface | None,
+    made: Renders | None,
+    held_out: Float[np.ndarray, "k h w 3"] | None,
+    names: Sequence[str],
+) -> str:
+    """Views kept out of the fit: photographed, re-rendered, and how far apart."""
+    if made is None or held_out is None or surface is None or len(made.views) == 0:
+        return page.section("Re-rendered views", page.missing("No view was kept out of the fit", "process"))
+    mask = surface.mask
+    cut = plates.crop(mask)
+    rows = []
+    for k, view in enumerate(made.views):
+        photographed, rendered = held_out[k][cut], made.radiance[k][cut]
+        error = relative_error(photographed, rendered, mask[cut])
+        white = plates.white(photographed[mask[cut]])
+        inside = error[mask[cut]]
+        name = escape(names[view])
+        figures = [
+            page.figure(plates.render(photographed, mask[cut], white), f"{name}, <b>photographed</b>"),
+            page.figure(plates.render(rendered, mask[cut], white), "<b>re-rendered</b>, same exposure"),
+            page.figure(
+                plates.scalar(error, mask[cut], -0.3, 0.3, "RdBu_r"),
+                f"<b>difference</b>, median size {100 * float(np.median(np.abs(inside))):.1f} %"
+                + page.bar("RdBu_r", "-30 %", "+30 %"),
+            ),
+        ]
+        rows.append(f"<div class=triple>{''.join(figures)}</div>")
+    text = "<p>These views took no part in the fit. The difference is that of luminance, relative to the"
+    text += " photograph; red is where the re-rendering is too bright.</p>"
+    return page.section("Re-rendered views", text + "".join(rows))
+
+
+def relative_error(
+    photographed: Float[np.ndarray, "h w 3"],
+    rendered: Float[np.ndarray, "h w 3"],
+    mask: Bool[np.ndarray, "h w"],
+) -> Float[np.ndarray, "h w"]:
+    """(rendered - photographed) / photographed of luminance; the floor is 1 % of the object's median."""
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    true, made = photographed @ weights, rendered @ weights
+    floor = 0.01 * float(np.median(true[mask])) if mask.any() else 1.0
+    return (made - true) / np.maximum(true, max(floor, 1e-12))

@@ -1,0 +1,146 @@
+"""The page stands alone, says what is missing, and its numbers are those of the records."""
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from engine import report
+from engine.hdr import HdrReport, Step
+from engine.report import Contents, StageRun
+from engine.report_maps import relative_error
+from engine.types import Poses, Renders
+from tests.engine.ball import CAMERA, ball
+from tests.engine.test_export import gaussians, panorama
+from tests.engine.test_metrics import ring
+
+VOID = {"meta", "img", "br", "circle", "path", "polyline"}
+
+
+class Reader(HTMLParser):
+    """Collects text and links, and checks that tags close in order (table rows may leave th open)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.text: list[str] = []
+        self.headings: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag):
+        if tag in VOID:
+            return
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+        if self.open[-1:] == ["h2"]:
+            self.headings.append(data)
+
+
+def read(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    assert reader.open == []
+    return reader
+
+
+def poses(lost: int = 2) -> Poses:
+    cam_from_world = ring(8)
+    cam_from_world[:lost] = np.nan
+    registered = np.arange(8) >= lost
+    points = np.random.default_rng(1).normal(size=(50, 3))
+    return Poses(CAMERA, cam_from_world, registered, points, "unknown", 0.4)
+
+
+def full() -> Contents:
+    surface = ball()
+    photographs = np.where(surface.mask[..., None], surface.albedo + 0.1, 0.5)[None]
+    hdr = HdrReport(
+        views=8, exposures=3, steps=(Step(3.0, 2.5, 0.004, 0.03, "v7"),), suspect=("v1",), unfitted=(),
+        gain_counts=1.0, read_counts=2.0, white_share=0.99, share_clipped=0.021, share_dark=0.0,
+        most_clipped="v4", most_clipped_share=0.3, scale=1.0, reduced_by=1,
+    )  # fmt: skip
+    return Contents(
+        title="lion & <lamb>",
+        when="1 May 2025",
+        names=tuple(f"v{k}" for k in range(8)),
+        photograph=photographs[0],
+        surface=surface,
+        renders=Renders((5,), (1.1 * photographs * surface.mask[..., None]).astype(np.float32)),
+        held_out=photographs,
+        panorama=panorama(),
+        poses=poses(),
+        gaussians=gaussians(),
+        hdr=hdr,
+        stages=(StageRun("surface", 75.0, "cpu", {"directions": 2048}, {"residual": 0.03125}),),
+        exported=("maps.exr", "surface.glb"),
+        notes=("A note of the caller.",),
+        software={"numpy": "2.4"},
+    )
+
+
+def test_the_page_is_well_formed_and_asks_nothing_of_the_network():
+    page = report.html(full())
+    reader = read(page)
+    assert reader.links
+    assert all(link.startswith("data:image/") for link in reader.links)
+    assert not re.search(r"https?://|url\(|@import|<script", page)
+
+
+def test_every_section_is_there_with_units():
+    reader = read(report.html(full()))
+    assert reader.headings == [
+        "Maps", "How sure", "To be careful about", "Re-rendered views", "The light", "The path", "Exposures",
+        "Time", "Files", "Parameters, reports and versions",
+    ]  # fmt: skip
+    text = " ".join(reader.text)
+    for unit in ("degrees", "EV", "scene units", "min", "%"):
+        assert unit in text
+
+
+def test_names_are_text_not_markup():
+    page = report.html(full())
+    assert "lion &amp; &lt;lamb&gt;" in page
+    assert "<lamb>" not in page
+
+
+def test_what_was_clipped_lost_or_guessed_is_listed():
+    text = " ".join(read(report.html(full())).text)
+    assert "2.1 % of all pixels are clipped" in text
+    assert "most in v4: 30 %" in text
+    assert "EXIF contradicts the pixels in v1" in text
+    assert "2 of 8 views have no pose and were not used: v0, v1." in text
+    assert "unit is unknown" in text
+    assert "No photograph shows 50 % of the light's sphere" in text
+    assert "A note of the caller." in text
+
+
+def test_the_exposure_residual_is_pixels_less_exif():
+    text = " ".join(read(report.html(full())).text)
+    assert "-0.5000" in text
+    assert "+2.5000" in text
+
+
+def test_what_has_not_run_is_said_and_nothing_is_claimed():
+    reader = read(report.html(Contents("new", "today", ("a", "b"))))
+    text = " ".join(reader.text)
+    for said in ("surface is not solved yet", "light is not reconstructed yet", "poses are not known",
+                 "not merged yet", "not written out yet", "Not known before the stages"):  # fmt: skip
+        assert said in text
+    assert "Nothing was clipped" not in text
+
+
+def test_the_difference_is_relative_to_the_photograph():
+    photographed = np.full((2, 2, 3), 0.5)
+    rendered = photographed * np.array([[1.0, 1.1], [0.8, 1.0]])[..., None]
+    error = relative_error(photographed, rendered, np.ones((2, 2), bool))
+    assert error == pytest.approx(np.array([[0, 0.1], [-0.2, 0]]))
+    text = " ".join(read(report.html(full())).text)
+    assert "median size 10.0 %" in text
