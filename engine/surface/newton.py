@@ -104,6 +104,20 @@ def _residuals(diffuse, specular, albedo, seen, pixels):
     return np.where(weight > 0, logs * np.sqrt(weight), np.nan)
 
 
+def variants(
+    normals: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
+) -> tuple[Float[np.ndarray, "p 4 3"], Float[np.ndarray, "p 4"], Float[np.ndarray, " p"]]:
+    """What forward differences need of each pixel: itself, leaning both ways, and rougher.
+
+    The third value is the signed roughness step: inwards at the upper bound.
+    """
+    first, second = tangents(normals)
+    leaning = np.stack([normals, normals + STEP * first, normals + STEP * second, normals], 1)
+    leaning /= np.linalg.norm(leaning, axis=2, keepdims=True)
+    step = np.where(roughness + STEP > ROUGHNESS[1], -STEP, STEP)
+    return leaning, np.stack([roughness, roughness, roughness, roughness + step], 1), step
+
+
 def iterate(
     state: State,
     responses: Responses,
@@ -120,13 +134,8 @@ def iterate(
         energy = responses.energy(sight, pixels)
         n, a, r = kept.normals[pixels], kept.albedo[pixels], kept.roughness[pixels]
         for turn in range(passes):
-            first, second = tangents(n)
-            variants = np.stack([n, n + STEP * first, n + STEP * second, n], 1)
-            variants /= np.linalg.norm(variants, axis=2, keepdims=True)
-            # Roughness differences step inwards at the upper bound.
-            inward = np.where(r + STEP > ROUGHNESS[1], -STEP, STEP)
-            rough = np.stack([r, r, r, r + inward], 1)
-            diffuse, specular = responses(sight, pixels, variants, rough, energy)
+            leaning, rough, inward = variants(n, r)
+            diffuse, specular = responses(sight, pixels, leaning, rough, energy)
             misfit, system, slope = _normal_equations(
                 diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels],
                 seen.eps[pixels], kept.spread[pixels], r,

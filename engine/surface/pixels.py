@@ -34,6 +34,9 @@ class SurfaceParams:
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
     bounce: bool = True  # let the object light itself with what was photographed
+    relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
+    relight_groups: int = 12  # groups besides the lamps
+    relight_prior: float = 0.15  # how far a group's log brightness may be off before it has to be argued
     model_error: float = 0.02  # relative misfit expected of a good model
     held_out: int = 4  # views kept out of the fit and re-rendered
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it

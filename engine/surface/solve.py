@@ -12,18 +12,25 @@ from jaxtyping import Bool, Int
 from scipy.ndimage import binary_erosion
 
 from engine.errors import SurfaceError
-from engine.geometry import inverse, rays
+from engine.geometry import inverse, rays, transform
 from engine.light.probes import incident_energy
 from engine.progress import Progress
+from engine.surface import newton
 from engine.surface.distance import Distance, find_distance
+from engine.surface.groups import brightened, group_emitters, only
 from engine.surface.observations import observe
 from engine.surface.pixels import SurfaceParams, coarse_regions, rerender, solve_pixels
-from engine.surface.transport import Incident, direction_cells, lattice_around
+from engine.surface.relight import Gains, refine
+from engine.surface.start import global_start
+from engine.surface.transport import Incident, Responses, Sight, direction_cells, lattice_around
 from engine.types import Frames, Gaussians, Masks, Poses, Renders, Surface
 
 DEPTH_MARGIN = 0.2
 """Half of the depth range the probes cover, relative to the object's distance."""
 DISTANCE_PIXELS = 400
+RELIGHT_PIXELS = 600
+RELIGHT_VIEWS = 48
+RELIGHT_ROUNDS = 4
 DISTANCES = 8
 
 
@@ -37,6 +44,8 @@ class SurfaceReport:
     held_out_error: float  # median relative error of the re-rendered radiance
     residual: float  # median weighted residual spread
     distance: Distance
+    light_gains: tuple[tuple[float, ...], ...]  # per group of emitters; empty without refinement
+    residual_before_relight: float  # median weighted residual spread of the sample; NaN without refinement
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
 
@@ -61,8 +70,9 @@ def gather_light(
     distance: float,
     params: SurfaceParams,
     progress: Progress,
+    fill: bool = True,
 ) -> Incident:
-    """The energy at the probe lattice for some views, unseen directions filled."""
+    """The energy at the probe lattice for some views; with `fill`, unseen directions are filled."""
     depths = (distance * (1 - DEPTH_MARGIN), distance * (1 + DEPTH_MARGIN))
     shape = (params.probes_across, params.probes_across, params.probes_deep)
     lattice = lattice_around(poses.camera, mask, depths, shape)
@@ -73,12 +83,68 @@ def gather_light(
         lattice.points(),
         directions,
         params.probe_face_px,
-        True,
+        fill,
         progress,
     )
     n, m, d, _ = energy.shape
     flat = np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)
     return Incident(lattice, directions, flat)
+
+
+def sample_pixels(mask: Bool[np.ndarray, "h w"], count: int, seed: int) -> Bool[np.ndarray, "h w"]:
+    """A random part of the mask, away from its rim where there is enough of it."""
+    inner = np.nonzero(np.asarray(binary_erosion(mask, np.ones((5, 5), bool))).ravel())[0]
+    if len(inner) < 50:
+        inner = np.nonzero(mask.ravel())[0]
+    chosen = np.random.default_rng(seed).choice(inner, min(count, len(inner)), replace=False)
+    subset = np.zeros(mask.size, bool)
+    subset[chosen] = True
+    return subset.reshape(mask.shape)
+
+
+def refine_light(
+    frames: Frames,
+    masks: Masks,
+    poses: Poses,
+    gaussians: Gaussians,
+    views: Int[np.ndarray, " n"],
+    distance: float,
+    params: SurfaceParams,
+    seed: int,
+    progress: Progress,
+) -> tuple[Gaussians, Gains]:
+    """The light with a gain for every group of emitters, as a sample of the object's pixels asks for."""
+    few = views[:: max(1, len(views) // RELIGHT_VIEWS)]
+    coarse = replace(params, directions=1024, probes_across=2, probes_deep=1, probe_face_px=32)
+    centres = inverse(poses.cam_from_world[few])
+    middle = transform(centres.mean(0), np.array([0.0, 0.0, distance]))
+    group = group_emitters(gaussians, middle, params.relight_groups, seed)
+    count = int(group.max()) + 1
+    total = gather_light(
+        gaussians, poses, few, masks.object, distance, coarse, progress.part(0, 1 / (count + 3))
+    )
+    lights = []
+    for k in range(count):
+        span = progress.part((k + 1) / (count + 3), (k + 2) / (count + 3))
+        alone = only(gaussians, np.nonzero(group == k)[0])
+        lights.append(gather_light(alone, poses, few, masks.object, distance, coarse, span, fill=False))
+    # What no photograph shows was filled in from its surroundings; it keeps its level here.
+    rest = np.maximum(total.energy - sum(light.energy for light in lights), 0)
+    lights.append(Incident(total.lattice, total.directions, rest))
+    subset = sample_pixels(masks.object, RELIGHT_PIXELS, seed)
+    directions = rays(poses.camera)[subset]
+    sight = Sight(directions / directions[:, 2:] * distance, -directions, None)
+    seen = observe(frames, subset, few, params.model_error)
+    parts = coarse_regions(subset)
+    responses = Responses(total, seen.radiance, params.full_diffuse, False, "cpu")
+    span = progress.part((count + 1) / (count + 3), 1.0)
+    start = global_start(responses, sight, seen, parts, params.candidates, span.part(0, 0.2))
+    prior = np.append(np.full(count, params.relight_prior), 1e-3)
+    gains, _ = refine(
+        lights, prior, newton.begin(*start), sight, parts, seen, params.full_diffuse,
+        RELIGHT_ROUNDS, 3, span.part(0.2, 1.0),
+    )  # fmt: skip
+    return brightened(gaussians, group, gains.gain[:-1]), gains
 
 
 def estimate_distance(
@@ -97,14 +163,7 @@ def estimate_distance(
     object is in front of the background.
     """
     few = views[:: max(1, len(views) // 40)]
-    generator = np.random.default_rng(seed)
-    inner = np.nonzero(binary_erosion(masks.object, np.ones((5, 5), bool)).ravel())[0]
-    if len(inner) < 50:
-        inner = np.nonzero(masks.object.ravel())[0]
-    chosen = generator.choice(inner, min(DISTANCE_PIXELS, len(inner)), replace=False)
-    subset = np.zeros(masks.object.size, bool)
-    subset[chosen] = True
-    subset = subset.reshape(masks.object.shape)
+    subset = sample_pixels(masks.object, DISTANCE_PIXELS, seed)
     centres = inverse(poses.cam_from_world[views])[..., 3]
     far = np.linalg.norm(gaussians.means[None] - centres[:, None], axis=2)
     coarse = replace(params, directions=1024, probes_across=2, probes_deep=1, probe_face_px=24)
@@ -147,8 +206,13 @@ def solve(
         distance = estimate_distance(
             frames, masks, poses, gaussians, fitted, params, seed, progress.part(0, 0.15)
         )
+    gains = None
+    if params.relight:
+        gaussians, gains = refine_light(
+            frames, masks, poses, gaussians, fitted, distance.value, params, seed, progress.part(0.15, 0.3)
+        )
     light = gather_light(
-        gaussians, poses, everything, masks.object, distance.value, params, progress.part(0.15, 0.35)
+        gaussians, poses, everything, masks.object, distance.value, params, progress.part(0.3, 0.45)
     )
     here = light.views(np.arange(len(fitted)))
     surface, sight, certainty, state = solve_pixels(
@@ -160,7 +224,7 @@ def solve(
         distance.value,
         params,
         device,
-        progress.part(0.35, 0.95),
+        progress.part(0.45, 0.98),
     )
     there = light.views(np.arange(len(fitted), len(everything)))
     renders = rerender(frames, masks.object, there, kept_out, surface, sight, params, device)
@@ -174,6 +238,8 @@ def solve(
         float(np.median(error)),
         float(np.median(state.spread)),
         distance,
+        tuple(tuple(map(float, g)) for g in gains.gain) if gains else (),
+        gains.before if gains else float("nan"),
         float(np.degrees(np.median(certainty.normal))),
         {
             name: int((certainty.flags & bit > 0).sum())

@@ -1,0 +1,79 @@
+"""Which Gaussians shine together: lamps one by one, the rest of the room by neighbourhood.
+
+World frame. A group is what one gain of the light refinement moves; each bright cluster that carries a fair
+share of the object's light is its own, and everything else is split by where it stands.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.cluster.vq import kmeans2
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from engine.types import Gaussians
+
+LAMPS = 8
+"""At most so many bright clusters get a gain of their own."""
+BRIGHT = 8.0
+"""A Gaussian is bright if its luminance exceeds the room's mean radiance this many times."""
+NEAR = 0.15
+"""Bright Gaussians closer than this share of their distance to the object belong to one lamp."""
+
+
+def group_emitters(
+    gaussians: Gaussians, centre: Float[np.ndarray, " 3"], rest: int, seed: int
+) -> Int[np.ndarray, " k"]:
+    """A group number for every Gaussian, as seen from `centre` (where the object is, on average)."""
+    away = gaussians.means - centre
+    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+    luminance = np.maximum(gaussians.radiance[:, 0] @ [0.2126, 0.7152, 0.0722], 0)
+    area = np.sort(gaussians.scales, axis=1)[:, 1:].prod(1)
+    solid = np.minimum(area / distance**2, 1.0) * (1 - np.exp(-gaussians.density))
+    energy = luminance * solid
+    bright = np.nonzero(luminance > BRIGHT * energy.sum() / max(solid.sum(), 1e-30))[0]
+    group = np.full(len(energy), -1)
+    count = 0
+    if len(bright):
+        scaled = gaussians.means[bright] / (NEAR * np.median(distance[bright]))
+        pairs = KDTree(scaled).query_pairs(1.0, output_type="ndarray")
+        links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(bright),) * 2)
+        _, cluster = connected_components(links, directed=False)
+        carried = np.bincount(cluster, energy[bright])
+        for lamp in np.argsort(-carried)[:LAMPS]:
+            if carried[lamp] > 0.005 * energy.sum():
+                group[bright[cluster == lamp]] = count
+                count += 1
+    others = np.nonzero(group < 0)[0]
+    # Direction and log distance: neighbours on the sphere that stand at a like distance.
+    feature = np.column_stack([away[others] / distance[others, None], 0.3 * np.log(distance[others])])
+    generator = np.random.default_rng(seed)
+    take = generator.choice(len(others), min(4000, len(others)), replace=False, p=_shares(energy[others]))
+    centres, _ = kmeans2(feature[take], min(rest, len(take)), rng=seed, minit="++")
+    group[others] = count + KDTree(centres).query(feature)[1]
+    return np.unique(group, return_inverse=True)[1]
+
+
+def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    softened = np.sqrt(energy) + 1e-9 * np.sqrt(energy).mean() + 1e-30
+    return softened / softened.sum()
+
+
+def only(gaussians: Gaussians, members: Int[np.ndarray, " m"]) -> Gaussians:
+    """The same room with every other Gaussian gone dark; it still hides what is behind it."""
+    radiance = np.zeros_like(gaussians.radiance)
+    radiance[members] = gaussians.radiance[members]
+    return Gaussians(gaussians.means, gaussians.quaternions, gaussians.scales, gaussians.density, radiance)
+
+
+def brightened(
+    gaussians: Gaussians, group: Int[np.ndarray, " k"], gain: Float[np.ndarray, "g 3"]
+) -> Gaussians:
+    """Every group under its gain."""
+    return Gaussians(
+        gaussians.means,
+        gaussians.quaternions,
+        gaussians.scales,
+        gaussians.density,
+        gaussians.radiance * gain[group][:, None].astype(gaussians.radiance.dtype),
+    )
