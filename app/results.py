@@ -92,6 +92,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
             hdr=there("hdr", "report", HdrReport),
             stages=tuple(_stage_run(step) for step in steps.values() if step.done),
             evaluation=None if scores is None else flat(scores),
+            truth=None if truth is None else read_truth(truth),
             exported=_exported(steps["export"]),
         )
     )

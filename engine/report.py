@@ -14,6 +14,7 @@ from jaxtyping import Float
 from engine import page, pathplan, plates, report_maps
 from engine.geometry import rays
 from engine.hdr import HdrReport
+from engine.truth import Truth
 from engine.types import Gaussians, Panorama, Poses, Renders, Surface
 
 METRES = ("rig", "board")
@@ -46,6 +47,8 @@ class Contents:
     gaussians: Gaussians | None = None
     hdr: HdrReport | None = None
     stages: tuple[StageRun, ...] = ()
+    evaluation: Mapping[str, object] | None = None  # scores against a truth, by name
+    truth: Truth | None = None  # to draw the errors
     exported: tuple[str, ...] = ()  # files
     notes: tuple[str, ...] = ()  # what a person should know beyond what is found here
     software: Mapping[str, str] | None = None
@@ -59,6 +62,7 @@ def html(contents: Contents) -> str:
         report_maps.confidence(contents.surface),
         _care(contents),
         report_maps.renders(contents.surface, contents.renders, contents.held_out, contents.names),
+        report_maps.against(contents.surface, contents.truth, contents.evaluation),
         _light(contents),
         _path(contents),
         _exposures(contents),

@@ -1,12 +1,13 @@
 """The sections of the report about the object: its maps, how sure they are, and how they re-render."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from engine import page, plates
+from engine.truth import Truth
 from engine.types import Renders, Surface
 
 FLAGS = ((1, "grazing"), (2, "shadowed in most views"), (4, "saturated"), (8, "ill-conditioned"))
@@ -129,3 +130,43 @@ def relative_error(
     true, made = photographed @ weights, rendered @ weights
     floor = 0.01 * float(np.median(true[mask])) if mask.any() else 1.0
     return (made - true) / np.maximum(true, max(floor, 1e-12))
+
+
+def against(surface: Surface | None, truth: Truth | None, scores: Mapping[str, object] | None) -> str:
+    """Scores against a ground truth and maps of the errors; nothing where no truth was given."""
+    figures = []
+    if surface is not None and truth is not None and truth.mask.shape == surface.mask.shape:
+        both = surface.mask & truth.mask
+        cut = plates.crop(both)
+        shown = both[cut]
+        cosine, sine = (
+            (surface.normal * truth.normal).sum(-1),
+            np.linalg.norm(np.cross(surface.normal, truth.normal), axis=-1),
+        )
+        figures = [
+            page.figure(plates.normals(truth.normal[cut], shown), "<b>True normals</b>"),
+            _error(np.degrees(np.arctan2(sine, cosine)), both, "Error of the normal", "degrees"),
+            page.figure(plates.albedo(truth.albedo[cut], shown), "<b>True albedo</b>"),
+            _error(np.abs(surface.albedo - truth.albedo).mean(-1), both, "Error of the albedo", "0 to 1"),
+            _error(np.abs(surface.roughness - truth.roughness), both, "Error of the roughness", "0 to 1"),
+        ]
+    if not figures and not scores:
+        return ""
+    table = ""
+    if scores:
+        rows = [(name.replace("_", " "), page.brief(value)) for name, value in scores.items()]
+        table = (
+            f"<details><summary>all scores</summary>{page.table(('score', 'value'), rows, (1,))}</details>"
+        )
+    text = "<p>Where both the result and the truth hold a pixel.</p>" if figures else ""
+    return page.section("Against the truth", text, figures, table)
+
+
+def _error(values: Float[np.ndarray, "h w"], both: Bool[np.ndarray, "h w"], name: str, unit: str) -> str:
+    """A map of absolute errors with its mean; the scale ends at the 95th percentile."""
+    cut = plates.crop(both)
+    inside = values[both] if both.any() else np.zeros(1)
+    top = float(np.percentile(inside, 95)) or 1.0
+    caption = f"<b>{name}</b>, {unit}. Mean {inside.mean():.3g}, median {np.median(inside):.3g}"
+    picture = plates.scalar(values[cut], both[cut], 0.0, top, "inferno")
+    return page.figure(picture, caption + page.bar("inferno", "0", f"{top:.3g}"))

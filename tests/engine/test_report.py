@@ -1,6 +1,7 @@
 """The page stands alone, says what is missing, and its numbers are those of the records."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,6 +11,7 @@ from engine import report
 from engine.hdr import HdrReport, Step
 from engine.report import Contents, StageRun
 from engine.report_maps import relative_error
+from engine.truth import Truth
 from engine.types import Poses, Renders
 from tests.engine.ball import CAMERA, ball
 from tests.engine.test_export import gaussians, panorama
@@ -144,3 +146,20 @@ def test_the_difference_is_relative_to_the_photograph():
     assert error == pytest.approx(np.array([[0, 0.1], [-0.2, 0]]))
     text = " ".join(read(report.html(full())).text)
     assert "median size 10.0 %" in text
+
+
+def test_errors_against_a_truth_are_drawn_and_scored():
+    assert "Against the truth" not in read(report.html(full())).headings
+    surface = ball()
+    c, s = np.cos(np.radians(3.0)), np.sin(np.radians(3.0))
+    # A turn about x by 3 deg moves every normal by at most 3 deg.
+    true = Truth(
+        surface.normal @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), surface.albedo * 0.9,
+        surface.roughness, surface.depth, surface.mask,
+    )  # fmt: skip
+    reader = read(report.html(replace(full(), truth=true, evaluation={"surface coverage": 1.0})))
+    assert "Against the truth" in reader.headings
+    text = " ".join(reader.text)
+    told = float(re.search(r"Error of the normal , degrees\. Mean ([\d.]+)", text)[1])
+    assert 2.0 < told < 3.0
+    assert "surface coverage" in text
