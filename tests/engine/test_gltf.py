@@ -106,3 +106,18 @@ def test_textures_hold_albedo_and_roughness_where_gltf_wants_them():
 def test_no_dark_rim_outside_the_mask():
     document = pygltflib.GLTF2.load_from_bytes(glb(ball()))
     assert texture(document, 0).min() > 60
+
+
+@pytest.mark.parametrize(
+    ("towards", "colour"),
+    [((0.5, 0, -(0.75**0.5)), (191, 128, 238)), ((0, -0.5, -(0.75**0.5)), (128, 191, 238))],
+    ids=["right is red", "up is green"],
+)
+def test_on_a_plate_that_faces_the_camera_the_texture_has_the_values_worked_out_by_hand(towards, colour):
+    plate = replace(
+        ball(wall=True), normal=np.tile(towards, (48, 64, 1)).astype(float), depth=np.full((48, 64), 2.0)
+    )
+    document = pygltflib.GLTF2.load_from_bytes(glb(plate))
+    assert np.abs(texture(document, 2).astype(int) - colour).max() <= 1
+    assert accessor(document, 1) == pytest.approx(np.tile([0, 0, 1], (48 * 64, 1)), abs=1e-6)
+    assert accessor(document, 2) == pytest.approx(np.tile([1, 0, 0, 1], (48 * 64, 1)), abs=1e-6)
