@@ -14,7 +14,8 @@ from engine.light.gaussians import Y00, luminance
 from engine.types import Gaussians, Poses
 
 SIZE = 420.0  # side of one drawing, SVG units
-ROOM_ALLOWANCE = 1.5  # the drawing reaches this many path extents around the path, to show lamps
+ROOM_ALLOWANCE = 1.5  # the drawing reaches this many path extents around the path to show sparse points,
+LAMP_ALLOWANCE = 3.0  # and this many to show lamps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +27,8 @@ class Plan:
     objects: Float[np.ndarray, "o 3"]  # the object's middle in each view; none if unknown
     points: Float[np.ndarray, "m 3"]
     lamps: Float[np.ndarray, "k 3"]
-    lamp_shares: Float[np.ndarray, " k"]  # of the energy of all lamps shown
+    lamp_shares: Float[np.ndarray, " k"]  # of the whole light's energy
+    lamps_beyond: int  # too far away to be drawn
     low: Float[np.ndarray, " 3"]
     high: Float[np.ndarray, " 3"]
 
@@ -57,18 +59,23 @@ def survey(
     body = np.concatenate([centres, middles]) @ plan_from_world.T
     low, high = body.min(0), body.max(0)
     reach = ROOM_ALLOWANCE * max(float((high - low).max()), 1e-6)
-    others = np.concatenate([poses.points.astype(np.float64), lamps]) @ plan_from_world.T
-    near = others[((others > low - reach) & (others < high + reach)).all(1)]
+    points, lamps = poses.points.astype(np.float64) @ plan_from_world.T, lamps @ plan_from_world.T
+    near = points[((points > low - reach) & (points < high + reach)).all(1)]
+    far = LAMP_ALLOWANCE / ROOM_ALLOWANCE * reach
+    within = ((lamps > low - far) & (lamps < high + far)).all(1)
     if len(near):
         low, high = np.minimum(low, np.percentile(near, 2, 0)), np.maximum(high, np.percentile(near, 98, 0))
+    if within.any():
+        low, high = np.minimum(low, lamps[within].min(0)), np.maximum(high, lamps[within].max(0))
     margin = 0.06 * float((high - low).max()) + 1e-9
     return Plan(
         cameras=centres @ plan_from_world.T,
         looks=world_from_cam[:, :, 2] @ plan_from_world.T,
         objects=middles @ plan_from_world.T,
-        points=poses.points.astype(np.float64) @ plan_from_world.T,
-        lamps=lamps @ plan_from_world.T,
-        lamp_shares=shares,
+        points=points,
+        lamps=lamps[within],
+        lamp_shares=shares[within],
+        lamps_beyond=int((~within).sum()),
         low=low - margin,
         high=high + margin,
     )
@@ -93,8 +100,7 @@ def draw(plan: Plan, from_above: bool, unit: str) -> str:
     points = at(plan.points)
     for x, y in points[inside(points)][:: max(1, len(points) // 1500)]:
         parts.append(f'<circle class="point" cx="{x:.1f}" cy="{y:.1f}" r="1"/>')
-    lamps = at(plan.lamps)
-    for (x, y), share in zip(lamps[inside(lamps)], plan.lamp_shares[inside(lamps)], strict=True):
+    for (x, y), share in zip(at(plan.lamps), plan.lamp_shares, strict=True):
         radius = 3 + 22 * float(np.sqrt(share))
         parts.append(f'<circle class="lamp" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>')
     cameras = at(plan.cameras)
@@ -120,7 +126,10 @@ def draw(plan: Plan, from_above: bool, unit: str) -> str:
 def _lamps(
     gaussians: Gaussians, share: float = 0.5, most: int = 40
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """The fewest Gaussians with `share` of the emitted energy (radiance times area), brightest first."""
+    """The strongest Gaussians, with their shares of the emitted energy (radiance times area).
+
+    As many as carry `share` of it together, but not more than `most`.
+    """
     emitted = np.maximum(luminance(gaussians.radiance[:, 0] * Y00), 0)
     sizes = np.sort(gaussians.scales, axis=1)
     energy = emitted * sizes[:, 1] * sizes[:, 2] * -np.expm1(-gaussians.density)
@@ -129,7 +138,7 @@ def _lamps(
     order = np.argsort(-energy)
     count = int(np.searchsorted(np.cumsum(energy[order]), share * energy.sum())) + 1
     chosen = order[: min(count, most)]
-    return gaussians.means[chosen].astype(np.float64), energy[chosen] / energy[chosen].sum()
+    return gaussians.means[chosen].astype(np.float64), energy[chosen] / energy.sum()
 
 
 def _round_length(length: float) -> float:

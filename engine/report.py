@@ -119,7 +119,7 @@ def _path(c: Contents) -> str:
     keys = (
         ("accent", "camera and where it looks"),
         ("object", "object"),
-        ("lamp", "lamps (half of the light)"),
+        ("lamp", _lamps(plan)),
     )
     key = "".join(
         f'<span class=key style="background:var(--{colour})"></span>{what}' for colour, what in keys
@@ -131,6 +131,13 @@ def _path(c: Contents) -> str:
     return page.section("The path", f"<p class=note>{key}<br>Scale bar in {escape(unit)}.</p>") + (
         f"<div class=pair>{figures}</div>"
     )
+
+
+def _lamps(plan: pathplan.Plan) -> str:
+    """What the drawing's lamps are."""
+    share = f"{100 * plan.lamp_shares.sum():.0f} % of the light's emission"
+    beyond = f"; {plan.lamps_beyond} more lie beyond" if plan.lamps_beyond else ""
+    return f"the {len(plan.lamps)} strongest Gaussians, {share}{beyond}"
 
 
 def _care(c: Contents) -> str:

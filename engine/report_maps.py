@@ -95,7 +95,8 @@ def renders(
 ) -> str:
     """Views kept out of the fit: photographed, re-rendered, and how far apart."""
     if made is None or held_out is None or surface is None or len(made.views) == 0:
-        return page.section("Re-rendered views", page.missing("No view was kept out of the fit", "process"))
+        why = "The surface is not solved yet" if surface is None else "No view was kept out of the fit"
+        return page.section("Re-rendered views", page.missing(why, "process"))
     mask = surface.mask
     cut = plates.crop(mask)
     rows = []

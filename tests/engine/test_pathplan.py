@@ -50,9 +50,21 @@ def test_only_the_lamps_that_matter_are_drawn():
     plan = survey(poses(), light, None)
     assert plan is not None
     assert len(plan.lamps) == 1
+    assert plan.lamp_shares[0] == pytest.approx(100 / 100.09)
     assert draw(plan, False, "metres").count('class="lamp"') == 1
 
 
 def test_no_registered_view_means_no_plan():
     lost = Poses(CAMERA, np.full((3, 3, 4), np.nan), np.zeros(3, bool), np.zeros((0, 3)), "unknown", 0.0)
     assert survey(lost, None, None) is None
+
+
+def test_a_lamp_far_from_the_path_is_counted_not_drawn():
+    light = Gaussians(
+        np.array([[0.5, 0, 0.0], [500.0, 0, 0]]), np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.1),
+        np.ones(2), np.array([[[1.0, 1, 1]], [[3.0, 3, 3]]]),
+    )  # fmt: skip
+    plan = survey(poses(), light, None)
+    assert plan is not None
+    assert (len(plan.lamps), plan.lamps_beyond) == (0, 1)
+    assert (plan.high - plan.low).max() < 5
