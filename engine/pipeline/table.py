@@ -27,7 +27,7 @@ def stages() -> tuple[Stage, ...]:
         ),
         Stage(
             "segment", 1, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
-            given="mask.png", presets=presets.of_stage("segment"),
+            given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
             "poses", 1, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",

@@ -9,11 +9,14 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from jaxtyping import Bool
 
-from engine.errors import PoseError, SurfaceError
+from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
 from engine.pipeline.stages import Work
 from engine.session import Session, shots, verify
@@ -45,17 +48,46 @@ def hdr(work: Work) -> Records:
 def segment(work: Work) -> Records:
     """masks."""
     from engine.images import read_mask
-    from engine.segment import from_object, segment
+    from engine.segment import Strokes, from_object, segment
 
     frames = work.load("hdr", "frames", Frames)
+    camera, folder = work.session.facts["camera"], work.session.folder / "edits"
+    painted = None
+    if (folder / "strokes.png").is_file():
+        add, remove = read_strokes(folder / "strokes.png", camera["height"], camera["width"])
+        painted = Strokes(on_grid(add, frames), on_grid(remove, frames))
     if not work.given:
-        return {"masks": segment(frames, work.params, None, work.progress)}
-    camera = work.session.facts["camera"]
-    mask = read_mask(work.session.folder / "edits" / "mask.png", camera["height"], camera["width"])
+        return {"masks": segment(frames, work.params, painted, work.progress)}
+    mask = on_grid(read_mask(folder / "mask.png", camera["height"], camera["width"]), frames)
+    if painted is not None:
+        mask = (mask | painted.add) & ~painted.remove
+    return {"masks": from_object(frames, mask, work.params)}
+
+
+def read_strokes(
+    path: Path, height: int, width: int
+) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+    """(add, remove) of `edits/strokes.png`: green adds to the object, red takes from it.
+
+    Raises:
+        MaskError: not a colour image of the photographs' size.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None or image.shape != (height, width, 3):
+        raise MaskError(
+            f"{path}: must be a colour PNG of {width} x {height}, green where the object is and red where it"
+            " is not; paint it again on a photograph"
+        )
+    green, red = image[..., 1] > 127, image[..., 2] > 127
+    return green & ~red, red & ~green
+
+
+def on_grid(mask: Bool[np.ndarray, "hh ww"], frames: Frames) -> Bool[np.ndarray, "h w"]:
+    """A mask painted on a photograph, on the grid of the frames averaged down from it: by majority."""
     height, width = frames.dark.shape[1:]
-    by = camera["width"] // width
+    by = mask.shape[1] // width
     blocks = mask[: height * by, : width * by].reshape(height, by, width, by)
-    return {"masks": from_object(frames, blocks.mean(axis=(1, 3)) >= 0.5, work.params)}
+    return np.asarray(blocks.mean(axis=(1, 3)) >= 0.5)
 
 
 def poses(work: Work) -> Records:
@@ -87,7 +119,7 @@ def _given_poses(session: Session, frames: Frames) -> Poses:
     for row, name in enumerate(frames.names):
         if content["views"].get(name) is not None:
             matrices[row] = content["views"][name]
-    registered = np.isfinite(matrices).all(axis=(1, 2))
+    registered = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     if not registered.any():
         raise PoseError(f"{path}: holds no pose of any view of this session; import the poses again")
     points = np.array(content["points"], dtype=np.float64).reshape(-1, 3)
