@@ -15,7 +15,7 @@ from numba import njit
 from engine.light.tiles import FAINT, TILE
 
 CHANNELS = 5  # radiance, transmittance left, sum of weight * z
-GRADIENTS = 16  # per tile entry: M (9), m (3), density, radiance (3)
+GRADIENTS = 18  # per tile entry: M (9), m (3), density, radiance (3), weight, weight * pixel loss
 OPAQUE = 1e-5  # transmittance below which a ray ends
 AREA = TILE * TILE
 
@@ -160,14 +160,14 @@ def forward(packed, tile_start, members, lens, near, image, part, parts):
 
 
 @njit(**_FLAGS)
-def _entry_gradient(row, xs, ys, slope, weight, colour_slope, out):
+def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
     """Sum one Gaussian's gradients over 64 rays from d loss / d alpha (`slope`) and compositing weights."""
     m00, m01, m02 = row[0], row[1], row[2]
     m10, m11, m12 = row[3], row[4], row[5]
     m20, m21, m22 = row[6], row[7], row[8]
     m0, m1, m2, sigma = row[9], row[10], row[11], row[12]
     g00 = g01 = g02 = g10 = g11 = g12 = g20 = g21 = g22 = _ZERO
-    h0 = h1 = h2 = s = c0 = c1 = c2 = _ZERO
+    h0 = h1 = h2 = s = c0 = c1 = c2 = total = blame = _ZERO
     for i in range(AREA):
         x, y = xs[i], ys[i]
         e0 = m00 * x + m01 * y + m02
@@ -200,9 +200,11 @@ def _entry_gradient(row, xs, ys, slope, weight, colour_slope, out):
         c0 += w * colour_slope[0, i]
         c1 += w * colour_slope[1, i]
         c2 += w * colour_slope[2, i]
+        total += w
+        blame += w * misfit[i]
     out[0], out[1], out[2], out[3], out[4], out[5] = g00, g01, g02, g10, g11, g12
     out[6], out[7], out[8], out[9], out[10], out[11] = g20, g21, g22, h0, h1, h2
-    out[12], out[13], out[14], out[15] = s, c0, c1, c2
+    out[12], out[13], out[14], out[15], out[16], out[17] = s, c0, c1, c2, total, blame
 
 
 @njit(**_FLAGS)
@@ -222,7 +224,7 @@ def backward(
     part,
     parts,
 ):
-    """Render tiles and push a loss back onto their entries: `grads` [entries 16], `image` [h w 5].
+    """Render tiles and push a loss back onto their entries: `grads` [entries 18], `image` [h w 5].
 
     With knee > 0 the loss is Eq. (5), sum of weights * |log(1 + target/knee) - log(1 + m/knee)|, one-sided
     where `floor_only` (clipped: the target is a lower bound), plus `hollow` * weights * transmittance left.
@@ -236,7 +238,7 @@ def backward(
     live, order = np.empty(size, np.int64), np.empty(size + 1, np.int64)
     before = np.empty(size, np.float32)
     xs, ys = np.empty(AREA, np.float32), np.empty(AREA, np.float32)
-    colour_slope = np.empty((3, AREA), np.float32)
+    colour_slope, misfit = np.empty((3, AREA), np.float32), np.empty(AREA, np.float32)
     knee32, hollow32 = np.float32(knee), np.float32(hollow)
     for tile in range(part, tile_start.shape[0] - 1, parts):
         row, column = tile // across, tile % across
@@ -248,7 +250,7 @@ def backward(
         weight[:n] = _ZERO
         for i in range(AREA):
             v, u = row * TILE + i // TILE, column * TILE + i % TILE
-            colour_slope[0, i] = colour_slope[1, i] = colour_slope[2, i] = _ZERO
+            colour_slope[0, i] = colour_slope[1, i] = colour_slope[2, i] = misfit[i] = _ZERO
             if v >= height or u >= width:
                 continue
             count = ray_order(alpha, depth, n, i, order)
@@ -279,8 +281,10 @@ def backward(
                     want = target[v, u, c]
                     if m > want and not floor_only[v, u]:
                         colour_slope[c, i] = share / (knee32 + m)
+                        misfit[i] += share * np.log((knee32 + m) / (knee32 + want))
                     elif m < want:
                         colour_slope[c, i] = -share / (knee32 + m)
+                        misfit[i] += share * np.log((knee32 + want) / (knee32 + m))
             else:
                 behind = share * through
                 for c in range(3):
@@ -296,12 +300,12 @@ def backward(
                 behind += own * weight[l, i]
         for l in range(n):
             entry = packed[members[live[l]]]
-            _entry_gradient(entry, xs, ys, slope[l], weight[l], colour_slope, grads[live[l]])
+            _entry_gradient(entry, xs, ys, slope[l], weight[l], colour_slope, misfit, grads[live[l]])
 
 
 @njit(**_FLAGS)
 def collect(grads, own_start, slots, totals, part, parts):
-    """Sum every Gaussian's entries in a fixed order: `totals` [visible 16]."""
+    """Sum every Gaussian's entries in a fixed order: `totals` [visible 18]."""
     for v in range(part, own_start.shape[0] - 1, parts):
         for c in range(GRADIENTS):
             totals[v, c] = _ZERO

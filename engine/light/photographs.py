@@ -103,3 +103,9 @@ def resample(frames: Frames, masks: Masks, poses: Poses, views: np.ndarray, widt
             clipped[i] = _smaller(_straight(cut, maps), wide, high) > 0
     weight[weight < 0.5] = 0
     return Photographs(np.ascontiguousarray(poses.cam_from_world[views]), lens, radiance, weight, clipped)
+
+
+def camera_centres(photographs: Photographs) -> Float[np.ndarray, "n 3"]:
+    """Centres of projection, world frame."""
+    poses = photographs.cam_from_world
+    return -np.einsum("nij,ni->nj", poses[:, :, :3], poses[:, :, 3])

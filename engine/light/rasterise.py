@@ -53,6 +53,8 @@ class Gradients:
     log_scales: Float[np.ndarray, "v 3"]
     density: Float[np.ndarray, " v"]
     colours: Float[np.ndarray, "v 3"]
+    weight: Float[np.ndarray, " v"]  # sum of compositing weights over the pixels
+    blame: Float[np.ndarray, " v"]  # the same, each times its pixel's loss
 
 
 Run = Callable[[Callable, tuple], None]
@@ -139,7 +141,7 @@ def push_back(
 
 
 def _chain(
-    geometry: Shapes, view: Pinhole, index: Int[np.ndarray, " v"], totals: Float[np.ndarray, "v 16"]
+    geometry: Shapes, view: Pinhole, index: Int[np.ndarray, " v"], totals: Float[np.ndarray, "v 18"]
 ) -> Gradients:
     """From M = W R_wc and m = W (mu - origin) back to mean, rotation and scale."""
     white, spread = geometry.white[index], geometry.spread[index]
@@ -162,4 +164,6 @@ def _chain(
         log_scales=-(d_white * white).sum(-1),
         density=totals[:, 12],
         colours=totals[:, 13:16],
+        weight=totals[:, 16],
+        blame=totals[:, 17],
     )

@@ -1,0 +1,100 @@
+"""Where the room is empty: in front of what several views are sure to see.
+
+A place is voted free by a view that surely sees farther through it, and supported by a view that sees a
+surface about there. The cameras and the rig swept through a ball around each camera that reaches most of
+the way to the nearest surface; nothing of the room can be there. World frame; depths are z of their view.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numba import njit
+from scipy.spatial import cKDTree
+
+from engine.light.photographs import Photographs, camera_centres
+
+_FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+_SURE = 0.5
+_THROUGH, _ABOUT = 0.75, 1.25  # of the seen depth: nearer is free, between the two is the surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Emptiness:
+    """Depths that views are sure of, and the radius around each camera in which nothing stands."""
+
+    cam_from_world: Float[np.ndarray, "n 3 4"]
+    lens: Float[np.ndarray, " 4"]
+    depth: Float[np.ndarray, "n h w"]  # NaN off the background
+    sure: Float[np.ndarray, "n h w"]
+    centres: Float[np.ndarray, "n 3"]
+    radii: Float[np.ndarray, " n"]
+
+
+@njit(**_FLAGS)
+def _votes(poses, lens, depth, sure, points, free, support):
+    views, height, width = depth.shape
+    for p in range(points.shape[0]):
+        for i in range(views):
+            pose = poses[i]
+            z = pose[2, 0] * points[p, 0] + pose[2, 1] * points[p, 1] + pose[2, 2] * points[p, 2] + pose[2, 3]
+            if z <= 0:
+                continue
+            x = pose[0, 0] * points[p, 0] + pose[0, 1] * points[p, 1] + pose[0, 2] * points[p, 2] + pose[0, 3]
+            y = pose[1, 0] * points[p, 0] + pose[1, 1] * points[p, 1] + pose[1, 2] * points[p, 2] + pose[1, 3]
+            u, v = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3]
+            if u < 0 or v < 0 or u >= width or v >= height:
+                continue
+            seen = depth[i, int(v), int(u)]
+            if not seen > 0 or sure[i, int(v), int(u)] < _SURE:
+                continue
+            if z < _THROUGH * seen:
+                free[p] += 1
+            elif z < _ABOUT * seen:
+                support[p] += 1
+
+
+def floating(emptiness: Emptiness, points: Float[np.ndarray, "p 3"]) -> np.ndarray:
+    """Which places several views look through, and hardly any supports."""
+    free, support = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
+    _votes(
+        emptiness.cam_from_world, emptiness.lens, emptiness.depth, emptiness.sure,
+        np.ascontiguousarray(points, dtype=np.float64), free, support,
+    )  # fmt: skip
+    return (free >= 2) & (free > 2 * support)
+
+
+def intruding(
+    emptiness: Emptiness, points: Float[np.ndarray, "p 3"], reach: Float[np.ndarray, " p"]
+) -> np.ndarray:
+    """Which spheres touch the swept volume: the ball around any camera."""
+    inside = np.zeros(len(points), bool)
+    for centre, radius in zip(emptiness.centres, emptiness.radii, strict=True):
+        inside |= ((points - centre) ** 2).sum(1) < (radius + reach) ** 2
+    return inside
+
+
+def emptiness_of(
+    photographs: Photographs,
+    depth: Float[np.ndarray, "n h w"],
+    sure: Float[np.ndarray, "n h w"],
+    surface: Float[np.ndarray, "m 3"],
+    keep_out: float | None,
+) -> Emptiness:
+    """The empty parts of the room, from swept depths and points believed to lie on its surfaces.
+
+    `keep_out` fixes the radius around every camera; None derives each camera's own.
+    """
+    centres = camera_centres(photographs)
+    bare = Emptiness(
+        photographs.cam_from_world, photographs.lens, depth, sure, centres, np.zeros(len(centres))
+    )
+    if keep_out is not None:
+        radii = np.full(len(centres), keep_out)
+    else:
+        solid = surface[~floating(bare, surface)]
+        solid = solid if len(solid) >= 30 else surface
+        # The nearest thousandth may be wrong depths; the ball reaches six tenths of the way to the rest.
+        rank = max(3, len(solid) // 1000)
+        radii = 0.6 * cKDTree(solid).query(centres, k=[rank])[0][:, 0]
+    return Emptiness(bare.cam_from_world, bare.lens, bare.depth, bare.sure, centres, radii)

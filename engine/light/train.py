@@ -1,0 +1,180 @@
+"""Fit the room's light to the background of the photographs: stage *light*.
+
+Source: the paper, Sec. 3.2: stage 1 is Eq. (5) by Adam, coarse to fine, on a fixed budget of Gaussians;
+stage 2 is the colour solve of `bright.py`. World frame, scene units, linear radiance.
+
+Held-out views judge the fit and nothing else: they supervise neither stage.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+from engine.errors import LightError
+from engine.light.carve import Emptiness, floating, intruding
+from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
+from engine.light.gaussians import luminance
+from engine.light.photographs import Photographs, camera_centres, resample
+from engine.light.rasterise import Run, push_back, render, shapes, workers
+from engine.light.start import begin
+from engine.light.sweep import knee_of
+from engine.progress import Progress
+from engine.types import Frames, Gaussians, Masks, Poses
+
+
+@dataclass(frozen=True, slots=True)
+class LightParams:
+    """How the light is fitted."""
+
+    budget: int = 15_000  # Gaussians at most
+    width: int = 256  # widest picture trained on, pixels
+    passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
+    holdout: int = 8  # every so many-th view only judges; 0: none
+    keep_out: float | None = (
+        None  # radius around each camera centre without Gaussians, scene units; None: derived
+    )
+    hollow: float = 0.1  # weight of transmittance left over, in units of log radiance
+
+
+@dataclass(frozen=True, slots=True)
+class LightReport:
+    """What the fit reached; held-out numbers are over background pixels of views that did not supervise."""
+
+    count: int
+    keep_out: float  # scene units
+    knee: float  # radiance that Eq. (5) takes for 1
+    heldout_log_l1: float
+    heldout_psnr_db: float  # of log(1 + m), against its range
+    heldout_energy: float  # rendered over photographed, all background pixels
+    heldout_energy_bright: float  # the same, brightest 1 % of pixels
+    training_log_l1: float
+    views_used: int
+    views_heldout: int
+
+
+def fit(
+    frames: Frames, masks: Masks, poses: Poses, params: LightParams, seed: int, progress: Progress
+) -> tuple[Gaussians, LightReport]:
+    """The room's light from the background pixels of the registered views.
+
+    Raises:
+        LightError: fewer than 4 registered views, or hardly any background.
+    """
+    views = np.nonzero(poses.registered)[0]
+    if len(views) < 4:
+        raise LightError(
+            f"{len(views)} views are registered; the light needs at least 4: photograph more of the room"
+        )
+    held = (
+        views[params.holdout // 2 :: params.holdout]
+        if params.holdout and len(views) >= 2 * params.holdout
+        else views[:0]
+    )
+    used = np.setdiff1d(views, held)
+    widest = min(params.width, poses.camera.width)
+    widths = [max(32, widest >> (len(params.passes) - 1 - i)) for i in range(len(params.passes))]
+    rng = np.random.default_rng(seed)
+    with workers() as run:
+        progress.step(0.0, "depth of the room")
+        small = resample(frames, masks, poses, used, min(64, poses.camera.width))
+        start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
+        cloud = cloud_of(start)
+        knee = knee_of(small)
+        total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))
+        done, loss = 0.0, np.nan
+        everything = sum(params.passes)
+        count = 0
+        for passes, width in zip(params.passes, widths, strict=True):
+            photographs = resample(frames, masks, poses, used, width)
+            for _ in range(passes):
+                progress.step(
+                    0.05 + 0.85 * done / total, f"light at {width} px, {len(cloud.means)} Gaussians"
+                )
+                rate = 0.05 ** (count / everything)
+                loss = _pass(cloud, photographs, params, knee, rate, rng, run)
+                done, count = done + width * width, count + 1
+                cloud = _settle(cloud, photographs, params, emptiness, count / everything)
+        gaussians = gaussians_of(cloud)
+        progress.step(0.9, "light, held-out views")
+        judged = resample(frames, masks, poses, held if len(held) else used, widest)
+        report = judge(gaussians, judged, knee, run)
+    return gaussians, replace(
+        report,
+        keep_out=float(np.median(emptiness.radii)),
+        training_log_l1=float(loss),
+        views_used=len(used),
+        views_heldout=len(held),
+    )
+
+
+def _pass(
+    cloud: Cloud,
+    photographs: Photographs,
+    params: LightParams,
+    knee: float,
+    rate: float,
+    rng: np.random.Generator,
+    run: Run,
+) -> float:
+    """One Adam step per view, in random order; mean log-L1 of the pass."""
+    cloud.weight[:] = 0
+    cloud.blame[:] = 0
+    loss = 0.0
+    tree = cKDTree(camera_centres(photographs))
+    distance = tree.query(cloud.means)[0]
+    smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
+    for view in rng.permutation(len(photographs.weight)):
+        image, gradients = push_back(
+            cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0, photographs.radiance[view],
+            photographs.weight[view], photographs.clipped[view], knee, params.hollow, run,
+        )  # fmt: skip
+        loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
+        i = gradients.index
+        advance(cloud, gradients, rate, smallest[i], largest[i])
+    return loss / len(photographs.weight)
+
+
+def _settle(
+    cloud: Cloud, photographs: Photographs, params: LightParams, emptiness: Emptiness, fraction: float
+) -> Cloud:
+    """Grow to the budget by three fifths of the way, move the useless until four fifths, then only clear."""
+    useless = intruding(emptiness, cloud.means, 2 * np.exp(cloud.log_scales.max(1)))
+    useless |= floating(emptiness, cloud.means)
+    budget = 0
+    if fraction < 0.85:
+        useless |= cloud.weight < 0.3
+        grown = min(1.0, fraction / 0.6)
+        budget = int(params.budget * (1 / 3 + 2 / 3 * grown))
+        faint = np.argsort(cloud.weight, kind="stable")[: int(0.02 * len(cloud.weight))]
+        useless[faint] = True
+    return resettle(cloud, budget, useless)
+
+
+def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> LightReport:
+    """Compare renderings with photographs on background pixels that were not clipped."""
+    geometry = shapes(gaussians)
+    colours = np.maximum(gaussians.radiance[:, 0].astype(np.float64) * 0.28209479177387814, 0)
+    ours, theirs = [], []
+    for view in range(len(photographs.weight)):
+        image = render(geometry, colours, photographs.pinhole(view), 0.0, run)
+        good = (photographs.weight[view] > 0) & ~photographs.clipped[view]
+        ours.append(image[good][:, :3])
+        theirs.append(photographs.radiance[view][good])
+    m, want = np.concatenate(ours).astype(np.float64), np.concatenate(theirs).astype(np.float64)
+    gap = np.log(knee + m) - np.log(knee + want)
+    span = np.log(knee + want.max()) - np.log(knee)
+    bright = luminance(want) >= np.quantile(luminance(want), 0.99)
+    return LightReport(
+        count=len(gaussians.means),
+        keep_out=np.nan,
+        knee=knee,
+        heldout_log_l1=float(np.abs(gap).mean()),
+        heldout_psnr_db=float(10 * np.log10(span**2 / (gap**2).mean())),
+        heldout_energy=float(m.sum() / want.sum()),
+        heldout_energy_bright=float(m[bright].sum() / want[bright].sum()),
+        training_log_l1=np.nan,
+        views_used=0,
+        views_heldout=0,
+    )

@@ -1,0 +1,213 @@
+"""Compare views, and grow a model of cameras and points from what they have in common.
+
+Source: incremental structure from motion as in COLMAP (Schoenberger and Frahm 2016). Pixels here are those of
+the images in the database. The world frame and its unit are COLMAP's, arbitrary.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from jaxtyping import Float
+
+from engine.errors import Cancelled
+from engine.features import view_name
+from engine.progress import Progress
+
+_BATCHES = 16  # looks at a cancel request while matching
+
+
+@dataclass(frozen=True, slots=True)
+class MapParams:
+    """How views are compared and placed; pixels of the photographs (not enlarged)."""
+
+    match_ratio: float = 0.8  # Lowe's: best over second best descriptor distance
+    epipolar_px: float = 1.5  # inliers of two views lie this close to each other's epipolar lines
+    reprojection_px: float = 2.0  # observations further than this from their point are dropped
+    first_angle_deg: float = 3.0  # least triangulation angle between the two views that start a model
+    point_angle_deg: float = 0.5  # least triangulation angle of a point that is kept
+    placed_inliers: int = 30  # points a view must see to be placed
+    retry_inliers: int = 15  # the same in the second attempt, when the model is complete
+
+
+def match(
+    database: Path,
+    pairs: Sequence[tuple[int, int]],
+    scale: float,
+    params: MapParams,
+    seed: int,
+    progress: Progress,
+) -> None:
+    """Match features of `pairs` of views and keep what agrees with one epipolar geometry."""
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.sift.max_ratio = params.match_ratio
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.max_error = params.epipolar_px * scale
+    verification.ransac.random_seed = seed
+    verification.detect_watermark = False
+    listing = pycolmap.ImportedPairingOptions()
+    listing.match_list_path = database.parent / "pairs.txt"
+    for batch, part in enumerate(np.array_split(np.array(pairs), _BATCHES)):
+        progress.step(batch / _BATCHES, f"matching {len(pairs)} pairs of views")
+        if len(part):
+            lines = [f"{view_name(int(i))} {view_name(int(j))}\n" for i, j in part]
+            Path(listing.match_list_path).write_text("".join(lines))
+            pycolmap.match_image_pairs(database, matching, listing, verification, pycolmap.Device.cpu)
+
+
+def grow(
+    database: Path, scale: float, params: MapParams, seed: int, progress: Progress
+) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
+    """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
+    folder = database.parent / "models"
+    folder.mkdir()
+    options = _options(scale, params, seed)
+    models = _run(database, folder, options, None, progress.part(0.0, 0.8))
+    if not models:
+        return None
+    sizes = tuple(sorted((model.num_reg_images() for model in models), reverse=True))
+    best = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()))
+    start = folder / "best"
+    start.mkdir()
+    best.write_binary(str(start))
+    # What was hard to place early often is easy in the complete model, with points all around.
+    options.multiple_models = False
+    options.mapper.abs_pose_min_num_inliers = params.retry_inliers
+    options.mapper.abs_pose_min_inlier_ratio = 0.15
+    again = folder / "again"
+    again.mkdir()
+    grown = _run(database, again, options, start, progress.part(0.8, 0.95))
+    best = max([best, *grown], key=lambda model: model.num_reg_images())
+    progress.step(0.95, "refining all views together")
+    refine(best, scale, params)
+    return best, sizes
+
+
+def _options(scale: float, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
+    options = pycolmap.IncrementalPipelineOptions()
+    # The sums of several threads end in another last digit each time; a repeated run must not.
+    options.num_threads = options.mapper.num_threads = 1
+    options.random_seed = seed
+    options.extract_colors = False
+    options.ba_refine_principal_point = False
+    options.mapper.init_min_tri_angle = params.first_angle_deg
+    options.mapper.init_min_num_inliers = 2 * params.placed_inliers
+    options.mapper.abs_pose_min_num_inliers = params.placed_inliers
+    options.mapper.abs_pose_max_error = 3 * params.reprojection_px * scale
+    options.mapper.filter_max_reproj_error = params.reprojection_px * scale
+    options.mapper.filter_min_tri_angle = params.point_angle_deg
+    options.triangulation.min_angle = params.point_angle_deg
+    options.triangulation.complete_max_reproj_error = params.reprojection_px * scale
+    options.triangulation.merge_max_reproj_error = params.reprojection_px * scale
+    return options
+
+
+def _run(
+    database: Path,
+    folder: Path,
+    options: pycolmap.IncrementalPipelineOptions,
+    start: Path | None,
+    progress: Progress,
+) -> list[pycolmap.Reconstruction]:
+    """COLMAP's mapper, which can be told to stop but must not see our exception pass through it."""
+    token = pycolmap.CancellationToken()
+    stopped: list[Cancelled] = []
+    with pycolmap.Database.open(database) as opened:
+        count = opened.num_images()
+    placed = 0
+
+    def report() -> None:
+        nonlocal placed
+        placed += 1
+        try:
+            progress.step(min(placed / count, 1.0), f"placing views: {min(placed, count)} of {count}")
+        except Cancelled as stop:
+            stopped.append(stop)
+            token.cancel()
+
+    callback: Callable[[], None] = report
+    models = pycolmap.incremental_mapping(
+        database, database.parent / "images", folder, options, str(start) if start else "",
+        lambda: None, callback, token,
+    )  # fmt: skip
+    if stopped:
+        raise stopped[0]
+    return list(models.values())
+
+
+def refine(model: pycolmap.Reconstruction, scale: float, params: MapParams) -> None:
+    """Robust bundle adjustment of everything, then again without the observations that do not fit."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_principal_point = False
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    options.ceres.loss_function_scale = 0.5 * scale
+    options.ceres.solver_options.num_threads = 1  # as in `_options`
+    for _ in range(2):
+        config = pycolmap.BundleAdjustmentConfig()
+        for image in model.reg_image_ids():
+            config.add_image(image)
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+        pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+        manager = pycolmap.ObservationManager(model)
+        manager.filter_all_points3D(params.reprojection_px * scale, params.point_angle_deg)
+
+
+def placed(model: pycolmap.Reconstruction, count: int) -> Float[np.ndarray, "n 3 4"]:
+    """cam_from_world per view, NaN where a view is not in the model."""
+    poses = np.full((count, 3, 4), np.nan)
+    rows = {view_name(i): i for i in range(count)}
+    for image in model.images.values():
+        if image.has_pose:
+            poses[rows[image.name]] = image.cam_from_world().matrix()
+    return poses
+
+
+def support(
+    model: pycolmap.Reconstruction, database: Path, count: int, most_px: float
+) -> Float[np.ndarray, " n"]:
+    """Share of each view's verified matches with other placed views that agree with the poses; NaN unplaced.
+
+    A view that was placed by a few matches on a repeated piece of furniture disagrees with the rest of its
+    matches: they lie further than `most_px` from the epipolar lines that the poses imply.
+    """
+    camera = next(iter(model.cameras.values()))
+    poses = placed(model, count)
+    agree, total = np.zeros(count), np.zeros(count)
+    with pycolmap.Database.open(database) as opened:
+        keypoints = [opened.read_keypoints(i + 1)[:, :2].astype(np.float64) for i in range(count)]
+        ids, geometries = opened.read_two_view_geometries()
+    rays = [np.asarray(camera.cam_from_img(k)) if len(k) else np.zeros((0, 2)) for k in keypoints]
+    for pair, geometry in zip(ids, geometries, strict=True):
+        i, j = (image - 1 for image in pycolmap.pair_id_to_image_pair(pair))
+        matches = np.asarray(geometry.inlier_matches)
+        if not len(matches) or np.isnan(poses[i, 0, 0]) or np.isnan(poses[j, 0, 0]):
+            continue
+        off = _epipolar(rays[i][matches[:, 0]], rays[j][matches[:, 1]], poses[i], poses[j])
+        fit = (off * camera.mean_focal_length() < most_px).sum()
+        for view in (i, j):
+            agree[view] += fit
+            total[view] += len(matches)
+    known = np.isfinite(poses).all((1, 2))
+    return np.where(known & (total > 0), agree / np.maximum(total, 1), np.where(known, 0.0, np.nan))
+
+
+def _epipolar(
+    a: Float[np.ndarray, "m 2"],
+    b: Float[np.ndarray, "m 2"],
+    a_from_world: Float[np.ndarray, "3 4"],
+    b_from_world: Float[np.ndarray, "3 4"],
+) -> Float[np.ndarray, " m"]:
+    """Sampson distance on the image plane z = 1; finite also for cameras at one place."""
+    rotation = b_from_world[:, :3] @ a_from_world[:, :3].T
+    x, y, z = b_from_world[:, 3] - rotation @ a_from_world[:, 3]
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
+    one = np.ones((len(a), 1))
+    line_b = np.hstack([a, one]) @ essential.T
+    line_a = np.hstack([b, one]) @ essential
+    value = (np.hstack([b, one]) * line_b).sum(1)
+    slope = (line_a[:, :2] ** 2).sum(1) + (line_b[:, :2] ** 2).sum(1)
+    return np.abs(value) / np.sqrt(np.maximum(slope, 1e-300))

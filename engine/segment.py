@@ -1,0 +1,256 @@
+"""Stage *segment*: find the object, which stays put in the image while the room turns behind it.
+
+Several first guesses, each from the pixels that behave unlike the frame's border, grow into populations
+(`engine/populations.py`) of steady and changing pixels (`engine/steadiness.py`) on small images; the guess whose
+outline is the strongest is refined at full size. Masks are on the pixel grid of the photographs.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from engine import populations
+from engine.develop import averaged
+from engine.errors import MaskError
+from engine.progress import Progress
+from engine.steadiness import FEATURES, Steadiness, measure, unexplained
+from engine.types import Frames, Masks
+
+SQUARE = np.ones((3, 3), np.uint8)
+OBJECT_PARTS, ROOM_PARTS = 4, 5  # Gaussians: albedos and shadows of the object, walls and lamps of the room
+BORDER = 0.06  # of the shorter side: the frame in which mostly room is seen
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentParams:
+    """How to tell the object from the room."""
+
+    margin_px: int = 3  # kept clear around the object: lens blur and demosaicing
+    fewest_views: int = 8  # fewer histories tell nothing
+    most_views: int = 96  # evenly chosen; more add time, not certainty
+    search_edge_px: int = 192  # long edge at which first guesses are compared
+    search_rounds: int = 3  # of learning the populations and cutting
+    refine_rounds: int = 2  # the same at full size
+    rank: int = 8  # patterns of light that explain the object's shading
+    smoothness: float = 6.0  # most that a link between like neighbours may cost, in units of pull
+    pull: float = 0.6  # most that one pixel's own evidence weighs
+    evidence: float = 0.1  # of a pixel's log odds that counts; neighbours' odds are not independent
+    border_penalty: float = 10.0  # against guesses that run along the image border
+    least_contrast: float = 1.0  # log of how much more changes across the outline than within
+    speck_share: float = 2e-4  # of the image: smaller islands and holes are noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strokes:
+    """What a person painted; it overrides whatever was found."""
+
+    add: Bool[np.ndarray, "h w"]
+    remove: Bool[np.ndarray, "h w"]
+
+
+def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, progress: Progress) -> Masks:
+    """One object mask for the session, one background mask for each view.
+
+    Raises:
+        MaskError: too few views, or nothing stands out as staying put.
+    """
+    if len(frames.names) < params.fewest_views:
+        raise MaskError(
+            f"{len(frames.names)} views are too few to tell the object from the room (at least"
+            f" {params.fewest_views}); add views or give a mask"
+        )
+    rng = np.random.default_rng(0)
+    chosen = np.unique(np.linspace(0, len(frames.names) - 1, params.most_views).round().astype(int))
+    by = max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
+    progress.step(0.0, "measuring what changes")
+    small = measure(_selected(frames, chosen, by))
+    best, best_score = None, -np.inf
+    guesses = list(_first_guesses(small))
+    for number, guess in enumerate(guesses):
+        progress.step(0.1 + 0.5 * number / len(guesses), "comparing first guesses")
+        grown = _grow(small, guess, params, params.search_rounds, rng, None)
+        score = -np.inf if grown is None else _score(grown, small, params)
+        if score > best_score:
+            best, best_score = grown, score
+    if best is None:
+        raise MaskError(_NOTHING)
+    if by > 1:
+        progress.step(0.6, "refining the outline")
+        h, w = frames.dark.shape[1:]
+        full = measure(_selected(frames, chosen, 1))
+        coarse = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
+        best = _grow(full, coarse, params, params.refine_rounds, rng, strokes)
+        if best is None:
+            raise MaskError(_NOTHING)
+    else:
+        full = small
+    progress.step(0.95, "checking")
+    found = _without_specks(best, params)
+    _check(found, full, params)
+    if strokes is not None:
+        found = (found | strokes.add) & ~strokes.remove
+    return from_object(frames, found, params)
+
+
+def from_object(frames: Frames, object_mask: Bool[np.ndarray, "h w"], params: SegmentParams) -> Masks:
+    """Masks for an object that is known: the background is what lies clear of it by the margin.
+
+    Raises:
+        MaskError: the mask is empty, leaves no background, or is of another size.
+    """
+    if object_mask.shape != frames.dark.shape[1:]:
+        height, width = frames.dark.shape[1:]
+        raise MaskError(
+            f"the object mask is {object_mask.shape[1]} x {object_mask.shape[0]}, the photographs are {width} x"
+            f" {height}; give a mask of the photographs' size"
+        )
+    size = 2 * params.margin_px + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    clear = cv2.dilate(object_mask.astype(np.uint8), kernel) == 0
+    if not object_mask.any() or not clear.any():
+        what = "no object" if not object_mask.any() else "no background"
+        raise MaskError(f"the mask leaves {what}; paint the object white, the room black")
+    return Masks(object_mask, np.broadcast_to(clear, frames.dark.shape).copy())
+
+
+_NOTHING = (
+    "nothing in the photographs stays put while the rest moves; check that camera and object move together"
+    " through the room, or give a mask (--mask)"
+)
+
+
+def _selected(frames: Frames, chosen: np.ndarray, by: int) -> Frames:
+    """Some of the views, averaged down by a whole factor."""
+    radiance = np.stack([averaged(np.asarray(frames.radiance[n]), by) for n in chosen])
+    flags = np.zeros(radiance.shape[:3], bool)
+    shot, floor = frames.noise
+    return Frames(tuple(frames.names[n] for n in chosen), radiance, flags, flags, (shot / by**2, floor / by))
+
+
+def _first_guesses(steadiness: Steadiness) -> Iterator[Bool[np.ndarray, "h w"]]:
+    """Where pixels are steadier than, or in any way unlike, the border of the image, its rows or its columns.
+
+    A turntable shows each row its own band of the room, a tilting head each column.
+    """
+    h, w, _ = steadiness.features.shape
+    band = max(3, round(BORDER * min(h, w)))
+    ring = np.ones((h, w), bool)
+    ring[band:-band, band:-band] = False
+    spread, colour = FEATURES.index("spread"), FEATURES.index("colour_spread")
+    everything = (FEATURES.index("mean"), spread, FEATURES.index("red"), FEATURES.index("blue"), colour)
+
+    def unlike(feature: int, reference: str) -> Float32[np.ndarray, "h w"]:
+        """Robust standard deviations below the reference."""
+        values = steadiness.features[..., feature]
+        if reference == "ring":
+            border, middle = values[ring], np.median(values[ring])
+        elif reference == "rows":
+            border = np.concatenate([values[:, : 2 * band], values[:, -2 * band :]], axis=1)
+            middle = np.median(border, axis=1, keepdims=True)
+        else:
+            border = np.concatenate([values[: 2 * band], values[-2 * band :]], axis=0)
+            middle = np.median(border, axis=0, keepdims=True)
+        mad = np.median(np.abs(border - middle))
+        return ((middle - values) / (1.4826 * mad + 0.05)).astype(np.float32)
+
+    for reference in ("ring", "rows", "columns"):
+        steady = sum(np.clip(unlike(feature, reference), -3, 8) for feature in (spread, colour))
+        yield _above(cv2.medianBlur(np.asarray(steady, np.float32), 5), 2.0)
+        odd = sum(np.minimum(np.abs(unlike(feature, reference)), 8) for feature in everything)
+        yield _above(cv2.medianBlur(np.asarray(odd, np.float32), 5), 5.0)
+
+
+def _above(evidence: Float32[np.ndarray, "h w"], least: float) -> Bool[np.ndarray, "h w"]:
+    """Above Otsu's threshold, and above `least` robust standard deviations."""
+    low, high = np.percentile(evidence, [0.5, 99.5])
+    levels = np.clip((evidence - low) / max(high - low, 1e-6) * 255, 0, 255).astype(np.uint8)
+    threshold = low + cv2.threshold(levels, 0, 255, cv2.THRESH_OTSU)[0] / 255 * (high - low)
+    return evidence > max(threshold, least)
+
+
+def _grow(
+    steadiness: Steadiness,
+    guess: Bool[np.ndarray, "h w"],
+    params: SegmentParams,
+    rounds: int,
+    rng: np.random.Generator,
+    strokes: Strokes | None,
+) -> Bool[np.ndarray, "h w"] | None:
+    """Learn both populations from the guess, cut anew, repeat; None where one of them dies out."""
+    h, w, _ = steadiness.features.shape
+    flat = steadiness.features.reshape(h * w, -1)
+    spread = flat.std(axis=0) + np.float32(1e-6)
+    features = (flat - flat.mean(axis=0)) / spread
+    rank = min(params.rank, len(steadiness.relative) // 6)
+    found = guess
+    for _ in range(rounds):
+        # Pixels on the outline are mixtures of both; each population is learnt clear of it.
+        core = cv2.erode(found.astype(np.uint8), SQUARE) > 0
+        if core.sum() < 0.3 * found.sum():
+            core = found
+        away = cv2.dilate(found.astype(np.uint8), SQUARE) == 0
+        if min(core.sum(), away.sum()) < 4 * populations.FEWEST:
+            return None
+        rest = unexplained(steadiness, core, rank, rng).ravel()
+        every = np.column_stack([features, (rest - rest.mean()) / (rest.std() + np.float32(1e-6))])
+        ours = populations.fit(every[core.ravel()], OBJECT_PARTS, rng)
+        theirs = populations.fit(every[away.ravel()], ROOM_PARTS, rng)
+        odds = populations.log_density(every, ours) - populations.log_density(every, theirs)
+        pull = params.evidence * odds.reshape(h, w)
+        bound = params.pull
+        if strokes is not None:
+            # A stroke pulls harder than all links of a pixel can.
+            bound = 5 * params.smoothness
+            pull = np.clip(pull, -params.pull, params.pull)
+            pull = np.where(strokes.add, bound, np.where(strokes.remove, -bound, pull))
+        found = populations.cut(pull, steadiness.link_x, steadiness.link_y, params.smoothness, bound)
+    return found
+
+
+def _contrast(
+    found: Bool[np.ndarray, "h w"], steadiness: Steadiness
+) -> tuple[Float32[np.ndarray, " a"], Float32[np.ndarray, " b"], Float32[np.ndarray, " c"]]:
+    """Log variances of the links across the outline, within the object, within the room."""
+    pairs = ((found[:, 1:], found[:, :-1], steadiness.link_x), (found[1:], found[:-1], steadiness.link_y))
+    across = np.concatenate([np.log(link[one != two]) for one, two, link in pairs])
+    within = np.concatenate([np.log(link[one & two]) for one, two, link in pairs])
+    outside = np.concatenate([np.log(link[~(one | two)]) for one, two, link in pairs])
+    return across, within, outside
+
+
+def _strength(found: Bool[np.ndarray, "h w"], steadiness: Steadiness) -> tuple[float, float]:
+    """How far the outline stands out from the object's own edges, and from the room's typical change."""
+    across, within, outside = _contrast(found, steadiness)
+    if min(len(across), len(within), len(outside)) < populations.FEWEST:
+        return -np.inf, -np.inf
+    return (
+        float(np.median(across) - np.percentile(within, 90)),
+        float(np.percentile(across, 25) - np.median(outside)),
+    )
+
+
+def _score(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> float:
+    border = np.concatenate([found[0], found[-1], found[:, 0], found[:, -1]])
+    return sum(_strength(found, steadiness)) - params.border_penalty * float(border.mean())
+
+
+def _without_specks(found: Bool[np.ndarray, "h w"], params: SegmentParams) -> Bool[np.ndarray, "h w"]:
+    """Without islands and holes too small to be real."""
+    smallest = max(4.0, params.speck_share * found.size)
+    for value in (True, False):
+        count, labels, facts, _ = cv2.connectedComponentsWithStats(
+            (found == value).astype(np.uint8), connectivity=8 if value else 4
+        )
+        small = [i for i in range(1, count) if facts[i, cv2.CC_STAT_AREA] < smallest]
+        found = np.where(np.isin(labels, small), not value, found)
+    return found
+
+
+def _check(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> None:
+    """Refuse an outline across which no more changes than elsewhere."""
+    from_edges, from_room = _strength(found, steadiness)
+    if from_edges + from_room < params.least_contrast:
+        raise MaskError(_NOTHING)

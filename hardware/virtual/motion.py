@@ -1,0 +1,142 @@
+"""Move the rig: where camera and object are in each view, and what a rig would report about it.
+
+`world_from_cam` poses, world z up, metres; camera frame x right, y down, z forward. A turning rig obeys
+
+    world_from_cam(pan, tilt) = world_from_cam(0, 0) . turn(pan_axis, pan_point, pan) . turn(tilt_axis, tilt_point, tilt)
+
+with axes and points in the frame of the camera at pan = tilt = 0 and right-handed angles: the pan table
+carries the tilt stage, which carries camera and object.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hardware.errors import StudioError
+
+REPORT_NOISE_DEG = 0.02  # what an encoder and some backlash leave
+PIVOT_M = 0.25  # the rig turns about a point this far before the camera, between camera and object
+WANDER_M = 0.28  # how far hands move the rig from the room's centre
+
+# A level camera that looks along world +x: its axes in world coordinates, as columns.
+_LEVEL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Journey:
+    """Poses of all views, and the rig's own log: `reports` per view and `geometry` (None for hands)."""
+
+    world_from_cam: Float[np.ndarray, "n 3 4"]
+    reports: tuple[dict[str, float | str] | None, ...]
+    geometry: dict[str, list[float]] | None
+
+
+def turn(axis: Float[np.ndarray, "3"], point: Float[np.ndarray, "3"], angle: float) -> Float[np.ndarray, "3 4"]:
+    """Rigid rotation by `angle` (radians, right-handed) about a line."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return np.concatenate([rotation, (point - rotation @ point)[:, None]], axis=1)
+
+
+def handheld(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
+    """A person turning every way: a spiral of gazes from floor to ceiling, rolling and wandering on the way.
+
+    Gazes lie evenly on the sphere; 48 to 96 views are 17 to 24 degrees apart, roll included.
+    """
+    rng = np.random.default_rng(seed)
+    stride = min(np.sqrt(4 * np.pi / (1.4 * views)), np.radians(19))
+    turns = max(1.0, stride * views / 4)  # so that rows lie 4 pi / (views stride) apart
+    polar = np.linspace(0.02, np.pi - 0.02, 20001)
+    length = np.cumsum(np.hypot(1.0, 2 * turns * np.sin(polar)))
+    polar = np.interp((np.arange(views) + 0.5) / views * length[-1], length, polar)
+    azimuth = 2 * turns * polar + rng.uniform(0, 2 * np.pi)
+    gazes = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), -np.cos(polar)], 1)
+    roll = np.radians(60) * np.sin(2 * np.pi * (views / 100 * np.arange(views) / views + rng.uniform()))
+    pivots = centre + np.stack([_drift(rng, views, 1.0) for _ in range(3)], 1) * (WANDER_M / np.sqrt(3))
+    right = np.array([-np.sin(azimuth[0]), np.cos(azimuth[0]), 0.0])
+    poses = []
+    for gaze, rho, pivot in zip(gazes, roll, pivots, strict=True):
+        # "Right" is carried along without twisting: an upright horizon would spin at the poles.
+        right = right - gaze * (right @ gaze)
+        right /= np.linalg.norm(right)
+        frame = np.stack([right, np.cross(gaze, right), gaze], 1)
+        rotation = frame @ turn(np.array([0.0, 0, 1]), np.zeros(3), rho)[:, :3]
+        poses.append(np.column_stack([rotation, pivot - rotation @ np.array([0, 0, PIVOT_M])]))
+    return Journey(np.stack(poses), (None,) * views, None)
+
+
+def turntable(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
+    """Camera and object on one table that turns about a vertical axis through a full circle."""
+    pan = 360.0 * np.arange(views) / views
+    return _rig("turntable", pan, np.zeros(views), centre, seed, pitch_deg=8.0)
+
+
+def gimbal(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
+    """Rows of pan angles at tilts from floor to ceiling, back and forth, thinner towards the poles."""
+    rows = max(2, round(np.sqrt(views / 2.2)))
+    tilts = np.linspace(-70, 70, rows)
+    weight = np.cos(np.radians(tilts))
+    ends = np.round(np.cumsum(weight) / weight.sum() * views).astype(int)
+    pan, tilt = [], []
+    for row, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
+        angles = 360.0 * (np.arange(end - begin) + 0.5 * (row % 2)) / max(1, end - begin)
+        pan += list(angles if row % 2 == 0 else angles[::-1])
+        tilt += [tilts[row]] * (end - begin)
+    return _rig("gimbal", np.array(pan), np.array(tilt), centre, seed, pitch_deg=0.0)
+
+
+def _rig(kind: str, pan_deg: np.ndarray, tilt_deg: np.ndarray, centre: np.ndarray, seed: int,
+         pitch_deg: float) -> Journey:  # fmt: skip
+    """Poses of a pan-tilt rig whose pivot stands at `centre`; the camera at rest looks `pitch_deg` down."""
+    rng = np.random.default_rng(seed)
+    home = _LEVEL @ turn(np.array([-1.0, 0, 0]), np.zeros(3), np.radians(pitch_deg))[:, :3]
+    pivot = np.array([0.03, 0.06, PIVOT_M])  # camera frame: no bracket centres the lens perfectly
+    home_pose = np.column_stack([home, centre - home @ pivot])
+    geometry = {
+        "pan_axis": home.T @ np.array([0.0, 0, 1]),
+        "pan_point": pivot,
+        "tilt_axis": np.array([1.0, 0, 0]),
+        "tilt_point": pivot + [0, -0.02, 0.015],
+    }
+    poses, reports = [], []
+    for pan, tilt in zip(pan_deg, tilt_deg, strict=True):
+        pose = _after(home_pose, turn(geometry["pan_axis"], geometry["pan_point"], np.radians(pan)))
+        poses.append(_after(pose, turn(geometry["tilt_axis"], geometry["tilt_point"], np.radians(tilt))))
+        noise = rng.normal(0, REPORT_NOISE_DEG, 2)
+        reported = (round(float(pan + noise[0]), 4), round(float(tilt + noise[1]), 4) if kind == "gimbal" else 0.0)
+        reports.append({"kind": kind, "pan_deg": reported[0], "tilt_deg": reported[1]})
+    logged = {name: [float(v) for v in value] for name, value in geometry.items()}
+    return Journey(np.stack(poses), tuple(reports), logged)
+
+
+def _after(a_from_b: np.ndarray, b_from_c: np.ndarray) -> np.ndarray:
+    return np.column_stack([a_from_b[:, :3] @ b_from_c[:, :3], a_from_b[:, :3] @ b_from_c[:, 3] + a_from_b[:, 3]])
+
+
+def _drift(rng: np.random.Generator, views: int, size: float) -> Float[np.ndarray, " n"]:
+    """A slow smooth wander within +-`size`."""
+    share = np.arange(views) / views
+    waves = [np.sin(2 * np.pi * (share * k + rng.uniform())) / k**0.5 for k in rng.uniform(1.0, 4.0, 4)]
+    total = np.sum(waves, 0)
+    return size * total / max(np.abs(total).max(), 1e-9)
+
+
+MOTIONS: dict[str, Callable[[int, np.ndarray, int], Journey]] = {
+    "handheld": handheld, "turntable": turntable, "gimbal": gimbal,
+}  # fmt: skip
+
+
+def travel(motion: str, views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
+    """The journey called `motion`.
+
+    Raises:
+        StudioError: no such motion, or no views.
+    """
+    if motion not in MOTIONS:
+        raise StudioError(f"there is no motion called {motion!r}; choose one of {', '.join(MOTIONS)}")
+    if views < 1:
+        raise StudioError(f"{views} views were asked for; at least 1 is needed")
+    return MOTIONS[motion](views, centre, seed)
