@@ -54,3 +54,53 @@ def simulate(
             (partial / "session").rename(out / "session")
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _photograph(
+    partial: Path,
+    room: str,
+    thing: str,
+    views: int,
+    size: tuple[int, int],
+    motion: str,
+    seed: int,
+    vignetting: float,
+    device: str,
+    progress: Progress,
+) -> None:
+    """Fill `partial` with a session of RAW brackets and the truth beside it."""
+    width, height = size
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "roomlight" / "studio"
+    built = virtual.build(
+        room, thing, views, width, height, motion, seed, cache, device, progress.part(0, 0.4).step
+    )
+    pictures = list(built.shoot(progress.part(0.4, 0.85).step))
+    camera = sensor.Sensor(vignetting=vignetting)
+    shutter_s = sensor.meter(np.stack([view.radiance for view in pictures]), camera)
+    geometry = built.journey.geometry
+    rig = {"kind": motion, "geometry": geometry} if geometry is not None else None
+    facts = {"make": dng.MAKE, "model": dng.MODEL, "width": width, "height": height}
+    session = sessions.create(partial / "session", "raw", facts, rig)
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory(dir=partial) as scratch:
+        for view in pictures:
+            start = START + datetime.timedelta(seconds=BETWEEN_VIEWS_S * view.index)
+            files, exposures = [], []
+            for k, photograph in enumerate(sensor.bracket(view.radiance, shutter_s, camera, start, rng)):
+                path = Path(scratch) / f"view{view.index:04d}_e{k}.dng"
+                dng.write(path, photograph)
+                files.append(path)
+                exposures.append(
+                    {
+                        "source": path.name,
+                        "shutter_s": photograph.shutter_s,
+                        "iso": photograph.iso,
+                        "aperture": photograph.aperture,
+                        "time": photograph.time.isoformat(),
+                    }
+                )
+            sessions.add_shot(session, f"view{view.index:04d}", files, exposures, view.rig)
+            for path in files:
+                path.unlink()
+            progress.step(0.85 + 0.05 * view.index / views, "developing RAW files")
+    built.truth(progress.part(0.9, 1.0).step).save(partial / "truth")

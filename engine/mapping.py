@@ -35,7 +35,7 @@ class MapParams:
 def match(
     database: Path,
     pairs: Sequence[tuple[int, int]],
-    scale: float,
+    factor: int | int,
     params: MapParams,
     seed: int,
     progress: Progress,
@@ -45,7 +45,7 @@ def match(
     matching.use_gpu = False
     matching.sift.max_ratio = params.match_ratio
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.max_error = params.epipolar_px * scale
+    verification.ransac.max_error = params.epipolar_px * factor
     verification.ransac.random_seed = seed
     verification.detect_watermark = False
     listing = pycolmap.ImportedPairingOptions()
@@ -59,12 +59,12 @@ def match(
 
 
 def grow(
-    database: Path, scale: float, params: MapParams, seed: int, progress: Progress
+    database: Path, factor: int | int, params: MapParams, seed: int, progress: Progress
 ) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
     """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
     folder = database.parent / "models"
     folder.mkdir()
-    options = _options(scale, params, seed)
+    options = _options(factor, params, seed)
     models = _run(database, folder, options, None, progress.part(0.0, 0.8))
     if not models:
         return None
@@ -82,11 +82,11 @@ def grow(
     grown = _run(database, again, options, start, progress.part(0.8, 0.95))
     best = max([best, *grown], key=lambda model: model.num_reg_images())
     progress.step(0.95, "refining all views together")
-    refine(best, scale, params)
+    refine(best, factor, params)
     return best, sizes
 
 
-def _options(scale: float, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
+def _options(factor: int | int, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
     options = pycolmap.IncrementalPipelineOptions()
     # The sums of several threads end in another last digit each time; a repeated run must not.
     options.num_threads = options.mapper.num_threads = 1
@@ -96,12 +96,12 @@ def _options(scale: float, params: MapParams, seed: int) -> pycolmap.Incremental
     options.mapper.init_min_tri_angle = params.first_angle_deg
     options.mapper.init_min_num_inliers = 2 * params.placed_inliers
     options.mapper.abs_pose_min_num_inliers = params.placed_inliers
-    options.mapper.abs_pose_max_error = 3 * params.reprojection_px * scale
-    options.mapper.filter_max_reproj_error = params.reprojection_px * scale
+    options.mapper.abs_pose_max_error = 3 * params.reprojection_px * factor
+    options.mapper.filter_max_reproj_error = params.reprojection_px * factor
     options.mapper.filter_min_tri_angle = params.point_angle_deg
     options.triangulation.min_angle = params.point_angle_deg
-    options.triangulation.complete_max_reproj_error = params.reprojection_px * scale
-    options.triangulation.merge_max_reproj_error = params.reprojection_px * scale
+    options.triangulation.complete_max_reproj_error = params.reprojection_px * factor
+    options.triangulation.merge_max_reproj_error = params.reprojection_px * factor
     return options
 
 
@@ -138,13 +138,13 @@ def _run(
     return list(models.values())
 
 
-def refine(model: pycolmap.Reconstruction, scale: float, params: MapParams) -> None:
+def refine(model: pycolmap.Reconstruction, factor: int | int, params: MapParams) -> None:
     """Robust bundle adjustment of everything, then again without the observations that do not fit."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_principal_point = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    options.ceres.loss_function_scale = 0.5 * scale
+    options.ceres.loss_function_scale = 0.5 * factor
     options.ceres.solver_options.num_threads = 1  # as in `_options`
     for _ in range(2):
         config = pycolmap.BundleAdjustmentConfig()
@@ -153,7 +153,7 @@ def refine(model: pycolmap.Reconstruction, scale: float, params: MapParams) -> N
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
         pycolmap.create_default_bundle_adjuster(options, config, model).solve()
         manager = pycolmap.ObservationManager(model)
-        manager.filter_all_points3D(params.reprojection_px * scale, params.point_angle_deg)
+        manager.filter_all_points3D(params.reprojection_px * factor, params.point_angle_deg)
 
 
 def placed(model: pycolmap.Reconstruction, count: int) -> Float[np.ndarray, "n 3 4"]:

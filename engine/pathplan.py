@@ -43,7 +43,7 @@ def survey(
     world_from_cam = inverse(seen)
     centres = world_from_cam[:, :, 3]
     up_mean = -world_from_cam[:, :, 1].mean(0)
-    if np.linalg.norm(up_mean) > 0.3:
+    if np.linalg.norm(up_mean) > 0.3:  # noqa: SIM108
         up = up_mean / np.linalg.norm(up_mean)
     else:
         up = np.linalg.svd(centres - centres.mean(0), full_matrices=True)[2][-1]

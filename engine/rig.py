@@ -74,7 +74,8 @@ def logged_poses(rig: RigLog) -> Float[np.ndarray, "n 3 4"]:
 
 def angle_between(a: Float[np.ndarray, "*n 3 3"], b: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n"]:
     """Angle of the rotation from a to b, radians; exact near zero."""
-    return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(-2, -1)) / np.sqrt(8), 0, 1))
+    half = np.clip(np.linalg.norm(a - b, axis=(-2, -1)) / np.sqrt(8), 0, 1)
+    return np.asarray(2 * np.arcsin(half))
 
 
 def mean_rotation(rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "3 3"]:

@@ -1,8 +1,8 @@
 """Stage *segment*: find the object, which stays put in the image while the room turns behind it.
 
 Several first guesses, each from the pixels that behave unlike the frame's border, grow into populations
-(`engine/populations.py`) of steady and changing pixels (`engine/steadiness.py`) on small images; the guess whose
-outline is the strongest is refined at full size. Masks are on the pixel grid of the photographs.
+(`engine/populations.py`) of steady and changing pixels (`engine/steadiness.py`) on small images; the guess
+whose outline is the strongest is refined at full size. Masks are on the pixel grid of the photographs.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,8 @@ class SegmentParams:
     pull: float = 0.6  # most that one pixel's own evidence weighs
     evidence: float = 0.1  # of a pixel's log odds that counts; neighbours' odds are not independent
     border_penalty: float = 10.0  # against guesses that run along the image border
-    least_contrast: float = 1.0  # log of how much more changes across the outline than within
+    least_score: float = 4.0  # logs of how much more changes across the outline than within and outside
+    same_share: float = 0.9  # of union: a guess so like an earlier answer is not followed up
     speck_share: float = 2e-4  # of the image: smaller islands and holes are noise
 
 
@@ -69,10 +70,16 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
     small = measure(_selected(frames, chosen, by))
     best, best_score = None, -np.inf
     guesses = list(_first_guesses(small))
+    answers: list[Bool[np.ndarray, "h w"]] = []
     for number, guess in enumerate(guesses):
         progress.step(0.1 + 0.5 * number / len(guesses), "comparing first guesses")
+        if any((guess & known).sum() > params.same_share * (guess | known).sum() for known in answers):
+            continue
         grown = _grow(small, guess, params, params.search_rounds, rng, None)
-        score = -np.inf if grown is None else _score(grown, small, params)
+        if grown is None:
+            continue
+        answers.append(grown)
+        score = _score(grown, small, params)
         if score > best_score:
             best, best_score = grown, score
     if best is None:
@@ -104,8 +111,8 @@ def from_object(frames: Frames, object_mask: Bool[np.ndarray, "h w"], params: Se
     if object_mask.shape != frames.dark.shape[1:]:
         height, width = frames.dark.shape[1:]
         raise MaskError(
-            f"the object mask is {object_mask.shape[1]} x {object_mask.shape[0]}, the photographs are {width} x"
-            f" {height}; give a mask of the photographs' size"
+            f"the object mask is {object_mask.shape[1]} x {object_mask.shape[0]}, the photographs are {width}"
+            f" x {height}; give a mask of the photographs' size"
         )
     size = 2 * params.margin_px + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -251,6 +258,5 @@ def _without_specks(found: Bool[np.ndarray, "h w"], params: SegmentParams) -> Bo
 
 def _check(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> None:
     """Refuse an outline across which no more changes than elsewhere."""
-    from_edges, from_room = _strength(found, steadiness)
-    if from_edges + from_room < params.least_contrast:
+    if _score(found, steadiness, params) < params.least_score:
         raise MaskError(_NOTHING)

@@ -175,7 +175,7 @@ def _camera(model: pycolmap.Reconstruction) -> Camera:
 def moved(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     points: Float[np.ndarray, "m 3"],
-    scale: float,
+    scale: float | int,
     new_from_world: Float[np.ndarray, "3 4"],
 ) -> tuple[Float[np.ndarray, "n 3 4"], Float[np.ndarray, "m 3"]]:
     """The same scene in a world x_new = R (scale x) + t; image projections stay what they were."""

@@ -1,9 +1,9 @@
 """How steadily each pixel behaves while the room turns behind the object: numbers for *segment*.
 
-A pixel of the object shows one surface point in every view: its brightness follows the light around it, a smooth
-thing, and its colour and its ratio to its neighbours hardly change. A pixel of the background shows another part
-of the room each time. All statistics are taken over the views, pixel by pixel, without looking around, so that
-thin parts are told as well as broad ones. Logarithms are natural, of luminance unless said otherwise.
+A pixel of the object shows one surface point in every view: its brightness follows the light around it, a
+smooth thing, and its colour and its ratio to its neighbours hardly change. A pixel of the background shows
+another part of the room each time. All statistics are taken over the views, pixel by pixel, without looking
+around, so that thin parts are told as well as broad ones. Logarithms are natural, of luminance unless said otherwise.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,8 @@ from jaxtyping import Bool, Float32, Float64
 from engine.images import luminance
 from engine.types import Frames
 
+NORMAL_ROOTS = 2.19  # a normal variable's variance over the fourth power of its mean root magnitude
+STEADY = 0.01**2  # variance of a log ratio that counts as no change
 FEATURES = ("mean", "spread", "red", "blue", "colour_spread", "steadiest_links")
 
 
@@ -22,8 +24,8 @@ class Steadiness:
     """Statistics over the views of one session."""
 
     features: Float32[np.ndarray, "h w 6"]  # in the order of FEATURES
-    link_x: Float32[np.ndarray, "h w-1"]  # variance of the log ratio of a pixel to its right neighbour
-    link_y: Float32[np.ndarray, "h-1 w"]  # and to the one below; the photographs' noise is taken off
+    link_x: Float32[np.ndarray, "h w-1"]  # how much the log ratio to the right neighbour changes, squared
+    link_y: Float32[np.ndarray, "h-1 w"]  # and that to the one below; the photographs' noise is taken off
     relative: Float32[np.ndarray, "n h w"]  # luminance over the pixel's geometric mean
 
 
@@ -34,11 +36,7 @@ def measure(frames: Frames) -> Steadiness:
     middle = float(np.median(luminance(np.asarray(frames.radiance[:: max(1, n // 8)]))))
     # Below the offset a logarithm would only show noise.
     offset = np.float32(max(3 * floor, 1e-3 * middle))
-    plane = np.zeros((h, w), np.float64)
-    first, second = np.zeros((3, h, w)), np.zeros((3, h, w))
-    x_first, x_second = np.zeros((h, w - 1)), np.zeros((h, w - 1))
-    y_first, y_second = np.zeros((h - 1, w)), np.zeros((h - 1, w))
-    noise = plane.copy()
+    first, second, noise = np.zeros((3, h, w)), np.zeros((3, h, w)), np.zeros((h, w))
     relative = np.empty((n, h, w), np.float32)
     for view in range(n):
         radiance = np.maximum(np.asarray(frames.radiance[view]), 0)
@@ -48,20 +46,22 @@ def measure(frames: Frames) -> Steadiness:
         values = np.stack([brightness, logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]])
         first += values
         second += np.square(values)
-        step_x, step_y = np.diff(brightness, axis=1), np.diff(brightness, axis=0)
-        x_first += step_x
-        x_second += np.square(step_x)
-        y_first += step_y
-        y_second += np.square(step_y)
         noise += (shot * lum + floor**2) / np.square(lum + offset)
         relative[view] = brightness
     mean = first / n
     deviation = np.sqrt(np.maximum(second / n - np.square(mean), 0))
     noise /= n
-    link_x = x_second / n - np.square(x_first / n) - (noise[:, 1:] + noise[:, :-1])
-    link_y = y_second / n - np.square(y_first / n) - (noise[1:] + noise[:-1])
-    link_x, link_y = (np.maximum(link, 1e-6).astype(np.float32) for link in (link_x, link_y))
     relative -= mean[0].astype(np.float32)
+    link_x, link_y = np.zeros((h, w - 1), np.float32), np.zeros((h - 1, w), np.float32)
+    for view in relative:
+        # Roots, for what counts is that a ratio changes in most views: a lamp passes any pixel once.
+        link_x += np.sqrt(np.abs(np.diff(view, axis=1)))
+        link_y += np.sqrt(np.abs(np.diff(view, axis=0)))
+    link_x = np.power(link_x / n, 4) * NORMAL_ROOTS - (noise[:, 1:] + noise[:, :-1])
+    link_y = np.power(link_y / n, 4) * NORMAL_ROOTS - (noise[1:] + noise[:-1])
+    # What noise leaves cannot be told from steadiness, nor a change of one percent from none.
+    link_x = np.maximum(link_x, STEADY + 0.5 * (noise[:, 1:] + noise[:, :-1])).astype(np.float32)
+    link_y = np.maximum(link_y, STEADY + 0.5 * (noise[1:] + noise[:-1])).astype(np.float32)
     np.exp(relative, out=relative)
     features = np.stack(
         [

@@ -9,7 +9,6 @@ Held-out views judge the fit and nothing else: they supervise neither stage.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from engine.errors import LightError

@@ -30,6 +30,9 @@ D65 = 21  # EXIF light source
 CFA_PHOTOMETRIC = 32803
 
 
+MAKE, MODEL = "Roomlight", "Roomlight Virtual One"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Photograph:
     """One exposure with the facts a camera would write beside it."""
@@ -43,8 +46,8 @@ class Photograph:
     iso: int
     aperture: float  # f-number
     time: datetime.datetime  # start of the exposure, local time
-    make: str = "Roomlight"
-    model: str = "Roomlight Virtual One"
+    make: str = MAKE
+    model: str = MODEL
 
 
 def write(path: Path, photograph: Photograph) -> None:

@@ -33,7 +33,9 @@ class Journey:
     geometry: dict[str, list[float]] | None
 
 
-def turn(axis: Float[np.ndarray, "3"], point: Float[np.ndarray, "3"], angle: float) -> Float[np.ndarray, "3 4"]:
+def turn(
+    axis: Float[np.ndarray, "3"], point: Float[np.ndarray, "3"], angle: float
+) -> Float[np.ndarray, "3 4"]:
     """Rigid rotation by `angle` (radians, right-handed) about a line."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -106,14 +108,19 @@ def _rig(kind: str, pan_deg: np.ndarray, tilt_deg: np.ndarray, centre: np.ndarra
         pose = _after(home_pose, turn(geometry["pan_axis"], geometry["pan_point"], np.radians(pan)))
         poses.append(_after(pose, turn(geometry["tilt_axis"], geometry["tilt_point"], np.radians(tilt))))
         noise = rng.normal(0, REPORT_NOISE_DEG, 2)
-        reported = (round(float(pan + noise[0]), 4), round(float(tilt + noise[1]), 4) if kind == "gimbal" else 0.0)
+        reported = (
+            round(float(pan + noise[0]), 4),
+            round(float(tilt + noise[1]), 4) if kind == "gimbal" else 0.0,
+        )
         reports.append({"kind": kind, "pan_deg": reported[0], "tilt_deg": reported[1]})
     logged = {name: [float(v) for v in value] for name, value in geometry.items()}
     return Journey(np.stack(poses), tuple(reports), logged)
 
 
 def _after(a_from_b: np.ndarray, b_from_c: np.ndarray) -> np.ndarray:
-    return np.column_stack([a_from_b[:, :3] @ b_from_c[:, :3], a_from_b[:, :3] @ b_from_c[:, 3] + a_from_b[:, 3]])
+    return np.column_stack(
+        [a_from_b[:, :3] @ b_from_c[:, :3], a_from_b[:, :3] @ b_from_c[:, 3] + a_from_b[:, 3]]
+    )
 
 
 def _drift(rng: np.random.Generator, views: int, size: float) -> Float[np.ndarray, " n"]:

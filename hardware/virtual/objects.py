@@ -74,7 +74,10 @@ def _two_finishes(points: Points, seed: int, smooth: float, rough: float, size_m
 
 def _turned(x_deg: float, y_deg: float, z_deg: float) -> Float[np.ndarray, "3 3"]:
     """Turn about z, then x, then y."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians([x_deg, y_deg, z_deg])), np.sin(np.radians([x_deg, y_deg, z_deg]))
+    (cx, cy, cz), (sx, sy, sz) = (
+        np.cos(np.radians([x_deg, y_deg, z_deg])),
+        np.sin(np.radians([x_deg, y_deg, z_deg])),
+    )
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
@@ -114,7 +117,9 @@ def vase() -> Body:
     """A vase with deep flutes: grooves that shade themselves and bounce light."""
     t = np.linspace(0, 1, 420)
     height = 0.125 - 0.25 * t
-    outer = 0.058 + 0.042 * np.sin(np.pi * (0.12 + 0.88 * t) ** 1.3) - 0.02 * np.exp(-(((t - 0.14) / 0.09) ** 2))
+    outer = (
+        0.058 + 0.042 * np.sin(np.pi * (0.12 + 0.88 * t) ** 1.3) - 0.02 * np.exp(-(((t - 0.14) / 0.09) ** 2))
+    )
     end = 30
     lid = np.stack([np.linspace(0, outer[0], end, endpoint=False), np.full(end, height[0])], 1)
     foot = np.stack([np.linspace(outer[-1], 0, end + 1)[1:], np.full(end, height[-1])], 1)
@@ -194,7 +199,10 @@ def duo() -> Body:
     nut = solids.ball(150, lambda d: 0.098 * (1 + 0.13 * d[:, 2]) * np.exp(0.035 * bulge(d)))
     nut = Solid(nut.vertices + [0, 0, 0.022], nut.normals, nut.faces)
     t = np.linspace(0, 1, 260)
-    outside = np.stack([0.115 * np.sin(0.5 * np.pi * t[::-1]) ** 0.8, -0.105 + 0.115 * (1 - np.cos(0.5 * np.pi * t[::-1]))], 1)
+    outside = np.stack(
+        [0.115 * np.sin(0.5 * np.pi * t[::-1]) ** 0.8, -0.105 + 0.115 * (1 - np.cos(0.5 * np.pi * t[::-1]))],
+        1,
+    )
     outside[-1, 0] = 0.0
     inside = np.stack([np.linspace(0, outside[0, 0], 80, endpoint=False), np.full(80, outside[0, 1])], 1)
 

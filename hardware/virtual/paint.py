@@ -176,7 +176,9 @@ def paint_of(tone: tuple[float, float, float], grain: float = 0.1) -> Painter:
         shape = texels(height_m, width_m, texel_m)
         fine = noise(shape, texel_m, 0.05, rng, gain=0.7)
         coarse = noise(shape, texel_m, 0.7, rng)
-        return finish((np.exp(grain * (0.6 * fine + coarse))[..., None] * np.float32(tone)).astype(np.float32))
+        return finish(
+            (np.exp(grain * (0.6 * fine + coarse))[..., None] * np.float32(tone)).astype(np.float32)
+        )
 
     return paint
 
@@ -197,7 +199,9 @@ def palette(
     """Colours of log-normal brightness around `value`; `saturation` 0 is grey, 1 vivid."""
     hue = rng.uniform(0, 2 * np.pi, (count, 1)) + np.array([0, 2.1, 4.2])
     colour = 1 + saturation * rng.uniform(0.2, 1, (count, 1)) * np.cos(hue)
-    return np.clip(value * np.exp(spread * rng.normal(size=(count, 1))) * colour, 0.03, 0.9).astype(np.float32)
+    return np.clip(value * np.exp(spread * rng.normal(size=(count, 1))) * colour, 0.03, 0.9).astype(
+        np.float32
+    )
 
 
 def noise(

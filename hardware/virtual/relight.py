@@ -71,7 +71,9 @@ class Relighter:
         self.pixels = len(rows)
         self.size = (touched.shape[1], touched.shape[0])
 
-    def look(self, cams_from_world: Float[np.ndarray, "n 3 4"], effort: Effort, seed: int) -> Float[np.ndarray, "n p 3"]:
+    def look(
+        self, cams_from_world: Float[np.ndarray, "n 3 4"], effort: Effort, seed: int
+    ) -> Float[np.ndarray, "n p 3"]:
         """Radiance of the touched pixels in each view, row by row; all views share one set of samples."""
         total = np.zeros((len(cams_from_world), self.pixels, 3))
         for kind, count in (("diffuse", effort.diffuse), ("glossy", effort.glossy), ("aimed", effort.aimed)):
@@ -79,7 +81,9 @@ class Relighter:
                 continue
             sampler = self.mi.load_dict({"type": "multijitter", "sample_count": count, "seed": seed})
             count = sampler.sample_count()
-            step = max(d for d in range(1, count + 1) if count % d == 0 and (d * self.pixels <= LANES or d == 1))
+            step = max(
+                d for d in range(1, count + 1) if count % d == 0 and (d * self.pixels <= LANES or d == 1)
+            )
             sampler.set_samples_per_wavefront(step)
             sampler.seed(seed * 3 + ("diffuse", "glossy", "aimed").index(kind), step * self.pixels)
             for _ in range(count // step):
@@ -116,7 +120,9 @@ class Relighter:
         dr.eval(at, weight)
         return _Vertices(self.pixels * per_pixel, per_pixel, None, at, weight, True)
 
-    def _paths(self, sampler: Any, per_pixel: int, kind: str, effort: Effort) -> tuple[_Exits, list[_Vertices]]:
+    def _paths(
+        self, sampler: Any, per_pixel: int, kind: str, effort: Effort
+    ) -> tuple[_Exits, list[_Vertices]]:
         """Follow samples of one kind until they leave the body."""
         mi = self.mi
         import drjit as dr
@@ -205,7 +211,6 @@ class Relighter:
         import drjit as dr
 
         world_from_cam = mi.Transform4f(np.linalg.inv(np.vstack([cam_from_world, [0, 0, 0, 1]])))
-        world_from_cam = dr.opaque_transform(world_from_cam) if hasattr(dr, "opaque_transform") else world_from_cam
         dr.make_opaque(world_from_cam)
         total = mi.Color3f(0.0)
         if exits is not None:
@@ -229,8 +234,10 @@ class Relighter:
         emitter = si.emitter(self.room_scene)
         radiance = emitter.eval(si)
         lamp = si.is_valid() & (si.shape != mi.ShapePtr(self.panels))
-        seen = mi.DirectionSample3f(self.room_scene, si, mi.Interaction3f(0.0, 0.0, mi.Wavelength(), ray.o))
-        rival = exits.rivals * emitter.pdf_direction(mi.Interaction3f(0.0, 0.0, mi.Wavelength(), ray.o), seen, lamp)
+        start = dr.zeros(mi.Interaction3f)
+        start.p = ray.o
+        seen = mi.DirectionSample3f(self.room_scene, si, start)
+        rival = exits.rivals * emitter.pdf_direction(start, seen, lamp)
         share = dr.select(lamp & dr.isfinite(exits.density), exits.density / (exits.density + rival), 1.0)
         return exits.weight * radiance * share
 
@@ -240,16 +247,16 @@ class Relighter:
         import drjit as dr
 
         at = vertices.at
-        point = mi.Interaction3f(0.0, 0.0, mi.Wavelength(), world_from_cam @ at.p)
-        normal = at.n
+        point = dr.zeros(mi.Interaction3f)
+        point.p = world_from_cam @ at.p
         total = mi.Color3f(0.0)
         if vertices.first:
-            draws = [(lamp.sample_direction(point, sampler.next_2d(), at.is_valid()), None) for lamp in self.lamps]
+            draws = [lamp.sample_direction(point, sampler.next_2d(), at.is_valid()) for lamp in self.lamps]
         else:
             u = self._noise(sampler, vertices.lane, 2)
-            draws = [(self.room_scene.sample_emitter_direction(point, mi.Point2f(u[0], u[1]), False), None)]
+            draws = [self.room_scene.sample_emitter_direction(point, mi.Point2f(u[0], u[1]), False)]
         cam_from_world = world_from_cam.inverse()
-        for (aim, radiance_over_pdf), _ in draws:
+        for aim, radiance_over_pdf in draws:
             direction = cam_from_world @ aim.d
             out = at.to_local(direction)
             value, pdf = at.bsdf().eval_pdf(mi.BSDFContext(), at, out)
@@ -265,5 +272,4 @@ class Relighter:
             reach.maxt = aim.dist * (1 - 1e-4)
             clear &= ~self.room_scene.ray_test(reach, active & clear)
             total += dr.select(active & clear, vertices.weight * value * radiance_over_pdf * share, 0.0)
-        del normal
         return total

@@ -78,7 +78,9 @@ def _cube_lookup(finer: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     edges = np.cos(np.pi * np.arange(rows + 1) / rows)
     up = edges[:-1, None] * (1 - part) + edges[1:, None] * part
     azimuth = 2 * np.pi * (np.arange(columns)[:, None] + part) / columns - np.pi
-    up, azimuth = (a.reshape(-1) for a in np.broadcast_arrays(up[:, None, :, None], azimuth[None, :, None, :]))
+    up, azimuth = (
+        a.reshape(-1) for a in np.broadcast_arrays(up[:, None, :, None], azimuth[None, :, None, :])
+    )
     flat = np.sqrt(1 - up * up)
     directions = np.stack([flat * np.sin(azimuth), -up, flat * np.cos(azimuth)], 1)
     local = np.stack([directions @ f for f in _FACES])
@@ -110,7 +112,9 @@ class Foreground:
         self.corners = tracer.panel_corners(room.panels)
         self.params = mi.traverse(self.scene)
 
-    def look(self, cam_from_world: Float[np.ndarray, "3 4"], samples: int, seed: int) -> Float[np.ndarray, "p 3"]:
+    def look(
+        self, cam_from_world: Float[np.ndarray, "3 4"], samples: int, seed: int
+    ) -> Float[np.ndarray, "p 3"]:
         """Radiance of the touched pixels, row by row."""
         tracer.move_room(self.mi, self.params, self.room, self.corners, cam_from_world)
         picture = np.array(self.mi.render(self.scene, spp=samples, seed=seed))

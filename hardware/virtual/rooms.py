@@ -122,7 +122,9 @@ class _Builder:
             w, h = self.rng.uniform(0.2, 0.75), self.rng.uniform(0.2, 0.6)
             a = self.rng.uniform(-length / 2 + w / 2 + margin_m, length / 2 - w / 2 - margin_m)
             z = self.rng.uniform(low_m + h / 2, high_m - h / 2)
-            if any(abs(a - b) < (w + v) / 2 + 0.05 and abs(z - y) < (h + g) / 2 + 0.05 for b, y, v, g in placed):
+            if any(
+                abs(a - b) < (w + v) / 2 + 0.05 and abs(z - y) < (h + g) / 2 + 0.05 for b, y, v, g in placed
+            ):
                 continue
             placed.append((a, z, w, h))
             depth = self.rng.uniform(0.015, 0.05)
@@ -132,7 +134,9 @@ class _Builder:
             frame = paint.paint_of(tuple(self.rng.uniform(0.08, 0.5, 3)))
             self.box((low[0], low[1], low[2]), (w, depth, h), frame, yaw, front=paint.poster())
 
-    def shelf(self, wall: int, along_m: float, width_m: float, heights_m: list[float], depth_m: float) -> None:
+    def shelf(
+        self, wall: int, along_m: float, width_m: float, heights_m: list[float], depth_m: float
+    ) -> None:
         """Boards on wall 0..3, loaded with books and boxes."""
         axis = (X, Y, -X, -Y)[wall]
         along = np.cross(Z, -axis)
@@ -189,7 +193,9 @@ class _Builder:
         corner = middle - right * width / 2 + up * height / 2
         self.sheets.append(Sheet(corner, right * width, -up * height, radiance.astype(np.float32)))
 
-    def window(self, wall: int, along_m: float, low_m: float, width: float, height: float, sky: float) -> None:
+    def window(
+        self, wall: int, along_m: float, low_m: float, width: float, height: float, sky: float
+    ) -> None:
         """Sky over a garden behind a cross of glazing bars, in a frame."""
         axis = (X, Y, -X, -Y)[wall]
         along = np.cross(Z, -axis)
@@ -218,7 +224,9 @@ class _Builder:
         return Room(name, tuple(self.panels), tuple(self.globes), tuple(self.sheets), centre, 0.98)
 
 
-def _ceiling_light(build: _Builder, at: tuple[float, float], size: tuple[float, float], radiance: Vector) -> None:
+def _ceiling_light(
+    build: _Builder, at: tuple[float, float], size: tuple[float, float], radiance: Vector
+) -> None:
     """A luminous panel a hand below the ceiling, on a housing."""
     z = build.size[2] - 0.06
     build.box((*at, z), (size[0] + 0.06, size[1] + 0.06, 0.06), paint.paint_of((0.1, 0.1, 0.1)))

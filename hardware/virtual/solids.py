@@ -40,9 +40,7 @@ def scaled(solid: Solid, factor: float) -> Solid:
     return Solid(solid.vertices * factor, solid.normals, solid.faces)
 
 
-def ball(
-    cells: int, radius: Callable[[Float[np.ndarray, "v 3"]], Float[np.ndarray, " v"]]
-) -> Solid:
+def ball(cells: int, radius: Callable[[Float[np.ndarray, "v 3"]], Float[np.ndarray, " v"]]) -> Solid:
     """A star-shaped body: unit directions from a cube of `cells`^2 per side, pushed out by `radius`."""
     t = np.tan(np.linspace(-np.pi / 4, np.pi / 4, cells + 1))
     a, b = np.meshgrid(t, t, indexing="ij")
@@ -105,15 +103,15 @@ def terrain(
 ) -> Solid:
     """A block whose top (z = heights over x, y) is carved and whose bottom lies at z = base."""
     r, c = heights.shape
-    y, x = np.meshgrid(np.linspace(-height / 2, height / 2, r), np.linspace(-width / 2, width / 2, c), indexing="ij")
+    y, x = np.meshgrid(
+        np.linspace(-height / 2, height / 2, r), np.linspace(-width / 2, width / 2, c), indexing="ij"
+    )
     top = np.stack([x, y, heights], -1).reshape(-1, 3)
     low = np.stack([x, y, np.full_like(x, base)], -1).reshape(-1, 3)
     index = np.arange(r * c).reshape(r, c)
     ring = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
     skirt = np.stack([np.append(ring, ring[0]) + r * c, np.append(ring, ring[0])])
-    faces = np.concatenate(
-        [_faces_of(index)[:, ::-1], _faces_of(index + r * c), _faces_of(skirt)[:, ::-1]]
-    )
+    faces = np.concatenate([_faces_of(index)[:, ::-1], _faces_of(index + r * c), _faces_of(skirt)[:, ::-1]])
     return with_normals(np.concatenate([top, low]), faces, crease_deg)
 
 
@@ -148,7 +146,9 @@ def weld(
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
     """Merge vertices that coincide (to 1e-7 of the size) and drop triangles that vanish."""
     grain = 1e-7 * np.ptp(points, axis=0).max()
-    _, first, same = np.unique(np.round(points / grain).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    _, first, same = np.unique(
+        np.round(points / grain).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
     faces = same.reshape(-1)[faces]
     degenerate = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
     return points[first], faces[~degenerate]
@@ -176,9 +176,7 @@ def with_normals(
         row = np.repeat(np.arange(count), np.diff(rows.indptr))
         near = (unit[row] * unit[rows.indices]).sum(1) > np.cos(np.radians(crease_deg))
         for axis in range(3):
-            normals[:, k, axis] = np.bincount(
-                row[near], weighted[rows.indices[near], axis], minlength=count
-            )
+            normals[:, k, axis] = np.bincount(row[near], weighted[rows.indices[near], axis], minlength=count)
     # Corners of one vertex that agree on the normal share one vertex again.
     flat = _unit(normals.reshape(-1, 3))
     code = (np.round(flat * 2000).astype(np.int64) + 2001) @ np.array([1, 4003, 4003**2])

@@ -58,8 +58,14 @@ def _libllvm() -> Path | None:
     """The newest libLLVM of the system that Mitsuba can use."""
     found: list[tuple[int, Path]] = []
     for folder in (Path("/usr/lib"), Path("/usr/local/lib")):
-        for path in (*folder.glob("*/libLLVM*.so*"), *folder.glob("llvm-*/lib/libLLVM*.so*"), *folder.glob("libLLVM*.so*")):
-            digits = path.name.replace("libLLVM", "").replace("-", "").replace(".so", "").strip(".").split(".")[0]
+        for path in (
+            *folder.glob("*/libLLVM*.so*"),
+            *folder.glob("llvm-*/lib/libLLVM*.so*"),
+            *folder.glob("libLLVM*.so*"),
+        ):
+            digits = (
+                path.name.replace("libLLVM", "").replace("-", "").replace(".so", "").strip(".").split(".")[0]
+            )
             if digits.isdigit() and int(digits) >= OLDEST_LLVM:
                 found.append((int(digits), path))
     return max(found)[1] if found else None
@@ -74,7 +80,11 @@ class RoomTracer:
 
     def __init__(self, room: Room, atlas: Any, device: str):
         self.mi = mi = load(device)
-        parts = {"room": room_mesh(mi, room.panels, atlas, {"type": "diffuse", "reflectance": texture(mi, atlas.picture)})}
+        parts = {
+            "room": room_mesh(
+                mi, room.panels, atlas, {"type": "diffuse", "reflectance": texture(mi, atlas.picture)}
+            )
+        }
         self.scene = mi.load_dict({
             "type": "scene", **parts, **lamps(mi, room),
             "integrator": {"type": "path", "max_depth": 2},
@@ -137,7 +147,9 @@ def room_mesh(mi: Any, panels: tuple[Panel, ...], atlas: Any, bsdf: dict[str, An
     """All panels as one mesh with the atlas's texture coordinates."""
     corners = panel_corners(panels)
     (u0, v0), (u1, v1) = atlas.low.T, atlas.high.T
-    uv = np.stack([np.stack([u0, v0], 1), np.stack([u1, v0], 1), np.stack([u1, v1], 1), np.stack([u0, v1], 1)], 1)
+    uv = np.stack(
+        [np.stack([u0, v0], 1), np.stack([u1, v0], 1), np.stack([u1, v1], 1), np.stack([u0, v1], 1)], 1
+    )
     first = 4 * np.arange(len(panels))[:, None]
     # cross(down, right) is the visible side: corner, corner + down, corner + down + right, ...
     faces = np.concatenate([first + [0, 3, 2], first + [0, 2, 1]])

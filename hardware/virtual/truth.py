@@ -53,7 +53,16 @@ class Truth:
 def camera(width: int, height: int) -> dict[str, float]:
     """The studio's lens: a pinhole without distortion, fields named as calibration files name them."""
     focal = width / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG) / 2)
-    lens = {"fx": focal, "fy": focal, "cx": width / 2, "cy": height / 2, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
+    lens = {
+        "fx": focal,
+        "fy": focal,
+        "cx": width / 2,
+        "cy": height / 2,
+        "k1": 0.0,
+        "k2": 0.0,
+        "p1": 0.0,
+        "p2": 0.0,
+    }
     return {"width": width, "height": height, **lens}
 
 
@@ -90,9 +99,7 @@ def touched(body: Body, width: int, height: int, finer: int = 4) -> Bool[np.ndar
     return grown
 
 
-def visible(
-    body: Body, width: int, height: int
-) -> tuple[Int[np.ndarray, "h w"], Float[np.ndarray, "h w 3"]]:
+def visible(body: Body, width: int, height: int) -> tuple[Int[np.ndarray, "h w"], Float[np.ndarray, "h w 3"]]:
     """Nearest face behind every pixel centre (-1: none) and its perspective-correct corner weights."""
     lens = camera(width, height)
     points = body.solid.vertices
@@ -110,7 +117,9 @@ def visible(
     a, b, c = (triangles[owner, k] for k in range(3))
     area = _cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
-        flat = np.stack([_cross(c - b, at - b), _cross(a - c, at - c), _cross(b - a, at - a)], 1) / area[:, None]
+        flat = (
+            np.stack([_cross(c - b, at - b), _cross(a - c, at - c), _cross(b - a, at - a)], 1) / area[:, None]
+        )
     inside = (flat >= 0).all(1) & (area != 0)
     owner, x, y, flat = owner[inside], x[inside], y[inside], flat[inside]
     over_z = flat / points[body.solid.faces[owner], 2]

@@ -70,7 +70,9 @@ def take(
     flags = np.zeros((views, h, w), bool)
     names = tuple(f"{n:04d}" for n in range(views))
     level = float(np.median(clean))
-    frames = Frames(names, np.maximum(noisy, 0).astype(np.float32), flags, flags, (noise**2 * level, 1e-4 * level))
+    frames = Frames(
+        names, np.maximum(noisy, 0).astype(np.float32), flags, flags, (noise**2 * level, 1e-4 * level)
+    )
     return Capture(frames, mask)
 
 

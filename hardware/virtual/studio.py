@@ -1,0 +1,122 @@
+"""A whole studio without hardware: room, object, camera lens and rig, photographed view by view.
+
+Linear Rec.709 radiance in, nothing stored but caches: the baked room, and the pixels that the object touches,
+which are the costly part and depend on nothing but their key. World z up, metres; camera frame x right, y down.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hardware.errors import StudioError
+from hardware.virtual import bake, motion, objects, render, rooms, truth
+
+VERSION = 1  # raise when the rendered values would change
+SAMPLES = 256  # paths per object pixel
+ROOMS, OBJECTS, MOTIONS = rooms.ROOMS, objects.OBJECTS, motion.MOTIONS
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One photograph before the sensor."""
+
+    index: int
+    cam_from_world: Float[np.ndarray, "3 4"]
+    radiance: Float[np.ndarray, "h w 3"]
+    rig: dict[str, float | str] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Studio:
+    """Everything that is fixed for one set; see `build`."""
+
+    body: objects.Body
+    journey: motion.Journey
+    room: rooms.Room
+    atlas: bake.Atlas
+    width: int
+    height: int
+    seed: int
+    cache: Path
+    device: str
+    samples: int
+
+    def cams_from_world(self) -> Float[np.ndarray, "n 3 4"]:
+        """Pose of every view."""
+        rotation = self.journey.world_from_cam[:, :, :3].transpose(0, 2, 1)
+        return np.concatenate([rotation, -rotation @ self.journey.world_from_cam[:, :, 3:]], 2)
+
+    def shoot(self, progress: Progress) -> Iterator[View]:
+        """The views in the order in which they are taken."""
+        poses = self.cams_from_world()
+        touched = truth.touched(self.body, self.width, self.height)
+        front = self._object_pixels(poses, touched, lambda share, note: progress(0.9 * share, note))
+        back = render.Backdrop(self.room, self.atlas, self.device)
+        for i, pose in enumerate(poses):
+            progress(0.9 + 0.1 * i / len(poses), f"photographing the room, view {i + 1} of {len(poses)}")
+            picture = back.look(self.journey.world_from_cam[i], self.width, self.height, self.seed + i)
+            picture[touched] = front[i]
+            yield View(i, pose, picture, self.journey.reports[i])
+
+    def truth(self, progress: Progress) -> truth.Truth:
+        """What a reconstruction is compared with."""
+        poses = self.cams_from_world()
+        back = render.Backdrop(self.room, self.atlas, self.device)
+        middle = self.body.solid.vertices.mean(0)
+        panoramas = []
+        for i, pose in enumerate(poses):
+            progress(i / len(poses), f"panorama {i + 1} of {len(poses)}")
+            point = self.journey.world_from_cam[i] @ np.append(middle, 1.0)
+            panoramas.append(back.panorama(pose, point, self.seed + 1000 + 6 * i))
+        return truth.Truth(
+            **truth.maps(self.body, self.width, self.height),
+            camera=truth.camera(self.width, self.height),
+            cam_from_world=poses,
+            panoramas=np.stack(panoramas),
+        )
+
+    def _object_pixels(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
+        """Path-traced radiance [n p 3] of the touched pixels; read from the cache when it is there."""
+        facts = [VERSION, bake.digest(self.room), self.body.name, poses.round(9).tolist(), self.width,
+                 self.height, self.seed, self.samples]  # fmt: skip
+        key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+        path = self.cache / f"{self.room.name}-{self.body.name}-{key}.npz"
+        if path.exists():
+            with np.load(path) as stored:
+                return stored["radiance"].astype(np.float32)
+        front = render.Foreground(self.room, self.atlas, self.body, touched, self.device)
+        pixels = []
+        for i, pose in enumerate(poses):
+            progress(i / len(poses), f"path-tracing the object, view {i + 1} of {len(poses)}")
+            pixels.append(front.look(pose, self.samples, self.seed + 7919 * (i + 1)))
+        radiance = np.stack(pixels)
+        partial = path.with_name(f"{path.stem}.{os.getpid()}.partial.npz")
+        np.savez(partial, radiance=radiance)
+        partial.rename(path)
+        return radiance
+
+
+def build(
+    room: str, thing: str, views: int, width: int, height: int, travel: str, seed: int, cache: Path,
+    device: str, progress: Progress, samples: int = SAMPLES,
+) -> Studio:  # fmt: skip
+    """Furnish and bake the room, set the object up, plan the journey.
+
+    Raises:
+        StudioError: unknown names, sizes that no Bayer sensor has, no views, or a device that is not there.
+    """
+    if width < 16 or height < 16 or width % 2 or height % 2:
+        raise StudioError(f"{width} x {height} pixels: a Bayer sensor needs even sizes of at least 16")
+    furnished, body = rooms.furnish(room), objects.model(thing)
+    journey = motion.travel(travel, views, furnished.centre, seed)
+    cache.mkdir(parents=True, exist_ok=True)
+    atlas = bake.bake(furnished, cache, device, progress)
+    return Studio(body, journey, furnished, atlas, width, height, seed, cache, device, samples)
