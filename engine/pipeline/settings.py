@@ -4,6 +4,7 @@ Every value is checked against the stage's parameter dataclass, so a misspelt na
 belongs is refused before any work starts.
 """
 
+import copy
 import dataclasses
 import difflib
 import tomllib
@@ -51,13 +52,18 @@ def with_changes(
     settings: Settings, preset: str | None, seed: int | None, assignments: Sequence[str]
 ) -> Settings:
     """The settings after the command line's `--preset`, `--seed` and `--set stage.param=value`."""
-    overrides = {stage: dict(values) for stage, values in settings.overrides.items()}
+    overrides = copy.deepcopy(dict(settings.overrides))
     for text in assignments:
         name, equals, value = text.partition("=")
-        stage, dot, parameter = name.strip().partition(".")
-        if not (equals and dot and stage and parameter):
+        *path, parameter = name.strip().split(".")
+        if not (equals and path and all(path) and parameter):
             raise SessionError(f"--set {text}: write it as stage.param=value, as in surface.directions=2048")
-        overrides.setdefault(stage, {})[parameter] = _parse(value.strip())
+        table = overrides
+        for part in path:
+            table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise SessionError(f"--set {text}: {part} is one value, not a group of parameters")
+        table[parameter] = _parse(value.strip())
     return from_toml(
         {
             "preset": settings.preset if preset is None else preset,
@@ -88,6 +94,8 @@ def check_stages(settings: Settings, stages: Sequence[str]) -> None:
 def resolve(stage: str, defaults: Any, preset: Mapping[str, Any], overrides: Mapping[str, Any]) -> Any:
     """The stage's parameters: its defaults, changed by the preset, changed by the user.
 
+    A parameter that is itself a group of parameters takes a table, `poses.mapping.name` on the command line.
+
     Raises:
         SessionError: an unknown parameter, or a value of the wrong kind.
     """
@@ -99,7 +107,11 @@ def resolve(stage: str, defaults: Any, preset: Mapping[str, Any], overrides: Map
             raise SessionError(
                 f"stage {stage} has no parameter {name!r}{_close(name, names)}; it has: {', '.join(names)}"
             )
-        changes[name] = _coerce(value, hints[name], f"{stage}.{name}")
+        group = getattr(defaults, name)
+        if dataclasses.is_dataclass(group) and not isinstance(group, type) and isinstance(value, Mapping):
+            changes[name] = resolve(f"{stage}.{name}", group, preset.get(name, {}), overrides.get(name, {}))
+        else:
+            changes[name] = _coerce(value, hints[name], f"{stage}.{name}")
     return dataclasses.replace(defaults, **changes)
 
 

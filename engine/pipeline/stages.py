@@ -153,10 +153,10 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     reasons = []
     if last["version"] != stage.version:
         reasons.append(f"the stage's method is new (version {last['version']} -> {stage.version})")
-    for name in sorted(params.keys() | last["params"].keys()):
-        old, new = last["params"].get(name), params.get(name)
-        if old != new:
-            reasons.append(f"params.{name} {_brief(old)} -> {_brief(new)}")
+    before, now = _flat(last["params"]), _flat(params)
+    for name in sorted(now.keys() | before.keys()):
+        if before.get(name) != now.get(name):
+            reasons.append(f"params.{name} {_brief(before.get(name))} -> {_brief(now.get(name))}")
     changed = [
         name
         for name in sorted(inputs.keys() | last["inputs"].keys())
@@ -164,6 +164,17 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     ]
     reasons += _told_inputs(changed, last["inputs"], inputs)
     return tuple(reasons)
+
+
+def _flat(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Groups of parameters as dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in params.items():
+        if isinstance(value, dict):
+            flat |= {f"{name}.{inner}": item for inner, item in _flat(value).items()}
+        else:
+            flat[name] = value
+    return flat
 
 
 def _told_inputs(changed: Sequence[str], old: Hashes, new: Hashes) -> list[str]:

@@ -7,6 +7,7 @@ early loads no more than it needs.
 
 import json
 import math
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -101,6 +102,7 @@ def poses(work: Work) -> Records:
     scratch = work.folder / "scratch"
     scratch.mkdir()
     found, report = find_poses(frames, masks, rig_log(work.session), work.params, scratch, work.progress)
+    shutil.rmtree(scratch)
     return {"poses": found, "report": report}
 
 
@@ -127,14 +129,15 @@ def _given_poses(session: Session, frames: Frames) -> Poses:
 
 
 def rig_log(session: Session) -> Any:
-    """What the rig reported, view by view; None when nothing was logged (handheld, imported)."""
-    from engine.sfm import RigLog
+    """What the rig reported, NaN where a view has no report; None when nothing was logged at all."""
+    from engine.rig import RigLog
 
     rig, views = session.facts.get("rig"), shots(session)
-    if not rig or not rig.get("geometry") or any(view.rig is None for view in views):
+    if not rig or not rig.get("geometry"):
         return None
     pan, tilt = (
-        np.array([float((view.rig or {})[key]) for view in views]) for key in ("pan_deg", "tilt_deg")
+        np.array([float((view.rig or {}).get(key, math.nan)) for view in views])
+        for key in ("pan_deg", "tilt_deg")
     )
     return RigLog(rig["kind"], pan, tilt, rig["geometry"])
 

@@ -152,6 +152,22 @@ def test_a_misspelt_setting_is_refused_with_what_is_meant(
         told(session, with_changes(Settings(), None, None, [assignment]))
 
 
+def test_a_parameter_in_a_group_is_set_and_told_by_its_dotted_name(session: sessions.Session) -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Grouped:
+        inner: tiny.CountParams = dataclasses.field(default_factory=tiny.CountParams)
+
+    count, *_ = tiny.table()
+    rows = (dataclasses.replace(count, defaults=Grouped(), produce=lambda work: {}),)
+    run.process(session, rows, Settings(), "cpu")
+    changed = with_changes(Settings(), None, None, ["count.inner.size=7"])
+    (step,) = stages.plan(session, rows, changed)
+    assert step.params.inner == tiny.CountParams(size=7)
+    assert step.tell() == "will run because params.inner.size 1000 -> 7"
+    with pytest.raises(SessionError, match=r"stage count\.inner has no parameter 'sise'"):
+        stages.plan(session, rows, with_changes(Settings(), None, None, ["count.inner.sise=7"]))
+
+
 def test_whole_numbers_do_for_real_ones_and_count_as_the_same(session: sessions.Session) -> None:
     prints = {
         stages.plan(session, tiny.table(), with_changes(Settings(), None, None, [f"count.gain={text}"]))[
