@@ -21,7 +21,10 @@ def develop(mosaic: Mosaic, merged: Merged, noise: SensorNoise) -> Float32[np.nd
     white = camera_white(mosaic)
     h, w = merged.light.shape
     channel = np.tile(np.where(mosaic.pattern == 3, 1, mosaic.pattern), (h // 2 + 1, w // 2 + 1))[:h, :w]
-    balanced = merged.light / white.astype(np.float32)[channel]
+    # The bound of a saturated site is taken as if it were of the brightest channel: balanced by its own, red and
+    # blue would outshine green, and every clipped lamp would turn magenta.
+    balance = np.where(merged.clipped, np.float32(white.max()), white.astype(np.float32)[channel])
+    balanced = merged.light / balance
     median = float(np.median(balanced))
     gain = noise.gain / merged.gathered
     toe = max(TOE_OF_MEDIAN * median, TOE_ERRORS**2 * gain, TOE_ERRORS * merged.floor / float(white.min()))

@@ -35,7 +35,7 @@ class MapParams:
 def match(
     database: Path,
     pairs: Sequence[tuple[int, int]],
-    factor: int | int,
+    factor: int,
     params: MapParams,
     seed: int,
     progress: Progress,
@@ -59,7 +59,7 @@ def match(
 
 
 def grow(
-    database: Path, factor: int | int, params: MapParams, seed: int, progress: Progress
+    database: Path, factor: int, params: MapParams, seed: int, progress: Progress
 ) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
     """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
     folder = database.parent / "models"
@@ -86,7 +86,7 @@ def grow(
     return best, sizes
 
 
-def _options(factor: int | int, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
+def _options(factor: int, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
     options = pycolmap.IncrementalPipelineOptions()
     # The sums of several threads end in another last digit each time; a repeated run must not.
     options.num_threads = options.mapper.num_threads = 1
@@ -129,16 +129,19 @@ def _run(
             token.cancel()
 
     callback: Callable[[], None] = report
-    models = pycolmap.incremental_mapping(
-        database, database.parent / "images", folder, options, str(start) if start else "",
-        lambda: None, callback, token,
-    )  # fmt: skip
-    if stopped:
-        raise stopped[0]
+    try:
+        models = pycolmap.incremental_mapping(
+            database, database.parent / "images", folder, options, str(start) if start else "",
+            lambda: None, callback, token,
+        )  # fmt: skip
+    except InterruptedError:
+        if not stopped:
+            raise
+        raise stopped[0] from None
     return list(models.values())
 
 
-def refine(model: pycolmap.Reconstruction, factor: int | int, params: MapParams) -> None:
+def refine(model: pycolmap.Reconstruction, factor: int, params: MapParams) -> None:
     """Robust bundle adjustment of everything, then again without the observations that do not fit."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False

@@ -186,7 +186,7 @@ def moved(
 
 
 def _believed(fitted: RigFit, placed: np.ndarray) -> bool:
-    return (
+    return bool(
         fitted.rotation_rad < _RIG_ROTATION_RAD
         and fitted.scale_stderr < _SCALE_STDERR
         and fitted.agree.sum() >= _RIG_AGREE_SHARE * placed.sum()

@@ -5,12 +5,15 @@ surface about there. The cameras and the rig swept through a ball around each ca
 the way to the nearest surface; nothing of the room can be there. World frame; depths are z of their view.
 """
 
+# The stubs of scipy and numba misstate what comes back here.
+# pyright: reportArgumentType=false
+
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from numba import njit
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from engine.light.photographs import Photographs, camera_centres
 
@@ -96,5 +99,5 @@ def emptiness_of(
         solid = solid if len(solid) >= 30 else surface
         # The nearest thousandth may be wrong depths; the ball reaches six tenths of the way to the rest.
         rank = max(3, len(solid) // 1000)
-        radii = 0.6 * cKDTree(solid).query(centres, k=[rank])[0][:, 0]
+        radii = 0.6 * KDTree(solid).query(centres, k=[rank])[0][:, 0]
     return Emptiness(bare.cam_from_world, bare.lens, bare.depth, bare.sure, centres, radii)

@@ -7,11 +7,14 @@ function of direction (diffuse shading) cannot tell from the pixel itself, where
 half a cell.
 """
 
+# The stubs of scipy and numba misstate what comes back here.
+# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, KDTree
 
 FACES = np.array(
     [
@@ -53,7 +56,7 @@ def pixel_solid_angles(side: int) -> Float[np.ndarray, "side side"]:
 
 def nearest_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
     """Every pixel wholly into its nearest direction."""
-    index = cKDTree(directions).query(face_directions(side))[1]
+    index = KDTree(directions).query(face_directions(side))[1]
     index = np.ascontiguousarray(index[..., None], dtype=np.int32)
     return CellMap(index, np.ones(index.shape, np.float32))
 
@@ -69,7 +72,7 @@ def shared_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
     index = np.zeros((len(rays), 3), np.int32)
     share = np.zeros((len(rays), 3))
     # The triangle around a ray nearly always touches its nearest direction; obtuse ones need the next ones.
-    for close in cKDTree(directions).query(rays, k=4)[1].T:
+    for close in KDTree(directions).query(rays, k=4)[1].T:
         todo = best < -1e-9
         if not todo.any():
             break

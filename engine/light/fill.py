@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.geometry import fibonacci_sphere
@@ -31,7 +31,7 @@ def neighbourhood(directions: Float[np.ndarray, "d 3"]) -> Neighbourhood:
     fine = directions
     while len(fine) > 12:
         coarse = fibonacci_sphere(max(6, len(fine) // _SHRINK))
-        distance, index = cKDTree(coarse).query(fine, k=4)
+        distance, index = KDTree(coarse).query(fine, k=4)
         weight = 1 / (distance**2 + 0.3 * 4 * np.pi / len(coarse))
         weight /= weight.sum(1, keepdims=True)
         rows = np.repeat(np.arange(len(fine)), 4)

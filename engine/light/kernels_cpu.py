@@ -312,3 +312,47 @@ def collect(grads, own_start, slots, totals, part, parts):
         for at in range(own_start[v], own_start[v + 1]):
             for c in range(GRADIENTS):
                 totals[v, c] += grads[slots[at], c]
+
+
+@njit(**_FLAGS)
+def compositing_weights(packed, index, tile_start, members, lens, near, wanted, faint):
+    """Weights of Eq. (3) of every wanted pixel as sparse rows: begin and length of each, Gaussian, weight.
+
+    Weights up to `faint` are left out.
+    """
+    height, width = wanted.shape
+    across = (width + TILE - 1) // TILE
+    size = longest(tile_start)
+    alpha, depth = np.empty((size, AREA), np.float32), np.empty((size, AREA), np.float32)
+    live, order = np.empty(size, np.int64), np.empty(size + 1, np.int64)
+    xs, ys = np.empty(AREA, np.float32), np.empty(AREA, np.float32)
+    begins, counts = np.zeros(height * width, np.int64), np.zeros(height * width, np.int64)
+    room = 1024
+    columns, values = np.empty(room, np.int32), np.empty(room, np.float32)
+    at = 0
+    for tile in range(tile_start.shape[0] - 1):
+        row, column = tile // across, tile % across
+        tile_rays(column, row, lens[0], lens[1], lens[2], lens[3], xs, ys)
+        n = gather(packed, members, tile_start[tile], tile_start[tile + 1], xs, ys, near, alpha, depth, live)
+        for i in range(AREA):
+            v, u = row * TILE + i // TILE, column * TILE + i % TILE
+            if v >= height or u >= width or not wanted[v, u]:
+                continue
+            count = ray_order(alpha, depth, n, i, order)
+            while at + count > room:
+                room *= 2
+                more_columns, more_values = np.empty(room, np.int32), np.empty(room, np.float32)
+                more_columns[:at], more_values[:at] = columns[:at], values[:at]
+                columns, values = more_columns, more_values
+            begins[v * width + u] = at
+            through = _ONE
+            for c in range(count):
+                weight = through * alpha[order[c], i]
+                if weight > faint:
+                    columns[at], values[at] = index[members[live[order[c]]]], weight
+                    at += 1
+                through *= _ONE - alpha[order[c], i]
+                if through < _OPAQUE:
+                    break
+            counts[v * width + u] = at - begins[v * width + u]
+    return begins, counts, columns[:at].copy(), values[:at].copy()

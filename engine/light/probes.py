@@ -8,6 +8,9 @@ that no photograph showed are marked by `seen` and can be filled smoothly.
 Frames: Gaussians in the world frame; probes and directions in the camera frame of their view.
 """
 
+# The stubs of scipy and numba misstate what comes back here.
+# pyright: reportCallIssue=false
+
 import numpy as np
 from jaxtyping import Float
 from numba import njit

@@ -6,7 +6,7 @@ path, so that primitives start evenly spread over what the object can see of the
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.carve import Emptiness, emptiness_of, floating, intruding
@@ -101,7 +101,7 @@ def begin(
     distance = np.linalg.norm(offset, axis=1)
     chosen = _thin(offset / distance[:, None], distance, priority, count)
     world, radiance, distance = world[chosen], radiance[chosen], distance[chosen]
-    gap = cKDTree(world).query(world, k=min(4, len(world)))[0][:, 1:].mean(1)
+    gap = KDTree(world).query(world, k=min(4, len(world)))[0][:, 1:].mean(1)
     size = np.clip(0.6 * gap, 0.002 * distance, 0.08 * distance)
     floor = 1e-4 * radiance.mean() + 1e-12
     gaussians = Gaussians(

@@ -119,7 +119,7 @@ def sweep(
     fallback = float(np.median(first[certain])) if certain.sum() > 50 else float(np.sqrt(near * far))
     prior = _prior(photographs, points, fallback)
     pull = _PULL * np.abs(np.log(depths / prior[..., None]))
-    total = np.where(cost < 0, np.where(blind[..., None], 0, _CAP), cost) + pull
+    total = np.where(cost < 0, np.where(np.asarray(blind)[..., None], 0, _CAP), cost) + pull
     depth = depths[np.argmin(total, axis=-1)]
     return np.where(shown, depth, np.nan), sure
 

@@ -9,7 +9,7 @@ Held-out views judge the fit and nothing else: they supervise neither stage.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.carve import Emptiness, floating, intruding
@@ -121,13 +121,13 @@ def _pass(
     cloud.weight[:] = 0
     cloud.blame[:] = 0
     loss = 0.0
-    tree = cKDTree(camera_centres(photographs))
+    tree = KDTree(camera_centres(photographs))
     distance = tree.query(cloud.means)[0]
     smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
     for view in rng.permutation(len(photographs.weight)):
-        image, gradients = push_back(
-            cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0, photographs.radiance[view],
-            photographs.weight[view], photographs.clipped[view], knee, params.hollow, run,
+        _, gradients = push_back(
+            cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
+            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.hollow, run,
         )  # fmt: skip
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
         i = gradients.index

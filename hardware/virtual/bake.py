@@ -8,6 +8,9 @@ takes fewer samples, blurred more.
 World frame, metres, linear.
 """
 
+# numpy scalars of sequences are arrays; the stubs say otherwise.
+# pyright: reportArgumentType=false
+
 import hashlib
 import os
 from collections.abc import Callable

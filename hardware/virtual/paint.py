@@ -6,11 +6,17 @@ whole panel, as in the dead-leaves model of natural images (Lee, Mumford and Hua
 power law), so that feature matching finds something from near and from far.
 """
 
+# The stubs of scipy and numba misstate what comes back here.
+# pyright: reportIndexIssue=false
+
+# numpy scalars of sequences are arrays; the stubs say otherwise.
+# pyright: reportArgumentType=false
+
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 Albedo = Float[np.ndarray, "h w 3"]
 Painter = Callable[[float, float, float, np.random.Generator], Albedo]  # height_m, width_m, texel_m, rng
@@ -90,7 +96,7 @@ def stones(base: tuple[float, float, float], stone_m: float = 0.16, squash: floa
         seeds = rng.uniform([-0.1, -0.1], [height_m + 0.1, width_m + 0.1], (count, 2)) * [1.0, squash]
         ys, xs = np.meshgrid((np.arange(h) + 0.5) * texel_m, (np.arange(w) + 0.5) * texel_m, indexing="ij")
         wobble = 0.012 * noise((h, w), texel_m, 0.1, rng)
-        distance, nearest = cKDTree(seeds).query(
+        distance, nearest = KDTree(seeds).query(
             np.stack([ys + wobble, (xs + wobble) * squash], -1).reshape(-1, 2), k=2
         )
         edge = (distance[:, 1] - distance[:, 0]).reshape(h, w)

@@ -5,6 +5,9 @@ is built from rectangles (`Panel`), so that a lightmap is one picture per panel.
 per room; the brightest lamp stays below about 300 times the mean wall, which a bracket of three exposures can hold.
 """
 
+# numpy scalars of sequences are arrays; the stubs say otherwise.
+# pyright: reportArgumentType=false
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -51,7 +51,7 @@ def load(device: str = "auto") -> Any:
 def _has_llvm(mi: Any) -> bool:
     import drjit as dr
 
-    return "llvm_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.LLVM)
+    return bool("llvm_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.LLVM))
 
 
 def _libllvm() -> Path | None:

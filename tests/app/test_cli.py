@@ -234,11 +234,11 @@ def test_a_folder_without_write_permission_is_told(session: Path) -> None:
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A real file system of 200 kB."""
+    """A real file system of 600 kB."""
     place = tmp_path / "disk"
     place.mkdir()
     if subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=200k", "none", place], capture_output=True
+        ["mount", "-t", "tmpfs", "-o", "size=600k", "none", place], capture_output=True
     ).returncode:
         pytest.skip("mounting a small file system needs root")
     yield place
@@ -248,7 +248,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def test_a_full_disk_is_told_and_the_session_survives_it(session: Path, small_disk: Path) -> None:
     moved = small_disk / "a.session"
     shutil.copytree(session, moved)
-    (small_disk / "ballast").write_bytes(bytes(100_000))
+    (small_disk / "ballast").write_bytes(bytes(max(shutil.disk_usage(small_disk).free - 8192, 0)))
     before = digest(moved)
     answer = command("process", moved, "--until", "hdr")
     assert answer.returncode == 2, answer.stderr

@@ -85,7 +85,7 @@ def test_an_odd_size_is_refused(tmp_path):
 
 
 def test_counts_above_white_are_refused(tmp_path):
+    mosaic = counts(64, 96)
+    mosaic[3, 4] = 16383
     with pytest.raises(StudioError, match="16383 is above the white level 9000"):
-        mosaic = counts(64, 96)
-        mosaic[3, 4] = 16383
         dng.write(tmp_path / "a.dng", photograph(mosaic, white=9000))

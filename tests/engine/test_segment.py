@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from engine.errors import Cancelled, MaskError
+from engine.progress import Progress
+from engine.segment import SegmentParams, Strokes, from_object, segment
+from engine.types import Frames
+from tests.engine import turning
+
+H, W = 120, 160
+PARAMS = SegmentParams()
+
+
+def overlap(found: np.ndarray, truth: np.ndarray) -> float:
+    return float((found & truth).sum() / (found | truth).sum())
+
+
+@pytest.fixture(scope="module")
+def capture():
+    return turning.take(turning.blob(H, W), 40, 1, texture=0.4)
+
+
+@pytest.mark.parametrize(
+    ("outline", "room"),
+    [
+        (turning.blob, {"texture": 0.5}),
+        (turning.blob, {"texture": 0.15, "gloss": 0.4}),
+        (turning.blob, {"texture": 0.02}),
+        (turning.blob, {"texture": 0.3, "yaw_only": True}),
+        (turning.disc, {"texture": 0.0, "yaw_only": True}),
+    ],
+)
+def test_the_object_is_found_whatever_the_room(outline, room):
+    truth = outline(H, W)
+    masks = segment(turning.take(truth, 40, 2, **room).frames, PARAMS, None, Progress())
+    assert overlap(masks.object, truth) > 0.97
+
+
+def test_a_large_image_is_refined_at_full_size():
+    truth = turning.blob(2 * H, 2 * W)
+    params = SegmentParams(search_edge_px=160)
+    masks = segment(turning.take(truth, 32, 3, texture=0.4).frames, params, None, Progress())
+    assert overlap(masks.object, truth) > 0.98
+
+
+def test_background_keeps_clear_of_the_object_by_the_margin(capture):
+    masks = from_object(capture.frames, capture.mask, SegmentParams(margin_px=4))
+    assert masks.background.shape == capture.frames.dark.shape
+    rows, columns = np.nonzero(capture.mask)
+    y, x = rows[0], columns[0]  # topmost pixel: nothing of the object above it
+    assert not masks.background[:, y - 4, x].any()
+    assert masks.background[:, y - 5, x].all()
+
+
+def test_strokes_win(capture):
+    add, remove = np.zeros((H, W), bool), np.zeros((H, W), bool)
+    add[5:12, 5:20] = True
+    remove[60:66, 70:80] = capture.mask[60:66, 70:80]
+    assert remove.any()
+    masks = segment(capture.frames, PARAMS, Strokes(add, remove), Progress())
+    assert masks.object[add].all()
+    assert not masks.object[remove].any()
+    assert overlap(masks.object & ~add | remove & capture.mask, capture.mask) > 0.97
+
+
+def test_the_same_session_gives_the_same_mask(capture):
+    first, second = (segment(capture.frames, PARAMS, None, Progress()).object for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_room_without_object_is_refused():
+    empty = turning.take(np.zeros((H, W), bool), 40, 3, texture=0.5)
+    with pytest.raises(MaskError, match="nothing in the photographs stays put"):
+        segment(empty.frames, PARAMS, None, Progress())
+
+
+def test_a_camera_that_did_not_move_is_refused(capture):
+    still = np.repeat(capture.frames.radiance[:1], 12, axis=0)
+    rng = np.random.default_rng(0)
+    still = (still * (1 + 0.01 * rng.standard_normal(still.shape))).astype(np.float32)
+    flags = np.zeros(still.shape[:3], bool)
+    frames = Frames(tuple("abcdefghijkl"), still, flags, flags, capture.frames.noise)
+    with pytest.raises(MaskError):
+        segment(frames, PARAMS, None, Progress())
+
+
+def test_too_few_views_are_refused(capture):
+    few = Frames(
+        capture.frames.names[:7], capture.frames.radiance[:7], capture.frames.clipped[:7], capture.frames.dark[:7],
+        capture.frames.noise,
+    )  # fmt: skip
+    with pytest.raises(MaskError, match="7 views are too few"):
+        segment(few, PARAMS, None, Progress())
+
+
+def test_masks_that_do_not_fit_are_refused(capture):
+    with pytest.raises(MaskError, match="160 x 60, the photographs are 160 x 120"):
+        from_object(capture.frames, capture.mask[:60], PARAMS)
+    with pytest.raises(MaskError, match="no object"):
+        from_object(capture.frames, np.zeros((H, W), bool), PARAMS)
+    with pytest.raises(MaskError, match="no background"):
+        from_object(capture.frames, np.ones((H, W), bool), PARAMS)
+
+
+def test_a_stop_is_heard(capture):
+    with pytest.raises(Cancelled):
+        segment(capture.frames, PARAMS, None, Progress(cancelled=lambda: True))
