@@ -91,7 +91,9 @@ def unexplained(
     sample = history[:, rng.permutation(inside)[:1500]]
     # A lamp close by may brighten a view tenfold; relative to the typical pixel every view counts alike.
     typical = np.maximum(np.median(sample, axis=1, keepdims=True), 1e-6)
-    patterns = np.linalg.svd(sample / typical, full_matrices=False)[0][:, :rank]
+    # Left singular vectors, from the small square matrix: its eigenvectors come in ascending order.
+    shares = (sample / typical).astype(np.float64)
+    patterns = np.linalg.eigh(shares @ shares.T)[1][:, -rank:].astype(np.float32)
     scaled = history / typical
     rest = scaled - patterns @ (patterns.T @ scaled)
     # Half of the views: glints and cast shadows in the others may go unexplained.

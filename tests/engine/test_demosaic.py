@@ -48,8 +48,7 @@ def test_beats_linear_interpolation_on_a_scene_of_high_contrast():
         linear[..., colour] = cv2.filter2D(mosaic * own, -1, kernel) / cv2.filter2D(own, -1, kernel)
     inside = np.s_[8:-8, 8:-8]
     relative = [np.abs(found / image - 1)[inside].mean() for found in (ours, linear)]
-    assert relative[0] < 0.02
-    assert relative[0] < 0.4 * relative[1]
+    assert relative[0] < 0.25 * relative[1]
 
 
 def test_noise_around_black_averages_to_black():

@@ -1,0 +1,183 @@
+"""Promises of `engine.sfm`, on a small room ray cast in numpy."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from engine.errors import Cancelled, PoseError
+from engine.features import FeatureParams, chosen
+from engine.geometry import inverse, transform
+from engine.progress import Progress
+from engine.rig import RigLog, angle_between, mean_rotation
+from engine.sfm import PoseParams, find_poses, moved
+from engine.types import Camera, Frames, Masks
+from tests.engine import box_room
+
+CAMERA = Camera(320, 240, 250.0, 250.0, 160.0, 120.0, k1=-0.04)
+VIEWS, HELD = 16, 32
+# Small pictures of a well textured room do not need enlarging.
+PARAMS = PoseParams(features=FeatureParams(maximum=800, enlarge_most=1))
+GEOMETRY = {
+    "pan_axis": [0.0, -1.0, 0.0],
+    "pan_point": [0.0, 0.0, 0.5],
+    "tilt_axis": [1.0, 0.0, 0.0],
+    "tilt_point": [0.0, 0.0, 0.5],
+}
+
+
+def as_frames(radiance: np.ndarray) -> tuple[Frames, Masks]:
+    """Photographs with an object: a dark disc that stays in the middle of every view, with its own texture."""
+    n, h, w = radiance.shape[:3]
+    v, u = np.mgrid[:h, :w]
+    disc = (u - w / 2) ** 2 + (v - h / 2) ** 2 < (0.18 * w) ** 2
+    radiance = radiance.copy()
+    radiance[:, disc] = np.random.default_rng(1).uniform(0.01, 0.05, (int(disc.sum()), 3))
+    none = np.zeros((n, h, w), bool)
+    frames = Frames(tuple(f"v{i:02d}" for i in range(n)), radiance, none, none, (0.0, 0.0))
+    return frames, Masks(disc, np.broadcast_to(~disc, none.shape).copy())
+
+
+@pytest.fixture(scope="module")
+def turned() -> tuple[Frames, Masks, np.ndarray]:
+    """Views held by hand: nodding, rolling and far apart enough to fix the focal length."""
+    truth = box_room.handheld(HELD, reach=0.6)
+    return *as_frames(box_room.render(CAMERA, truth)), truth
+
+
+@pytest.fixture(scope="module")
+def found(turned, tmp_path_factory):
+    frames, masks, _ = turned
+    return find_poses(frames, masks, None, PARAMS, tmp_path_factory.mktemp("sfm"), Progress())
+
+
+def errors(cam_from_world: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Per view: angle in degrees and distance as a share of the path, after a similarity alignment."""
+    world, true = inverse(cam_from_world), inverse(truth)
+    rotation = mean_rotation(true[:, :, :3] @ np.swapaxes(world[:, :, :3], 1, 2))
+    angles = np.degrees(angle_between(rotation @ world[:, :, :3], true[:, :, :3]))
+    a, b = world[:, :, 3] @ rotation.T, true[:, :, 3]
+    a, b = a - a.mean(0), b - b.mean(0)
+    scale = (a * b).sum() / (a * a).sum()
+    return angles, np.linalg.norm(scale * a - b, axis=1) / np.linalg.norm(np.ptp(b, axis=0))
+
+
+def test_every_view_is_placed_where_it_was(turned, found) -> None:
+    poses, report = found
+    assert poses.registered.all()
+    assert (report.placed, report.unregistered, report.from_rig) == (HELD, (), ())
+    angles, distances = errors(poses.cam_from_world, turned[2])
+    assert np.median(angles) < 0.1
+    assert np.median(distances) < 0.005
+    assert poses.reprojection_px < 0.3
+    assert poses.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)
+    assert poses.camera.k1 == pytest.approx(CAMERA.k1, abs=0.02)
+
+
+def test_without_a_known_length_the_unit_is_the_distance_to_the_room(found) -> None:
+    poses, report = found
+    assert poses.scale == "unknown"
+    assert report.scale_stderr is None
+    assert "median distance" in report.scale_note
+    centres = inverse(poses.cam_from_world)[:, :, 3]
+    np.testing.assert_allclose(centres.mean(0), 0, atol=1e-9)
+    assert np.median(np.linalg.norm(poses.points, axis=1)) == pytest.approx(1)
+    assert inverse(poses.cam_from_world)[:, 1, 1].mean() > 0.9  # y points down
+
+
+def test_moving_the_world_moves_no_projection() -> None:
+    rng = np.random.default_rng(0)
+    poses = box_room.handheld(4)
+    points = rng.normal(size=(6, 3))
+    new_from_world = box_room.look(0.4, -0.2, 1.0, rng.normal(size=3))
+    new_poses, new_points = moved(poses, points, 2.5, new_from_world)
+    for pose, new_pose in zip(poses, new_poses, strict=True):
+        np.testing.assert_allclose(transform(new_pose, new_points), 2.5 * transform(pose, points), atol=1e-12)
+
+
+def rig_log(pan_deg: np.ndarray) -> RigLog:
+    return RigLog("turntable", pan_deg, np.zeros(len(pan_deg)), GEOMETRY)
+
+
+def tilted_turntable() -> np.ndarray:
+    """The same turntable as `GEOMETRY` describes, level: its world is the first camera's frame."""
+    pan = np.arange(VIEWS) * 2 * np.pi / VIEWS
+    return np.stack([box_room.look(p, 0.0, 0.0, box_room.on_arm(p, 0.5)) for p in pan])
+
+
+@pytest.fixture(scope="module")
+def rigged(tmp_path_factory):
+    """A level turntable with one view of a blank wall, and a log of its angles."""
+    truth = tilted_turntable()
+    radiance = box_room.render(CAMERA, truth)
+    radiance[5] = 0.2
+    frames, masks = as_frames(radiance)
+    # `look` turns the world about y by its yaw, so the camera turns about -y, the rig's axis, by the same.
+    pan = np.arange(VIEWS) * 360.0 / VIEWS + np.random.default_rng(2).normal(size=VIEWS) * 0.02
+    return frames, masks, truth, rig_log(pan), tmp_path_factory
+
+
+def test_a_logged_rig_gives_metres_and_places_the_blank_view(rigged) -> None:
+    frames, masks, truth, log, folders = rigged
+    poses, report = find_poses(frames, masks, log, PARAMS, folders.mktemp("rig"), Progress())
+    assert poses.scale == "rig"
+    assert report.from_rig == ("v05",)
+    assert poses.registered.all()
+    path = np.ptp(inverse(poses.cam_from_world)[:, :, 3], axis=0)
+    np.testing.assert_allclose(path, np.ptp(inverse(truth)[:, :, 3], axis=0), atol=0.005)
+    assert report.rig_rotation_deg == pytest.approx(0, abs=0.2)
+    angles, _ = errors(poses.cam_from_world, truth)
+    assert angles[5] < 0.2
+
+
+def test_a_log_that_contradicts_the_photographs_is_not_used(rigged) -> None:
+    frames, masks, _, log, folders = rigged
+    wrong = rig_log(-log.pan_deg * 0.9)
+    poses, report = find_poses(frames, masks, wrong, PARAMS, folders.mktemp("wrong"), Progress())
+    assert poses.scale == "unknown"
+    assert "was not used" in report.scale_note
+    assert report.unregistered == ("v05",)
+    assert not poses.registered[5]
+    assert np.isnan(poses.cam_from_world[5]).all()
+
+
+def test_views_without_texture_are_an_error_that_counts_them(turned, tmp_path: Path) -> None:
+    frames, masks, _ = turned
+    blank = Frames(
+        frames.names, np.full_like(frames.radiance, 0.1), frames.clipped, frames.dark, frames.noise
+    )
+    with pytest.raises(PoseError, match=r"none of 32 views could be placed.*--poses"):
+        find_poses(blank, masks, None, PARAMS, tmp_path, Progress())
+
+
+def test_a_stop_is_heard_while_views_are_placed(turned, tmp_path: Path) -> None:
+    frames, masks, _ = turned
+    notes: list[str] = []
+    progress = Progress(lambda _, note: notes.append(note), lambda: bool(notes) and "placing" in notes[-1])
+    with pytest.raises(Cancelled):
+        find_poses(frames, masks, None, PARAMS, tmp_path, progress)
+
+
+def test_a_repeated_run_gives_the_same_bits(turned, found, tmp_path: Path) -> None:
+    frames, masks, _ = turned
+    again, report = find_poses(frames, masks, None, PARAMS, tmp_path, Progress())
+    assert again.cam_from_world.tobytes() == found[0].cam_from_world.tobytes()
+    assert again.points.tobytes() == found[0].points.tobytes()
+    assert again.camera == found[0].camera
+    assert report == found[1]
+
+
+def test_pairs_hold_neighbours_in_time_and_in_looks() -> None:
+    votes = np.zeros((8, 8), int)
+    votes[0, 6] = votes[6, 0] = 9
+    pairs = chosen(votes, 1)
+    assert (0, 6) in pairs
+    assert {(i, i + 1) for i in range(7)} | {(i, i + 2) for i in range(6)} <= set(pairs)
+    assert all(i < j for i, j in pairs)
+    assert len(set(pairs)) == len(pairs)
+
+
+def test_marker_free_rotation_helpers_agree_with_opencv() -> None:
+    turn = cv2.Rodrigues(np.array([0.1, -0.2, 0.3]))[0]
+    assert angle_between(np.eye(3), turn) == pytest.approx(np.linalg.norm([0.1, -0.2, 0.3]))
