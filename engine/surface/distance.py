@@ -7,7 +7,7 @@ it wins gives the standard error. In a far room the distance is unobservable and
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,8 +20,12 @@ from engine.surface.transport import Incident, Responses, Sight
 
 PASSES = 4
 CANDIDATES = 150
+FINE_STEPS = 7
+"""Distances tried between the neighbours of the coarse minimum."""
 SPREAD = 3.0
 """One residual spread for every pixel and distance, so that misfits compare."""
+TRUSTED = 0.8
+"""Share of the pixels that vote: those in the object's own shadow misfit at every distance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,44 +43,72 @@ class Distance:
 
 
 def find_distance(
-    light_at: Callable[[float, Progress], Incident],
+    light_between: Callable[[float, float, bool, Progress], Incident],
     seen: Observations,
     rays: Float[np.ndarray, "p 3"],
     regions: list[Int[np.ndarray, " _"]],
     full_diffuse: bool,
     reach: tuple[float, float],
-    count: int,
     progress: Progress,
 ) -> Distance:
     """Least-misfit distance between `reach`'s ends, for a small set of pixels.
 
-    `light_at` gives the light at the lattice for an object at some distance; `rays` are the pixels' unit
-    viewing directions. The minimum is refined by a parabola in log distance; its curvature, inflated by the
-    misfit itself, gives the standard error (infinite where the curve does not bend).
+    `light_between` gives the light at a lattice that spans two distances, coarse or (True) fine; `rays` are
+    the pixels' unit viewing directions. Every layer of the coarse lattice is tried from scratch, then
+    distances between the best one's neighbours from where it ended. A parabola in log distance through
+    the three best gives the minimum; pixels drawn again and again (bootstrap) give its standard error.
     """
-    tried = np.geomspace(*reach, count)
-    misfit = np.empty(count)
     q = rays / rays[:, 2:]
-    for i, z in enumerate(tried):
-        span = progress.part(i / count, (i + 1) / count)
-        light = light_at(float(z), span.part(0, 0.5))
-        responses = Responses(light, seen.radiance, full_diffuse, False, "cpu")
+
+    def trial(responses: Responses, z: float, state: newton.State | None, span: Progress) -> newton.State:
         sight = Sight(q * z, -rays, None)
-        start = global_start(responses, sight, seen, regions, CANDIDATES, span.part(0.5, 0.7))
-        state = newton.begin(*start)
-        state.spread[:] = SPREAD
-        state = newton.iterate(state, responses, sight, regions, seen, PASSES, span.part(0.7, 1.0))
-        # A trimmed mean: pixels in the object's own shadow misfit at every distance.
-        misfit[i] = np.sort(state.misfit)[: int(0.8 * len(q))].mean() / (seen.weight > 0).mean(0).sum()
-    best = int(np.argmin(misfit))
-    logs = np.log(tried)
-    value, stderr = float(tried[best]), float("inf")
-    if 0 < best < count - 1:
-        a, b, _ = np.polyfit(logs[best - 1 : best + 2] - logs[best], misfit[best - 1 : best + 2], 2)
-        if a > 0:
-            value = float(
-                tried[best] * np.exp(np.clip(-b / (2 * a), *(logs[[best - 1, best + 1]] - logs[best])))
+        if state is None:
+            state = newton.begin(
+                *global_start(responses, sight, seen, regions, CANDIDATES, span.part(0, 0.4))
             )
-            observations = (seen.weight > 0).sum()
-            stderr = float(value * np.sqrt(max(misfit[best], 1.0) / (a * observations)))
+        state.spread[:] = SPREAD
+        state = replace(state, misfit=np.full(len(q), np.inf))
+        return newton.iterate(state, responses, sight, regions, seen, PASSES, span.part(0.4, 1.0))
+
+    coarse = light_between(*reach, False, progress.part(0, 0.3))
+    responses = Responses(coarse, seen.radiance, full_diffuse, False, "cpu")
+    layers = coarse.lattice.depths()
+    states = [
+        trial(responses, float(z), None, progress.part(0.3 + 0.3 * i / len(layers), 0.3 + 0.3 * (i + 1) / len(layers)))
+        for i, z in enumerate(layers)
+    ]  # fmt: skip
+    count = (seen.weight > 0).mean(0).sum()
+    best = int(np.argmin([_trimmed(state.misfit) for state in states]))
+    first, last = layers[max(best - 1, 0)], layers[min(best + 1, len(layers) - 1)]
+    fine = light_between(float(first), float(last), True, progress.part(0.6, 0.8))
+    responses = Responses(fine, seen.radiance, full_diffuse, False, "cpu")
+    tried = np.geomspace(first, last, FINE_STEPS)
+    found = [
+        trial(responses, float(z), states[best], progress.part(0.8 + 0.2 * i / FINE_STEPS, 0.8 + 0.2 * (i + 1) / FINE_STEPS))
+        for i, z in enumerate(tried)
+    ]  # fmt: skip
+    table = np.stack([state.misfit for state in found])
+    value, bends = _minimum(tried, table)
+    stderr = float("inf")
+    if bends:
+        generator = np.random.default_rng(0)
+        draws = [_minimum(tried, table[:, generator.integers(0, len(q), len(q))])[0] for _ in range(100)]
+        stderr = float(np.std(draws))
+    misfit = [_trimmed(state.misfit) / count for state in found]
     return Distance(value, stderr, "light", tuple(map(float, tried)), tuple(map(float, misfit)))
+
+
+def _trimmed(misfit: Float[np.ndarray, " p"]) -> float:
+    return float(np.sort(misfit)[: int(TRUSTED * len(misfit))].mean())
+
+
+def _minimum(tried: Float[np.ndarray, " k"], table: Float[np.ndarray, "k p"]) -> tuple[float, bool]:
+    """Where the trimmed misfit is least, and whether it rises on both sides."""
+    curve, logs = np.array([_trimmed(row) for row in table]), np.log(tried)
+    best = int(np.argmin(curve))
+    if not 0 < best < len(curve) - 1:
+        return float(tried[best]), False
+    near = slice(best - 1, best + 2)
+    a, b, _ = np.polyfit(logs[near] - logs[best], curve[near], 2)
+    shift = np.clip(-b / (2 * a), *(logs[[best - 1, best + 1]] - logs[best])) if a > 0 else 0.0
+    return float(tried[best] * np.exp(shift)), True

@@ -4,6 +4,8 @@ World frame. A group is what one gain of the light refinement moves; each bright
 share of the object's light is its own, and everything else is split by where it stands.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.cluster.vq import kmeans2
@@ -11,7 +13,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from engine.surface.transport import Incident
 from engine.types import Gaussians
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 LAMPS = 8
 """At most so many bright clusters get a gain of their own."""
@@ -27,7 +32,7 @@ def group_emitters(
     """A group number for every Gaussian, as seen from `centre` (where the object is, on average)."""
     away = gaussians.means - centre
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-    luminance = np.maximum(gaussians.radiance[:, 0] @ [0.2126, 0.7152, 0.0722], 0)
+    luminance = _luminance(gaussians)
     area = np.sort(gaussians.scales, axis=1)[:, 1:].prod(1)
     solid = np.minimum(area / distance**2, 1.0) * (1 - np.exp(-gaussians.density))
     energy = luminance * solid
@@ -59,21 +64,47 @@ def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return softened / softened.sum()
 
 
-def only(gaussians: Gaussians, members: Int[np.ndarray, " m"]) -> Gaussians:
-    """The same room with every other Gaussian gone dark; it still hides what is behind it."""
+def labelled(gaussians: Gaussians) -> tuple[Gaussians, Float[np.ndarray, " 3"]]:
+    """The room shining its own places: radiance = luminance x (mean - low); and `low`, the room's corner."""
+    low = gaussians.means.min(0)
+    shine = _luminance(gaussians)[:, None] * (gaussians.means - low)
     radiance = np.zeros_like(gaussians.radiance)
-    radiance[members] = gaussians.radiance[members]
-    return Gaussians(gaussians.means, gaussians.quaternions, gaussians.scales, gaussians.density, radiance)
+    # The first coefficient of spherical harmonics is the radiance itself here.
+    radiance[:, 0] = shine
+    return replace(gaussians, radiance=radiance), low
+
+
+def whose(
+    places: Incident,
+    light: Incident,
+    low: Float[np.ndarray, " 3"],
+    gaussians: Gaussians,
+    group: Int[np.ndarray, " k"],
+) -> Int[np.ndarray, "m d n"]:
+    """The group that each cell's light comes from, -1 where it is dark.
+
+    `places` is the light of the `labelled` room: divided by the luminance, the mean place that shines into a
+    cell. A lamp outshines the wall beside it, so that a cell which holds a lamp counts as the lamp's.
+    """
+    m, d, v = light.energy.shape
+    luminance = light.energy.reshape(m, d, v // 3, 3) @ LUMINANCE
+    lit = luminance > 0
+    at = places.energy.reshape(m, d, v // 3, 3)[lit] / luminance[lit][:, None] + low
+    found = np.full(luminance.shape, -1)
+    # Faint Gaussians stand everywhere, also in front of lamps; those that shine say where the light is from.
+    shining = np.nonzero(_luminance(gaussians) > 0)[0]
+    found[lit] = group[shining[KDTree(gaussians.means[shining]).query(at)[1]]]
+    return found
+
+
+def _luminance(gaussians: Gaussians) -> Float[np.ndarray, " k"]:
+    return np.maximum(gaussians.radiance[:, 0] @ LUMINANCE, 0)
 
 
 def brightened(
     gaussians: Gaussians, group: Int[np.ndarray, " k"], gain: Float[np.ndarray, "g 3"]
 ) -> Gaussians:
     """Every group under its gain."""
-    return Gaussians(
-        gaussians.means,
-        gaussians.quaternions,
-        gaussians.scales,
-        gaussians.density,
-        gaussians.radiance * gain[group][:, None].astype(gaussians.radiance.dtype),
+    return replace(
+        gaussians, radiance=gaussians.radiance * gain[group][:, None].astype(gaussians.radiance.dtype)
     )

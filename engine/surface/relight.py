@@ -73,6 +73,8 @@ def refine(
     return Gains(gain, stderr, before, float(np.median(state.spread))), state
 
 
+TOTAL = 0.01
+"""How well the background fixes the sum of all light, per channel (relative)."""
 CORRELATED = 10.0
 """Observations that share one model error; see `refine`."""
 
@@ -118,5 +120,16 @@ def _light_step(groups, gain, prior, state, sight, parts, seen, full_diffuse):
     trust = np.repeat(1 / prior**2, 3)
     system = system + np.diag(trust)
     slope = slope - trust * np.log(gain).ravel()
+    # The sum of all light is the background's; only its parts are open to argument, else albedo drifts.
+    before = np.stack([group.energy.reshape(-1, 3).sum(0, dtype=np.float64) for group in groups])
+    part = before * gain
+    drift = part.sum(0) / before.sum(0)
+    part = part / part.sum(0)
+    for c in range(3):
+        row = np.zeros((count, 3))
+        row[:, c] = part[:, c]
+        flat = row.ravel()
+        system += np.outer(flat, flat) / TOTAL**2
+        slope -= flat * np.log(drift[c]) / TOTAL**2
     covariance = np.linalg.inv(system)
     return (covariance @ slope).reshape(count, 3), np.sqrt(np.diag(covariance)).reshape(count, 3)

@@ -5,7 +5,7 @@ no start, damped Gauss-Newton on every pixel, depth by integrating the normals, 
 visibility and inter-reflection that the depth gives. Some views are kept out of the fit and re-rendered.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -17,12 +17,12 @@ from engine.light.probes import incident_energy
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.distance import Distance, find_distance
-from engine.surface.groups import brightened, group_emitters, only
+from engine.surface.groups import brightened, group_emitters, labelled, whose
 from engine.surface.observations import observe
 from engine.surface.pixels import SurfaceParams, coarse_regions, rerender, solve_pixels
 from engine.surface.relight import Gains, refine
 from engine.surface.start import global_start
-from engine.surface.transport import Incident, Responses, Sight, direction_cells, lattice_around
+from engine.surface.transport import Incident, Lattice, Responses, Sight, direction_cells, lattice_around
 from engine.types import Frames, Gaussians, Masks, Poses, Renders, Surface
 
 DEPTH_MARGIN = 0.2
@@ -70,25 +70,32 @@ def gather_light(
     distance: float,
     params: SurfaceParams,
     progress: Progress,
-    fill: bool = True,
 ) -> Incident:
-    """The energy at the probe lattice for some views; with `fill`, unseen directions are filled."""
+    """The energy at a lattice of probes around the object, for some views."""
     depths = (distance * (1 - DEPTH_MARGIN), distance * (1 + DEPTH_MARGIN))
     shape = (params.probes_across, params.probes_across, params.probes_deep)
     lattice = lattice_around(poses.camera, mask, depths, shape)
-    directions = direction_cells(params.directions)
+    return light_at(lattice, gaussians, poses, views, params.directions, params.probe_face_px, progress)
+
+
+def light_at(
+    lattice: Lattice,
+    gaussians: Gaussians,
+    poses: Poses,
+    views: Int[np.ndarray, " n"],
+    directions: int,
+    face_px: int,
+    progress: Progress,
+    fill: bool = True,
+) -> Incident:
+    """The energy at the lattice for some views; with `fill`, unseen directions are filled."""
+    cells = direction_cells(directions)
     energy, _ = incident_energy(
-        gaussians,
-        poses.cam_from_world[views],
-        lattice.points(),
-        directions,
-        params.probe_face_px,
-        fill,
-        progress,
+        gaussians, poses.cam_from_world[views], lattice.points(), cells, face_px, fill, progress
     )
     n, m, d, _ = energy.shape
     flat = np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)
-    return Incident(lattice, directions, flat)
+    return Incident(lattice, cells, flat)
 
 
 def sample_pixels(mask: Bool[np.ndarray, "h w"], count: int, seed: int) -> Bool[np.ndarray, "h w"]:
@@ -115,29 +122,29 @@ def refine_light(
 ) -> tuple[Gaussians, Gains]:
     """The light with a gain for every group of emitters, as a sample of the object's pixels asks for."""
     few = views[:: max(1, len(views) // RELIGHT_VIEWS)]
-    coarse = replace(params, directions=1024, probes_across=2, probes_deep=1, probe_face_px=32)
-    centres = inverse(poses.cam_from_world[few])
-    middle = transform(centres.mean(0), np.array([0.0, 0.0, distance]))
+    middle = transform(inverse(poses.cam_from_world[few]).mean(0), np.array([0.0, 0.0, distance]))
     group = group_emitters(gaussians, middle, params.relight_groups, seed)
     count = int(group.max()) + 1
-    total = gather_light(
-        gaussians, poses, few, masks.object, distance, coarse, progress.part(0, 1 / (count + 3))
-    )
-    lights = []
-    for k in range(count):
-        span = progress.part((k + 1) / (count + 3), (k + 2) / (count + 3))
-        alone = only(gaussians, np.nonzero(group == k)[0])
-        lights.append(gather_light(alone, poses, few, masks.object, distance, coarse, span, fill=False))
+    lattice = lattice_around(poses.camera, masks.object, (distance, distance), (2, 2, 1))
+
+    def look(which: Gaussians, fill: bool, first: float) -> Incident:
+        span = progress.part(first, first + 0.15)
+        return light_at(lattice, which, poses, few, 1024, 32, span, fill)
+
+    total, bare = look(gaussians, True, 0.0), look(gaussians, False, 0.15)
+    places, low = labelled(gaussians)
+    came_from = whose(look(places, False, 0.3), bare, low, gaussians, group)
     # What no photograph shows was filled in from its surroundings; it keeps its level here.
-    rest = np.maximum(total.energy - sum(light.energy for light in lights), 0)
-    lights.append(Incident(total.lattice, total.directions, rest))
+    filled = Incident(lattice, total.directions, np.maximum(total.energy - bare.energy, 0))
+    lights = [bare.where(came_from == k) for k in range(count)]
+    lights.append(filled)
     subset = sample_pixels(masks.object, RELIGHT_PIXELS, seed)
     directions = rays(poses.camera)[subset]
     sight = Sight(directions / directions[:, 2:] * distance, -directions, None)
     seen = observe(frames, subset, few, params.model_error)
     parts = coarse_regions(subset)
     responses = Responses(total, seen.radiance, params.full_diffuse, False, "cpu")
-    span = progress.part((count + 1) / (count + 3), 1.0)
+    span = progress.part(0.45, 1.0)
     start = global_start(responses, sight, seen, parts, params.candidates, span.part(0, 0.2))
     prior = np.append(np.full(count, params.relight_prior), 1e-3)
     gains, _ = refine(
@@ -166,19 +173,19 @@ def estimate_distance(
     subset = sample_pixels(masks.object, DISTANCE_PIXELS, seed)
     centres = inverse(poses.cam_from_world[views])[..., 3]
     far = np.linalg.norm(gaussians.means[None] - centres[:, None], axis=2)
-    coarse = replace(params, directions=1024, probes_across=2, probes_deep=1, probe_face_px=24)
 
-    def light_at(z: float, span: Progress) -> Incident:
-        return gather_light(gaussians, poses, few, masks.object, z, coarse, span)
+    def light_between(first: float, last: float, fine: bool, span: Progress) -> Incident:
+        shape = (2, 2, 3) if fine else (1, 1, DISTANCES)
+        lattice = lattice_around(poses.camera, masks.object, (first, last), shape)
+        return light_at(lattice, gaussians, poses, few, 1024, 24, span)
 
     return find_distance(
-        light_at,
+        light_between,
         observe(frames, subset, few, params.model_error),
         rays(poses.camera)[subset],
         coarse_regions(subset),
         params.full_diffuse,
         (float(np.median(far)) / 50, float(np.percentile(far.min(0), 10))),
-        DISTANCES,
         progress,
     )
 

@@ -29,31 +29,41 @@ BLOCK = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """Probe points on a regular lattice in (x / z, y / z, z) that encloses the object."""
+    """Probe points on a regular lattice in (x / z, y / z, log z) that encloses the object."""
 
-    low: Float[np.ndarray, " 3"]
+    low: Float[np.ndarray, " 3"]  # x / z, y / z, z
     high: Float[np.ndarray, " 3"]
     shape: tuple[int, int, int]
+
+    def depths(self) -> Float[np.ndarray, " k"]:
+        """z of the lattice's layers."""
+        if self.shape[2] == 1:
+            return np.array([np.sqrt(self.low[2] * self.high[2])])
+        return np.geomspace(self.low[2], self.high[2], self.shape[2])
 
     def points(self) -> Float[np.ndarray, "m 3"]:
         """The probes, camera frame, last lattice axis fastest."""
         axes = [
             np.linspace(lo, hi, k) if k > 1 else np.array([(lo + hi) / 2])
-            for lo, hi, k in zip(self.low, self.high, self.shape, strict=True)
+            for lo, hi, k in zip(self.low[:2], self.high[:2], self.shape[:2], strict=True)
         ]
-        x, y, z = np.meshgrid(*axes, indexing="ij")
+        x, y, z = np.meshgrid(*axes, self.depths(), indexing="ij")
         return np.stack([x * z, y * z, z], -1).reshape(-1, 3)
 
     def weights(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " m"]:
         """Trilinear weights of the probes at one point; points outside take the nearest face's values."""
-        at = np.array([point[0] / point[2], point[1] / point[2], point[2]])
+        at = np.array([point[0] / point[2], point[1] / point[2], np.log(point[2])])
+        low, high = (
+            np.append(self.low[:2], np.log(self.low[2])),
+            np.append(self.high[:2], np.log(self.high[2])),
+        )
         per_axis = []
         for i, count in enumerate(self.shape):
             axis = np.zeros(count)
             if count == 1:
                 axis[0] = 1
             else:
-                t = np.clip((at[i] - self.low[i]) / (self.high[i] - self.low[i]), 0, 1) * (count - 1)
+                t = np.clip((at[i] - low[i]) / (high[i] - low[i]), 0, 1) * (count - 1)
                 k = min(int(t), count - 2)
                 axis[k], axis[k + 1] = 1 - (t - k), t - k
             per_axis.append(axis)
@@ -91,6 +101,10 @@ class Incident:
         m, d, v = self.energy.shape
         energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
         return Incident(self.lattice, self.directions, np.ascontiguousarray(energy))
+
+    def where(self, kept: Bool[np.ndarray, "m d n"]) -> "Incident":
+        """The same light with all other cells dark."""
+        return Incident(self.lattice, self.directions, self.energy * np.repeat(kept, 3, axis=2))
 
 
 def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
