@@ -109,7 +109,7 @@ class Foreground:
             "integrator": {"type": "path", "max_depth": 8, "rr_depth": 6},
             "sensor": tracer.lens(mi, width, height, FIELD_OF_VIEW_DEG, self.crop),
         })  # fmt: skip
-        self.corners = tracer.panel_corners(room.panels)
+        self.corners = tracer.quad_corners(room.panels)
         self.params = mi.traverse(self.scene)
 
     def look(

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hardware.errors import StudioError
-from hardware.virtual import bake, motion, objects, render, rooms, truth
+from hardware.virtual import bake, motion, objects, relight, render, rooms, tracer, truth
 
-VERSION = 1  # raise when the rendered values would change
+VERSION = 2  # raise when the rendered values would change
 SAMPLES = 256  # paths per object pixel
 ROOMS, OBJECTS, MOTIONS = rooms.ROOMS, objects.OBJECTS, motion.MOTIONS
 
@@ -92,16 +92,24 @@ class Studio:
         if path.exists():
             with np.load(path) as stored:
                 return stored["radiance"].astype(np.float32)
-        front = render.Foreground(self.room, self.atlas, self.body, touched, self.device)
-        pixels = []
-        for i, pose in enumerate(poses):
-            progress(i / len(poses), f"path-tracing the object, view {i + 1} of {len(poses)}")
-            pixels.append(front.look(pose, self.samples, self.seed + 7919 * (i + 1)))
-        radiance = np.stack(pixels)
+        radiance = self._traced(poses, touched, progress)
         partial = path.with_name(f"{path.stem}.{os.getpid()}.partial.npz")
         np.savez(partial, radiance=radiance)
         partial.rename(path)
         return radiance
+
+    def _traced(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
+        note = f"path-tracing the object in {len(poses)} views"
+        if tracer.is_vectorised(tracer.load(self.device)):
+            lit = relight.Relighter(self.room, self.atlas, self.body, touched, self.device)
+            effort = relight.plan(self.room, self.samples)
+            return lit.look(poses, effort, self.seed, lambda share: progress(share, note))
+        front = render.Foreground(self.room, self.atlas, self.body, touched, self.device)
+        pixels = []
+        for i, pose in enumerate(poses):
+            progress(i / len(poses), note)
+            pixels.append(front.look(pose, self.samples, self.seed + 7919 * (i + 1)))
+        return np.stack(pixels)
 
 
 def build(

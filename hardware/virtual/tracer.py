@@ -6,6 +6,8 @@ v = 0 at the first row.
 """
 
 import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from jaxtyping import Float
 
 from hardware.errors import StudioError
 from hardware.virtual.objects import Body
-from hardware.virtual.rooms import Panel, Room
+from hardware.virtual.rooms import Panel, Room, Sheet
 
 OLDEST_LLVM = 16
 _mitsuba_from_opencv = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -46,6 +48,11 @@ def load(device: str = "auto") -> Any:
     else:
         mi.set_variant("scalar_rgb")
     return mi
+
+
+def is_vectorised(mi: Any) -> bool:
+    """Whether the variant follows many rays at once."""
+    return not str(mi.variant()).startswith("scalar")
 
 
 def _has_llvm(mi: Any) -> bool:
@@ -145,7 +152,7 @@ def texture(mi: Any, picture: Float[np.ndarray, "h w 3"], interpolate: str = "ne
 def room_mesh(mi: Any, panels: tuple[Panel, ...], atlas: Any, bsdf: dict[str, Any],
               emitter: dict[str, Any] | None = None) -> Any:  # fmt: skip
     """All panels as one mesh with the atlas's texture coordinates."""
-    corners = panel_corners(panels)
+    corners = quad_corners(panels)
     (u0, v0), (u1, v1) = atlas.low.T, atlas.high.T
     uv = np.stack(
         [np.stack([u0, v0], 1), np.stack([u1, v0], 1), np.stack([u1, v1], 1), np.stack([u0, v1], 1)], 1
@@ -166,7 +173,7 @@ def room_mesh(mi: Any, panels: tuple[Panel, ...], atlas: Any, bsdf: dict[str, An
     return mesh
 
 
-def panel_corners(panels: tuple[Panel, ...]) -> Float[np.ndarray, "p 4 3"]:
+def quad_corners(panels: Sequence[Panel | Sheet]) -> Float[np.ndarray, "p 4 3"]:
     """Round each panel: corner, along its row, diagonally across, along its column."""
     return np.stack([
         [p.corner, p.corner + p.right, p.corner + p.right + p.down, p.corner + p.down] for p in panels
@@ -178,7 +185,7 @@ def body_mesh(mi: Any, body: Body) -> Any:
     solid = body.solid
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({
-        "type": "principled", "specular": 0.5,
+        **PAINT,
         "base_color": {"type": "mesh_attribute", "name": "vertex_albedo"},
         "roughness": {"type": "mesh_attribute", "name": "vertex_roughness"},
     })  # fmt: skip
@@ -191,6 +198,44 @@ def body_mesh(mi: Any, body: Body) -> Any:
     params["faces"] = np.ravel(solid.faces).astype(np.uint32)
     params.update()
     return mesh
+
+
+class LanePaint:
+    """The body's reflectance where albedo and roughness are at hand, one per lane, and need no mesh."""
+
+    def __init__(self, mi: Any):
+        self.mi = mi
+
+        class Lanes(mi.Texture):
+            # Calls that Mitsuba dispatches by pointer visit every reflectance alive, this one's too: between
+            # its own calls it has to answer, with anything.
+            value: Any = 0.5
+
+            def eval(self, si: Any, active: Any = True) -> Any:
+                return mi.Color3f(self.value)
+
+            def eval_1(self, si: Any, active: Any = True) -> Any:
+                return mi.Float(self.value)
+
+        mi.register_texture("lanes", Lanes)
+        self.albedo, self.roughness = mi.load_dict({"type": "lanes"}), mi.load_dict({"type": "lanes"})
+        self.bsdf = mi.load_dict({**PAINT, "base_color": self.albedo, "roughness": self.roughness})
+
+    def eval_pdf(self, at: Any, albedo: Any, roughness: Any, out: Any) -> tuple[Any, Any]:
+        """Reflectance times cosine, and its sampling density, for local directions `at.wi` and `out`."""
+        with self._painted(albedo, roughness):
+            return self.bsdf.eval_pdf(self.mi.BSDFContext(), at, out)
+
+    def sample(self, at: Any, albedo: Any, roughness: Any, lobe: Any, u: Any) -> tuple[Any, Any]:
+        """A local direction with its density, and reflectance times cosine over density."""
+        with self._painted(albedo, roughness):
+            return self.bsdf.sample(self.mi.BSDFContext(), at, lobe, u)
+
+    @contextmanager
+    def _painted(self, albedo: Any, roughness: Any) -> Iterator[None]:
+        self.albedo.value, self.roughness.value = albedo, roughness
+        yield
+        self.albedo.value = self.roughness.value = 0.5
 
 
 def lens(mi: Any, width: int, height: int, field_deg: float,
@@ -223,6 +268,7 @@ def move_room(mi: Any, params: Any, room: Room, corners: Float[np.ndarray, "p 4 
     params.update()
 
 
+PAINT = {"type": "principled", "specular": 0.5}
 BLACK = {"type": "conductor", "specular_reflectance": 0.0}  # a delta lobe: no light sampling is spent on it
 
 
