@@ -15,6 +15,7 @@ lower bounds: they pull only while the rendering is below them.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -98,6 +99,7 @@ def rows_of(geometry: Shapes, photographs: Photographs, run: Run) -> Rows:
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _render_rows(begins, counts, columns, values, colours, out, part, parts):
     """out = A colours."""
     for p in range(part, begins.shape[0], parts):
@@ -111,6 +113,7 @@ def _render_rows(begins, counts, columns, values, colours, out, part, parts):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _pull_rows(begins, counts, columns, values, residual, chunks, chunk_sums, part, parts):
     """chunk_sums[c] = A^T residual over the c-th slice of the rows."""
     total = begins.shape[0]

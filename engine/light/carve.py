@@ -9,6 +9,7 @@ the way to the nearest surface; nothing of the room can be there. World frame; d
 # pyright: reportArgumentType=false
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
@@ -35,6 +36,7 @@ class Emptiness:
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _votes(poses, lens, depth, sure, points, free, support):
     views, height, width = depth.shape
     for p in range(points.shape[0]):

@@ -6,6 +6,7 @@ World frame.
 """
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -35,6 +36,7 @@ def coverage_of(masks: Masks, poses: Poses, width: int = 128) -> Coverage:
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _covered(cam_from_world, lens, shown, points, out):
     views, height, width = shown.shape
     recent = 0  # neighbours are mostly shown by the same view

@@ -93,7 +93,7 @@ def whitening(gaussians: Gaussians) -> Float[np.ndarray, "k 3 3"]:
 
 def luminance(rgb: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
     """Rec.709 luminance of linear radiance."""
-    return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
+    return np.asarray(rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype))
 
 
 def _covered_area(density: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -9,6 +9,8 @@ gradients are gathered per Gaussian in a fixed order, so results are bit-identic
 Reassociation is allowed inside loops of fixed length only; it is settled when the kernel is compiled.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
@@ -32,6 +34,7 @@ _S1, _S2, _S3, _S4, _S5 = (np.float32(c) for c in (1 / 16, 1 / 2, 1 / 3, 1 / 4, 
 
 
 @njit(inline="always", **_FLAGS)
+@no_type_check
 def _decay(x):
     """exp(-x) for 0 <= x <= 12 to 2e-7 absolute, without a call, so that loops over it vectorise."""
     t = x * _S1
@@ -43,6 +46,7 @@ def _decay(x):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _alphas(row, xs, ys, near, alpha, depth):
     """Eq. (2), (4) for one Gaussian on 64 rays: alpha and the z where it answers; returns sum of alpha."""
     m00, m01, m02 = row[0], row[1], row[2]
@@ -71,6 +75,7 @@ def _alphas(row, xs, ys, near, alpha, depth):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def gather(packed, members, begin, end, xs, ys, near, alpha, depth, live):
     """Evaluate a tile's list; rows of `alpha`, `depth` and `live` for those that touch any ray."""
     n = 0
@@ -82,6 +87,7 @@ def gather(packed, members, begin, end, xs, ys, near, alpha, depth, live):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def ray_order(alpha, depth, n, i, order):
     """Contributors of ray `i`, nearest first, into `order`; insertion sort, as lists are nearly sorted."""
     count = 0
@@ -100,6 +106,7 @@ def ray_order(alpha, depth, n, i, order):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def composite(packed, members, live, alpha, depth, n, order, out):
     """Eq. (3) on the 64 rays of a tile: `out[i]` = radiance, transmittance left, sum of weight * z."""
     for i in range(AREA):
@@ -121,6 +128,7 @@ def composite(packed, members, live, alpha, depth, n, order, out):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def tile_rays(column, row, fx, fy, cx, cy, xs, ys):
     """Image-plane coordinates (z = 1) of a tile's pixel centres."""
     for j in range(TILE):
@@ -130,6 +138,7 @@ def tile_rays(column, row, fx, fy, cx, cy, xs, ys):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def longest(tile_start):
     """Length of the longest tile list, at least one."""
     most = 1
@@ -139,6 +148,7 @@ def longest(tile_start):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def forward(packed, tile_start, members, lens, near, image, part, parts):
     """Render tiles part, part + parts, ... into `image` [h w 5]."""
     height, width = image.shape[0], image.shape[1]
@@ -160,6 +170,7 @@ def forward(packed, tile_start, members, lens, near, image, part, parts):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
     """Sum one Gaussian's gradients over 64 rays from d loss / d alpha (`slope`) and compositing weights."""
     m00, m01, m02 = row[0], row[1], row[2]
@@ -208,6 +219,7 @@ def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def backward(
     packed,
     tile_start,
@@ -304,6 +316,7 @@ def backward(
 
 
 @njit(**_FLAGS)
+@no_type_check
 def collect(grads, own_start, slots, totals, part, parts):
     """Sum every Gaussian's entries in a fixed order: `totals` [visible 18]."""
     for v in range(part, own_start.shape[0] - 1, parts):
@@ -315,6 +328,7 @@ def collect(grads, own_start, slots, totals, part, parts):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def compositing_weights(packed, index, tile_start, members, lens, near, wanted, faint):
     """Weights of Eq. (3) of every wanted pixel as sparse rows: begin and length of each, Gaussian, weight.
 

@@ -6,6 +6,8 @@ near that direction if there are any, else the typical depth of patches that are
 the view; world frame elsewhere; the misfit is in log radiance.
 """
 
+from typing import no_type_check
+
 import cv2
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +23,7 @@ _CAP = 0.5  # misfit beyond which two views simply do not show the same thing
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _misfit(poses, lens, pictures, weight, depths, view, others, out):
     """Mean capped difference of log radiance to other views, per pixel and depth; -1 where none looks."""
     _, height, width, _ = pictures.shape

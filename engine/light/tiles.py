@@ -9,6 +9,7 @@ M = W R_wc and m = W (mu - origin): the exponent on the ray z * (x, y, 1) is |m 
 """
 
 import math
+from typing import no_type_check
 
 import numpy as np
 from numba import njit
@@ -21,6 +22,7 @@ _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"co
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
     """First and last tile (inclusive) along one axis whose edge planes do not exclude the ellipsoid.
 
@@ -55,6 +57,7 @@ def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def project(white, spread, means, density, colours, rotation, origin, lens, width, height):
     """Gaussians that may touch the view, nearest mean first: indices, `packed` rows, tile boxes.
 
@@ -136,6 +139,7 @@ def project(white, spread, means, density, colours, rotation, origin, lens, widt
 
 
 @njit(**_FLAGS)
+@no_type_check
 def lists(boxes, across, down):
     """Per-tile lists in the order of `boxes`: (tile_start, members, own_start, slots).
 

@@ -124,7 +124,7 @@ def _pass(
     tree = KDTree(camera_centres(photographs))
     distance = tree.query(cloud.means)[0]
     smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
-    for view in rng.permutation(len(photographs.weight)):
+    for view in rng.permutation(len(photographs.weight)).tolist():
         _, gradients = push_back(
             cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
             photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.hollow, run,

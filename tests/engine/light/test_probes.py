@@ -1,0 +1,129 @@
+"""Light at a point: energy is kept, whatever collects it, and what nobody saw is said to be unseen."""
+
+import numpy as np
+import pytest
+
+from engine.geometry import fibonacci_sphere
+from engine.light.cells import nearest_cells, pixel_solid_angles, shared_cells
+from engine.light.coverage import Coverage
+from engine.light.fill import fill_smoothly, neighbourhood
+from engine.light.probes import incident_energy, panorama, panorama_directions
+from engine.types import Gaussians
+from tests.engine.light import clouds
+
+RADIANCE = 2.5
+AHEAD = np.eye(3, 4)[None]
+PLACES = np.array([[0.0, 0, 0], [0.5, -0.3, 0.8]])
+
+
+def holed() -> Gaussians:
+    """The shell without its part within 50 degrees of -z."""
+    whole = clouds.shell(RADIANCE)
+    kept = whole.means[:, 2] > -3 * np.cos(np.radians(50))
+    return Gaussians(
+        whole.means[kept],
+        whole.quaternions[kept],
+        whole.scales[kept],
+        whole.density[kept],
+        whole.radiance[kept],
+    )
+
+
+@pytest.mark.parametrize("cells", ["nearest", "shared"])
+def test_inside_a_shell_of_one_radiance_every_direction_and_the_irradiance_have_it(cells: str) -> None:
+    directions = fibonacci_sphere(600)
+    energy, _ = incident_energy(
+        clouds.shell(RADIANCE), AHEAD, PLACES, directions, face=32, fill=False, cells=cells
+    )
+    np.testing.assert_allclose(energy.sum(2), 4 * np.pi * RADIANCE, rtol=2e-3)
+    for normal in np.concatenate([np.eye(3), -np.eye(3)]):
+        irradiance = np.maximum(directions @ normal, 0) @ energy
+        np.testing.assert_allclose(irradiance, np.pi * RADIANCE, rtol=1e-2)
+
+
+def test_a_panorama_inside_the_shell_is_its_radiance() -> None:
+    radiance, seen = panorama(clouds.shell(RADIANCE), PLACES[1], np.eye(3), 24)
+    np.testing.assert_allclose(radiance, RADIANCE, rtol=5e-3)
+    assert seen.min() > 0.99
+
+
+def test_turning_the_camera_turns_the_light() -> None:
+    directions = fibonacci_sphere(400)
+    about_y = np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
+    turned = np.column_stack([about_y, np.zeros(3)])[None]
+    energy, _ = incident_energy(holed(), AHEAD, PLACES[:1], directions, face=32, fill=False)
+    other, _ = incident_energy(holed(), turned, PLACES[:1], directions, face=32, fill=False)
+    assert energy[0, 0][directions[:, 2] < -0.9].sum() < 0.05 * energy[0, 0][directions[:, 2] > 0.9].sum()
+    assert other[0, 0][directions[:, 2] > 0.9].sum() < 0.05 * other[0, 0][directions[:, 2] < -0.9].sum()
+
+
+def test_a_cone_without_gaussians_is_not_seen_and_filled_from_around_it() -> None:
+    directions = fibonacci_sphere(600)
+    away = directions[:, 2] < -np.cos(np.radians(25))
+    energy, seen = incident_energy(holed(), AHEAD, PLACES[:1], directions, face=32)
+    assert seen[0, 0][away].max() < 0.02
+    assert seen[0, 0][directions[:, 2] > 0].min() > 0.9
+    np.testing.assert_allclose(energy[0, 0][away].sum(0), RADIANCE * 4 * np.pi * away.mean(), rtol=0.05)
+
+
+def test_a_cone_that_no_photograph_shows_is_not_seen_though_gaussians_fill_it() -> None:
+    directions = fibonacci_sphere(600)
+    lens = np.array([16.0, 16, 16, 16])  # 90 degrees across, at the shell's middle
+    coverage = Coverage(AHEAD, lens, np.ones((1, 32, 32), bool))
+    _, seen = incident_energy(
+        clouds.shell(RADIANCE), AHEAD, PLACES[:1], directions, face=32, coverage=coverage
+    )
+    x, y, z = directions.T
+    inside = (np.abs(x) < 0.95 * z) & (np.abs(y) < 0.95 * z)
+    assert seen[0, 0][inside].min() > 0.9
+    assert seen[0, 0][(np.abs(x) > 1.05 * z) | (z < 0)].max() == 0
+
+
+def test_a_small_lamp_keeps_its_energy_between_the_pixels() -> None:
+    room = clouds.shell(0.01)
+    lamp = np.array([0.31, -0.44, 2.0])
+    bright = Gaussians(
+        np.concatenate([room.means, lamp[None]]),
+        np.concatenate([room.quaternions, room.quaternions[:1]]),
+        np.concatenate([room.scales, np.full((1, 3), 0.03)]),
+        np.append(room.density, 5.0),
+        np.concatenate([room.radiance, np.full((1, 1, 3), 1000.0 / 0.28209479177387814)]),
+    )
+    directions = fibonacci_sphere(600)
+    sums = []
+    for face in (48, 128):
+        energy, _ = incident_energy(
+            bright, AHEAD, PLACES[:1], directions, face=face, fill=False, cells="nearest"
+        )
+        sums.append(energy[0, 0].sum(0))
+    np.testing.assert_allclose(sums[0], sums[1], rtol=0.02)
+
+
+@pytest.mark.parametrize("build", [nearest_cells, shared_cells])
+def test_cells_share_out_the_whole_sphere(build) -> None:
+    directions = fibonacci_sphere(300)
+    solid_angles = np.broadcast_to(pixel_solid_angles(64), (6, 64, 64))
+    assert solid_angles.sum() == pytest.approx(4 * np.pi, rel=1e-12)
+    cells = build(directions, 64)
+    np.testing.assert_allclose(cells.share.sum(-1), 1, rtol=1e-5)
+    share = np.zeros(300)
+    np.add.at(share, cells.index.ravel(), (cells.share * solid_angles[..., None]).ravel())
+    assert share.sum() == pytest.approx(4 * np.pi, rel=1e-5)
+    np.testing.assert_allclose(share, 4 * np.pi / 300, rtol=0.3)
+
+
+def test_panorama_directions_worked_by_hand() -> None:
+    directions = panorama_directions(2)
+    # Row 0 is 45 degrees above the horizon; column 0 is azimuth -135 degrees.
+    np.testing.assert_allclose(directions[0, 0], [-0.5, -np.sqrt(0.5), -0.5], atol=1e-12)
+    np.testing.assert_allclose(directions[1, 2], [0.5, np.sqrt(0.5), 0.5], atol=1e-12)
+
+
+def test_filling_keeps_what_is_trusted_and_stays_within_it() -> None:
+    directions = fibonacci_sphere(500)
+    values = directions[:, :1] + 2
+    trust = (directions[:, 2] > -0.3).astype(float)
+    filled = fill_smoothly(values, trust, neighbourhood(directions))
+    np.testing.assert_allclose(filled[trust == 1], values[trust == 1])
+    assert 1 <= filled.min() <= filled.max() <= 3
+    assert np.corrcoef(filled[trust == 0, 0], values[trust == 0, 0])[0, 1] > 0.7

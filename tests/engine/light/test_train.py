@@ -1,0 +1,96 @@
+"""The fit on a room that is a painted sphere: it predicts views it never saw, and does so twice alike."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.errors import LightError
+from engine.geometry import rays
+from engine.light.train import LightParams, LightReport, fit
+from engine.progress import Progress
+from engine.types import Camera, Frames, Gaussians, Masks, Poses
+from tests.engine.box_room import look
+
+CAMERA = Camera(64, 48, 45.0, 45.0, 32.0, 24.0)
+RADIUS, VIEWS = 3.0, 40
+PARAMS = LightParams(budget=1500, width=64, passes=(4, 6), holdout=8)
+
+
+def paint(points: np.ndarray) -> np.ndarray:
+    """Radiance of the wall: coloured clouds, and a lamp thirty times as bright."""
+    phases = np.array([0.0, 1.0, 2.0])
+    waves = np.sin(1.3 * points[..., :1] + phases) + np.cos(1.7 * points[..., 1:2] - points[..., 2:] + phases)
+    lamp = np.linalg.norm(points / RADIUS - np.array([0.6, -0.64, 0.48]), axis=-1) < 0.2
+    return np.where(lamp[..., None], 15.0, 0.5 * np.exp(0.6 * waves))
+
+
+@pytest.fixture(scope="module")
+def room() -> tuple[Frames, Masks, Poses]:
+    rng = np.random.default_rng(0)
+    poses = np.stack(
+        [
+            look(4 * np.pi * i / VIEWS, 0.6 * np.sin(2.4 * i), 0.0, rng.normal(size=3) * 0.2)
+            for i in range(VIEWS)
+        ]
+    )
+    directions = rays(CAMERA)
+    radiance = np.empty((VIEWS, 48, 64, 3), np.float32)
+    for i, pose in enumerate(poses):
+        d, origin = directions @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
+        along = d @ origin
+        reach = -along + np.sqrt(along**2 + RADIUS**2 - origin @ origin)
+        radiance[i] = paint(origin + reach[..., None] * d)
+    thing = np.zeros((48, 64), bool)
+    thing[14:34, 22:42] = True
+    nowhere = np.zeros((VIEWS, 48, 64), bool)
+    # The object's pixels hold what no wall has: the fit must not look there.
+    radiance[:, thing] = 400.0
+    names = tuple(f"view{i}" for i in range(VIEWS))
+    frames = Frames(names, radiance, nowhere, nowhere, (1e-4, 1e-3))
+    masks = Masks(thing, np.broadcast_to(~thing, nowhere.shape).copy())
+    registered = np.ones(VIEWS, bool)
+    return frames, masks, Poses(CAMERA, poses, registered, np.zeros((0, 3)), "given", np.nan)
+
+
+@pytest.fixture(scope="module")
+def fitted(room: tuple[Frames, Masks, Poses]) -> tuple[Gaussians, LightReport]:
+    return fit(*room, PARAMS, 0, Progress())
+
+
+def test_views_that_were_kept_out_are_predicted(
+    room: tuple[Frames, Masks, Poses], fitted: tuple[Gaussians, LightReport]
+) -> None:
+    _, report = fitted
+    frames, masks, _ = room
+    wall = np.log(report.knee + frames.radiance[masks.background].astype(np.float64))
+    guess = float(np.abs(wall - np.median(wall)).mean())
+    assert guess > 0.2
+    assert report.heldout_log_l1 < 0.4 * guess
+    assert report.heldout_energy == pytest.approx(1, abs=0.1)
+    assert (report.views_used, report.views_heldout) == (35, 5)
+
+
+def test_the_budget_and_the_keep_out_hold(fitted: tuple[Gaussians, LightReport]) -> None:
+    gaussians, report = fitted
+    assert report.count == len(gaussians.means) <= PARAMS.budget
+    assert np.linalg.norm(gaussians.means, axis=1).min() > report.keep_out * 0.5
+    assert (gaussians.radiance >= 0).all()
+
+
+def test_the_same_seed_gives_the_same_bits_and_kept_out_views_teach_nothing(
+    room: tuple[Frames, Masks, Poses], fitted: tuple[Gaussians, LightReport]
+) -> None:
+    frames, masks, poses = room
+    radiance = frames.radiance.copy()
+    radiance[4::8] = 0.001
+    again, _ = fit(replace(frames, radiance=radiance), masks, poses, PARAMS, 0, Progress())
+    for name in ("means", "quaternions", "scales", "density", "radiance"):
+        assert getattr(again, name).tobytes() == getattr(fitted[0], name).tobytes()
+
+
+def test_too_few_views_are_refused(room: tuple[Frames, Masks, Poses]) -> None:
+    frames, masks, poses = room
+    few = replace(poses, registered=np.arange(VIEWS) < 3)
+    with pytest.raises(LightError, match="3 views are registered"):
+        fit(frames, masks, few, PARAMS, 0, Progress())
