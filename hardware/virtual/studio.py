@@ -18,7 +18,7 @@ from hardware.errors import StudioError
 from hardware.virtual import bake, motion, objects, relight, render, rooms, tracer, truth
 
 VERSION = 2  # raise when the rendered values would change
-SAMPLES = 256  # paths per object pixel
+SAMPLES = 512  # paths per object pixel that follow the reflectance; `relight.plan` adds those aimed at lamps
 ROOMS, OBJECTS, MOTIONS = rooms.ROOMS, objects.OBJECTS, motion.MOTIONS
 
 Progress = Callable[[float, str], None]
