@@ -1,0 +1,68 @@
+"""The bundled session for tests: copies of it, whole or thinned, and its truth at half the size."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from engine import session as sessions
+from engine.importing import encode_poses
+from engine.posefiles import GivenPoses
+from engine.truth import read_truth
+
+ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "demo" / "session"
+TRUTH = ROOT / "demo" / "truth"
+
+
+def copy(source: Path, to: Path, views: int | None = None) -> Path:
+    """Photographs and facts of a session, no results; the first `views` of them."""
+    to.mkdir(parents=True)
+    for name in ("stages", "exports", "edits", "shots"):
+        (to / name).mkdir()
+    shutil.copy(source / "session.json", to)
+    for path in (source / "edits").glob("*"):
+        shutil.copy(path, to / "edits")
+    for shot in sorted((source / "shots").iterdir())[:views]:
+        shutil.copytree(shot, to / "shots" / shot.name)
+    return to
+
+
+def give_truth(folder: Path) -> float:
+    """Mask and poses of the truth as given inputs; returns the distance of the object, in their unit."""
+    truth = read_truth(TRUTH)
+    assert truth.camera is not None
+    assert truth.cam_from_world is not None
+    session = sessions.open_session(folder)
+    views = sessions.shots(session)
+    rows = [int(view.folder.name) for view in views]
+    poses = truth.cam_from_world[rows]
+    given = GivenPoses(truth.camera, poses, np.ones(len(rows), bool), np.zeros((0, 3)), "given", ())
+    sessions.write_edit(session, "poses.json", encode_poses(given, [view.name for view in views]))
+    _, png = cv2.imencode(".png", truth.mask.astype(np.uint8) * 255)
+    sessions.write_edit(session, "mask.png", png.tobytes())
+    return float(np.median(truth.depth[truth.mask]))
+
+
+def half_truth(to: Path) -> Path:
+    """The truth for photographs averaged down by two, as an .npz."""
+    truth = read_truth(TRUTH)
+    height, width = truth.mask.shape
+
+    def halved(image: np.ndarray) -> np.ndarray:
+        blocks = (image * truth.mask[..., None]).reshape(height // 2, 2, width // 2, 2, -1)
+        share = truth.mask.reshape(height // 2, 2, width // 2, 2, 1).mean((1, 3))
+        return blocks.mean((1, 3)) / np.maximum(share, 0.25)
+
+    normal = halved(truth.normal)
+    np.savez(
+        to,
+        normal=normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9),
+        albedo=halved(truth.albedo),
+        roughness=halved(truth.roughness[..., None])[..., 0],
+        depth=halved(truth.depth[..., None])[..., 0],
+        mask=truth.mask.reshape(height // 2, 2, width // 2, 2).mean((1, 3)) >= 0.5,
+        cam_from_world=truth.cam_from_world,
+    )
+    return to
