@@ -11,6 +11,8 @@ Frames: Gaussians in the world frame; probes and directions in the camera frame 
 # The stubs of scipy and numba misstate what comes back here.
 # pyright: reportCallIssue=false
 
+from typing import no_type_check
+
 import numpy as np
 from jaxtyping import Float
 from numba import njit
@@ -35,6 +37,7 @@ _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"co
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _finesse(packed, members, begin, end, mean, side):
     """How many times finer than its pixels a tile is to be sampled: 1, 2 or 4."""
     bright = np.float32(0)
@@ -46,6 +49,7 @@ def _finesse(packed, members, begin, end, mean, side):
 
 
 @njit(**_FLAGS)
+@no_type_check
 def _probe(
     white, spread, means, density, colours, faces, origin, near, side, mean, adaptive,
     index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, reach,

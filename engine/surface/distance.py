@@ -20,7 +20,7 @@ from engine.surface.transport import Incident, Responses, Sight
 
 PASSES = 4
 CANDIDATES = 150
-FINE_STEPS = 7
+FINE_STEPS = 5
 """Distances tried between the neighbours of the coarse minimum."""
 SPREAD = 3.0
 """One residual spread for every pixel and distance, so that misfits compare."""

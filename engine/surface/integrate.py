@@ -81,7 +81,9 @@ def integrate(
             weighted = matrix.T.multiply(share).tocsr()
             system = system + weighted @ matrix
             right += weighted @ target
-        solver = pyamg.smoothed_aggregation_solver(system.tocsr(), max_coarse=500)
+        solver = pyamg.smoothed_aggregation_solver(
+            system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"})
+        )
         log_depth, _ = cg(system, right, x0=log_depth, rtol=1e-5, maxiter=200, M=solver.aspreconditioner())
         log_depth -= ((gauge @ log_depth) / sizes)[part]
         residuals = []

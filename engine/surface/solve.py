@@ -27,11 +27,12 @@ from engine.types import Frames, Gaussians, Masks, Poses, Renders, Surface
 
 DEPTH_MARGIN = 0.2
 """Half of the depth range the probes cover, relative to the object's distance."""
-DISTANCE_PIXELS = 400
+DISTANCE_PIXELS = 240
+DISTANCE_VIEWS = 24
 RELIGHT_PIXELS = 600
 RELIGHT_VIEWS = 48
 RELIGHT_ROUNDS = 4
-DISTANCES = 8
+DISTANCES = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,12 +165,12 @@ def estimate_distance(
     seed: int,
     progress: Progress,
 ) -> Distance:
-    """Ask the light how far the object is, with a few hundred pixels in at most 40 views.
+    """Ask the light how far the object is, with a few hundred pixels in a few dozen views.
 
     The search runs from a fiftieth of the room to the nearest tenth of what the cameras saw of it: the
     object is in front of the background.
     """
-    few = views[:: max(1, len(views) // 40)]
+    few = views[:: max(1, len(views) // DISTANCE_VIEWS)]
     subset = sample_pixels(masks.object, DISTANCE_PIXELS, seed)
     centres = inverse(poses.cam_from_world[views])[..., 3]
     far = np.linalg.norm(gaussians.means[None] - centres[:, None], axis=2)

@@ -101,7 +101,7 @@ def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
     assert ((source % 64) <= 33).all()
 
 
-def test_lattice_weights_sum_to_one_and_interpolate_exactly_what_is_linear():
+def test_lattice_weights_sum_to_one_and_interpolate_log_depth_exactly():
     mask = np.zeros((48, 64), bool)
     mask[10:40, 20:50] = True
     lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
@@ -109,7 +109,7 @@ def test_lattice_weights_sum_to_one_and_interpolate_exactly_what_is_linear():
     for point in ([0.0, 0.0, 0.5], [0.02, -0.03, 0.45]):
         weights = lattice.weights(np.array(point))
         assert weights.sum() == pytest.approx(1)
-        assert weights @ points[:, 2] == pytest.approx(point[2])
+        assert weights @ np.log(points[:, 2]) == pytest.approx(np.log(point[2]))
 
 
 def test_blocks_cover_every_pixel_once():
