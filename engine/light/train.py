@@ -12,9 +12,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from engine.errors import LightError
+from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.carve import Emptiness, floating, intruding
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.gaussians import luminance
+from engine.light.gaussians import Y00, luminance
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
@@ -95,8 +96,8 @@ def fit(
                 loss = _pass(cloud, photographs, params, knee, rate, rng, run)
                 done, count = done + width * width, count + 1
                 cloud = _settle(cloud, photographs, params, emptiness, count / everything)
-        gaussians = gaussians_of(cloud)
-        progress.step(0.9, "light, held-out views")
+        gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.98), run)
+        progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
         report = judge(gaussians, judged, knee, run)
     return gaussians, replace(
@@ -106,6 +107,23 @@ def fit(
         views_used=len(used),
         views_heldout=len(held),
     )
+
+
+def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progress, run: Run) -> Gaussians:
+    """Stage 2: colours of the bright Gaussians that render the photographed energy.
+
+    Eq. (5) and Eq. (6) take medians of ratios, which dims what is small and much brighter than its
+    surroundings, as lamps and windows are: the energy objective of `bright.py` does not.
+    """
+    rows = rows_of(shapes(gaussians), photographs, run)
+    start = gaussians.radiance[:, 0].astype(np.float64) * Y00
+    free = bright_ones(start)
+    colours = solve_colours(
+        rows, start, free, "energy", run, step=lambda share: progress.step(share, "colours of the lamps")
+    )
+    radiance = gaussians.radiance.copy()
+    radiance[free, 0] = colours[free] / Y00
+    return replace(gaussians, radiance=radiance)
 
 
 def _pass(
@@ -154,7 +172,7 @@ def _settle(
 def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> LightReport:
     """Compare renderings with photographs on background pixels that were not clipped."""
     geometry = shapes(gaussians)
-    colours = np.maximum(gaussians.radiance[:, 0].astype(np.float64) * 0.28209479177387814, 0)
+    colours = np.maximum(gaussians.radiance[:, 0].astype(np.float64) * Y00, 0)
     ours, theirs = [], []
     for view in range(len(photographs.weight)):
         image = render(geometry, colours, photographs.pinhole(view), 0.0, run)

@@ -30,15 +30,15 @@ def stages() -> tuple[Stage, ...]:
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
-            "poses", 1, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",
+            "poses", 2, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",
             presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 1, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
+            "light", 2, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
         Stage(
-            "surface", 1, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+            "surface", 2, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
             presets=presets.of_stage("surface"),
         ),
         Stage(

@@ -69,7 +69,6 @@ def labelled(gaussians: Gaussians) -> tuple[Gaussians, Float[np.ndarray, " 3"]]:
     low = gaussians.means.min(0)
     shine = _luminance(gaussians)[:, None] * (gaussians.means - low)
     radiance = np.zeros_like(gaussians.radiance)
-    # The first coefficient of spherical harmonics is the radiance itself here.
     radiance[:, 0] = shine
     return replace(gaussians, radiance=radiance), low
 

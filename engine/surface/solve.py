@@ -33,6 +33,7 @@ RELIGHT_PIXELS = 600
 RELIGHT_VIEWS = 48
 RELIGHT_ROUNDS = 4
 DISTANCES = 7
+NEAREST, FARTHEST = 0.05, 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,13 +168,12 @@ def estimate_distance(
 ) -> Distance:
     """Ask the light how far the object is, with a few hundred pixels in a few dozen views.
 
-    The search runs from a fiftieth of the room to the nearest tenth of what the cameras saw of it: the
-    object is in front of the background.
+    The search runs from NEAREST to FARTHEST of the median distance from the cameras to the room's Gaussians.
     """
     few = views[:: max(1, len(views) // DISTANCE_VIEWS)]
     subset = sample_pixels(masks.object, DISTANCE_PIXELS, seed)
     centres = inverse(poses.cam_from_world[views])[..., 3]
-    far = np.linalg.norm(gaussians.means[None] - centres[:, None], axis=2)
+    room = float(np.median(np.linalg.norm(gaussians.means[None] - centres[:, None], axis=2)))
 
     def light_between(first: float, last: float, fine: bool, span: Progress) -> Incident:
         shape = (2, 2, 3) if fine else (1, 1, DISTANCES)
@@ -186,7 +186,7 @@ def estimate_distance(
         rays(poses.camera)[subset],
         coarse_regions(subset),
         params.full_diffuse,
-        (float(np.median(far)) / 50, float(np.percentile(far.min(0), 10))),
+        (NEAREST * room, FARTHEST * room),
         progress,
     )
 

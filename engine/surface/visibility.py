@@ -13,8 +13,14 @@ from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 
-TEAR = 0.03
-"""Relative step in z between neighbours beyond which the surface is taken to be torn."""
+TEAR = 0.3
+"""Relative step in z between neighbours beyond which the surface is taken to be torn. Most objects are solid:
+behind a ridge that hides a valley there is more of the ridge, not a gap for light to come through. Torn at
+0.03, the fluted vase of the studio stood at 5.6 degrees even with its true depth given; closed, at 3.7."""
+
+BELOW = 0.5
+"""Sine of how far below a pixel's horizon rays are cast too: the solver is about to turn the normal, and a
+direction that then rises above the horizon must not come in as if nothing stood there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +96,7 @@ def occlusion(
         progress.step(begin / len(vertices), "casting visibility rays")
         part = slice(begin, min(begin + chunk, len(vertices)))
         cosine = flat_normals[part].astype(np.float32) @ directions32.T
-        p, d = np.nonzero(cosine > 0)
+        p, d = np.nonzero(cosine > -BELOW)
         rays = np.concatenate([origins[part][p].astype(np.float32), directions32[d]], 1)
         answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
         hit = np.isfinite(answer["t_hit"].numpy())
@@ -102,7 +108,7 @@ def occlusion(
         hidden_directions.append(d.astype(np.int32))
         sources.append(triangle[np.arange(len(triangle)), nearest].astype(np.int32))
         total = np.maximum(cosine, 0).sum(1)
-        share[part] = np.bincount(p, cosine[p, d], minlength=part.stop - part.start) / total
+        share[part] = np.bincount(p, np.maximum(cosine[p, d], 0), minlength=part.stop - part.start) / total
     return Occlusion(
         np.concatenate(starts), np.concatenate(hidden_directions), np.concatenate(sources), share
     )
