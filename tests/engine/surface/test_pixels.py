@@ -97,8 +97,14 @@ def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
     assert share[24, 5] < 1e-3
     start, direction, source = hidden.of(np.array([24 * 64 + 33]))
     assert start[-1] == len(direction)
-    assert (directions[direction][:, 0] < 0).mean() > 0.9
-    assert ((source % 64) <= 33).all()
+    above = directions[direction][:, 2] < 0
+    assert (directions[direction][above, 0] < 0).mean() > 0.9
+    assert ((source[above] % 64) <= 33).all()
+    # Just below the horizon of flat ground there is ground.
+    _, direction, _ = hidden.of(np.array([24 * 64 + 16]))
+    below = np.flatnonzero((directions[:, 2] > 0.2) & (directions[:, 2] < 0.5))
+    assert np.isin(below, direction).all()
+    assert not (directions[direction][:, 2] > 0.5).any()
 
 
 def test_lattice_weights_sum_to_one_and_interpolate_log_depth_exactly():
