@@ -73,12 +73,12 @@ def process(
 
 def run_simulate(args: Namespace) -> int:
     from app import studio
+    from hardware.virtual.studio import Order
 
+    width, height = args.size
+    order = Order(args.room, args.object, args.views, width, height, args.motion, args.seed, args.device)
     with terminal.job("simulate") as progress:
-        studio.simulate(
-            args.out, args.room, args.object, args.views, tuple(args.size), args.motion, args.seed,
-            args.vignetting, args.device, progress,
-        )  # fmt: skip
+        studio.simulate(args.out, order, args.vignetting, progress)
     print(f"{args.out}/session: {args.views} views of {args.object} in {args.room}, {args.motion}")
     print(f"next: roomlight process {args.out}/session")
     print(f"      roomlight evaluate {args.out}/session {args.out}/truth")

@@ -17,27 +17,17 @@ from engine.errors import SessionError
 from engine.progress import Progress
 from hardware.virtual import dng, sensor
 from hardware.virtual import studio as virtual
+from hardware.virtual.studio import Order
 
 START = datetime.datetime(2024, 6, 1, 10, 0, 0)
 BETWEEN_VIEWS_S = 10.0
 
 
-def simulate(
-    out: Path,
-    room: str,
-    thing: str,
-    views: int,
-    size: tuple[int, int],
-    motion: str,
-    seed: int,
-    vignetting: float,
-    device: str,
-    progress: Progress,
-) -> None:
+def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> None:
     """Write OUT/session and OUT/truth; both appear by renames when everything is done.
 
     Raises:
-        StudioError: unknown names, odd sizes, no views.
+        StudioError: what was ordered cannot be built, or no lens loses such a share of light.
         SessionError: OUT holds something already, or the disk refuses.
     """
     for name in ("session", "truth"):
@@ -48,7 +38,7 @@ def simulate(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
     try:
-        _photograph(partial, room, thing, views, size, motion, seed, vignetting, device, progress)
+        _photograph(partial, order, sensor.Sensor(vignetting=vignetting), progress)
         with sessions.told(out):
             (partial / "truth").rename(out / "truth")
             (partial / "session").rename(out / "session")
@@ -56,32 +46,17 @@ def simulate(
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _photograph(
-    partial: Path,
-    room: str,
-    thing: str,
-    views: int,
-    size: tuple[int, int],
-    motion: str,
-    seed: int,
-    vignetting: float,
-    device: str,
-    progress: Progress,
-) -> None:
+def _photograph(partial: Path, order: Order, camera: sensor.Sensor, progress: Progress) -> None:
     """Fill `partial` with a session of RAW brackets and the truth beside it."""
-    width, height = size
-    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "roomlight" / "studio"
-    built = virtual.build(
-        room, thing, views, width, height, motion, seed, cache, device, progress.part(0, 0.4).step
-    )
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roomlight" / "studio"
+    built = virtual.build(order, cache, progress.part(0, 0.4).step)
     pictures = list(built.shoot(progress.part(0.4, 0.85).step))
-    camera = sensor.Sensor(vignetting=vignetting)
     shutter_s = sensor.meter(np.stack([view.radiance for view in pictures]), camera)
     geometry = built.journey.geometry
-    rig = {"kind": motion, "geometry": geometry} if geometry is not None else None
-    facts = {"make": dng.MAKE, "model": dng.MODEL, "width": width, "height": height}
+    rig = {"kind": order.motion, "geometry": geometry} if geometry is not None else None
+    facts = {"make": dng.MAKE, "model": dng.MODEL, "width": order.width, "height": order.height}
     session = sessions.create(partial / "session", "raw", facts, rig)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(order.seed)
     with tempfile.TemporaryDirectory(dir=partial) as scratch:
         for view in pictures:
             start = START + datetime.timedelta(seconds=BETWEEN_VIEWS_S * view.index)
@@ -102,5 +77,5 @@ def _photograph(
             sessions.add_shot(session, f"view{view.index:04d}", files, exposures, view.rig)
             for path in files:
                 path.unlink()
-            progress.step(0.85 + 0.05 * view.index / views, "developing RAW files")
+            progress.step(0.85 + 0.05 * view.index / order.views, "writing RAW files")
     built.truth(progress.part(0.9, 1.0).step).save(partial / "truth")

@@ -29,11 +29,8 @@ BLOCK = 4
 DIRECT_SAMPLES = 10  # per texel, so 160 per block
 INDIRECT_SAMPLES = 2
 DIRECT_BLUR, INDIRECT_BLUR = 0.7, 3.0  # standard deviation, blocks
-TILES = (
-    32,
-    64,
-    128,
-)  # texels a side of a parallel-projection picture; few sizes, since each is compiled once
+# Texels a side of a parallel-projection picture; few sizes, since each is compiled once.
+TILES = (32, 64, 128)
 ATLAS_WIDTH = 3072
 GUTTER = 2  # texels repeated around each panel, so that interpolation never reaches a neighbour
 
@@ -69,21 +66,9 @@ def bake(room: Room, cache: Path, device: str, progress: Progress) -> Atlas:
 
 def digest(room: Room) -> str:
     """Names the room's content: geometry, paint, lamps and the way it is baked."""
-    sha = hashlib.sha256(
-        repr(
-            (
-                VERSION,
-                BLOCK,
-                DIRECT_SAMPLES,
-                INDIRECT_SAMPLES,
-                DIRECT_BLUR,
-                INDIRECT_BLUR,
-                TILES,
-                ATLAS_WIDTH,
-                GUTTER,
-            )
-        ).encode()
-    )
+    method = (VERSION, BLOCK, DIRECT_SAMPLES, INDIRECT_SAMPLES, DIRECT_BLUR, INDIRECT_BLUR, TILES, ATLAS_WIDTH,
+              GUTTER)  # fmt: skip
+    sha = hashlib.sha256(repr(method).encode())
     for panel in room.panels:
         for part in (panel.corner, panel.right, panel.down, panel.albedo):
             sha.update(np.ascontiguousarray(part, np.float32).tobytes())
@@ -130,9 +115,8 @@ def _outgoing(room: Room, device: str, progress: Progress) -> list[np.ndarray]:
     tiles = []
     for index, panel in enumerate(room.panels):
         h, w = panel.albedo.shape[:2]
-        tile = min(
-            TILES, key=lambda t: (-(-h // t)) * (-(-w // t)) * (t * t + 400)
-        )  # 400: a picture's own cost
+        # 400: a picture's own cost
+        tile = min(TILES, key=lambda t: (-(-h // t)) * (-(-w // t)) * (t * t + 400))
         tiles += [(index, tile, row, column) for row in range(0, h, tile) for column in range(0, w, tile)]
     direct = [np.zeros_like(panel.albedo) for panel in room.panels]
     indirect = [np.zeros_like(panel.albedo) for panel in room.panels]

@@ -6,11 +6,8 @@ whole panel, as in the dead-leaves model of natural images (Lee, Mumford and Hua
 power law), so that feature matching finds something from near and from far.
 """
 
-# The stubs of scipy and numba misstate what comes back here.
-# pyright: reportIndexIssue=false
-
-# numpy scalars of sequences are arrays; the stubs say otherwise.
-# pyright: reportArgumentType=false
+# The stubs of scipy and numpy misstate what comes back here.
+# pyright: reportIndexIssue=false, reportArgumentType=false
 
 from collections.abc import Callable
 
@@ -38,21 +35,21 @@ def wallpaper(base: tuple[float, float, float], contrast: float = 1.0) -> Painte
     return paint
 
 
-def plaster(base: tuple[float, float, float], contrast: float = 1.0) -> Painter:
+def plaster(base: tuple[float, float, float]) -> Painter:
     """Stained, cracked plaster."""
 
     def paint(height_m: float, width_m: float, texel_m: float, rng: np.random.Generator) -> Albedo:
         shape = texels(height_m, width_m, texel_m)
         wall = np.ones((*shape, 3), np.float32) * np.float32(base)
-        wall *= np.exp(0.16 * contrast * noise(shape, texel_m, 0.6, rng, gain=0.75))[..., None]
+        wall *= np.exp(0.16 * noise(shape, texel_m, 0.6, rng, gain=0.75))[..., None]
         tint = noise(shape, texel_m, 1.0, rng)[..., None] * np.float32([0.04, 0.0, -0.05])
-        wall *= 1 + contrast * tint
+        wall *= 1 + tint
         stains = noise(shape, texel_m, 0.25, rng, gain=0.6)
-        wall *= (1 - 0.45 * contrast * np.clip(2.5 * (stains - 1.1), 0, 1))[..., None]
+        wall *= (1 - 0.45 * np.clip(2.5 * (stains - 1.1), 0, 1))[..., None]
         cracks = np.abs(noise(shape, texel_m, 0.5, rng, gain=0.55))
-        wall *= (1 - 0.5 * contrast * np.exp(-((cracks / 0.02) ** 2)))[..., None]
+        wall *= (1 - 0.5 * np.exp(-((cracks / 0.02) ** 2)))[..., None]
         hues = palette(rng, 8, value=float(np.mean(base)) * 0.7, spread=0.5, saturation=0.35)
-        leaves(wall, texel_m, rng, hues, smallest_m=0.008, largest_m=0.06, cover=0.14 * contrast)
+        leaves(wall, texel_m, rng, hues, smallest_m=0.008, largest_m=0.06, cover=0.14)
         return finish(wall)
 
     return paint
@@ -301,8 +298,10 @@ def _leaf(canvas: Albedo, size: float, rng: np.random.Generator, hue: np.ndarray
 def _writing(block: Albedo, texel_m: float, rng: np.random.Generator) -> None:
     """Strokes in rows, as of print too small to read."""
     h, w = block.shape[:2]
-    ink = np.float32(0.04 if block.mean() > 0.3 else 0.75)
     line = max(3, round(0.022 * rng.uniform(0.7, 1.5) / texel_m))
+    if h <= line:
+        return  # too low for one row of print; perhaps no texel at all
+    ink = np.float32(0.04 if block.mean() > 0.3 else 0.75)
     for top in range(0, h - line, round(line * 1.6)):
         x = 0
         while x < w - 2:

@@ -8,7 +8,7 @@ Estimator, for one pixel (multi-sample MIS, Veach and Guibas 1995): at the first
 samples share the panels by the balance heuristic; microfacet and aimed samples share the lamps by the power heuristic.
 Cosine-weighted samples see no lamps: whether they hit one is all or nothing, where aiming is nearly exact, and sharing
 with them tripled the noise. At later vertices one reflectance sample and one aimed sample do. Nothing is clamped.
-First-vertex samples are points of Sobol's sequence, shifted digit by digit for each pixel, view and lamp.
+First-vertex samples are stratified, anew for each pixel, view and lamp (`samples`); later ones are not.
 Needs one of Mitsuba's vectorised variants; `render.Foreground` is the plain way.
 """
 
@@ -18,49 +18,19 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import qmc
 
 from hardware.virtual import tracer
 from hardware.virtual.bake import Atlas
 from hardware.virtual.glow import Glow
 from hardware.virtual.objects import Body
 from hardware.virtual.rooms import Room
-from hardware.virtual.truth import FIELD_OF_VIEW_DEG
+from hardware.virtual.samples import Effort, Numbers
+from hardware.virtual.truth import camera
 
 DEPTH = 7  # vertices on the body; light that met it more often is under a thousandth
 LANES = 2_000_000  # paths in flight: bounds the memory to about 1 GB
 
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """Samples per pixel and view, powers of two; at least one per lamp, or its light is lost."""
-
-    diffuse: int
-    glossy: int
-    aimed: tuple[int, ...]  # per lamp
-
-
-def plan(room: Room, samples: int) -> Effort:
-    """Share `samples` out: that many follow the reflectance, others go to the lamps by how hard they are to sample.
-
-    A sheet with a picture is hard (bars, sky, garden), an even one is not, globes are nearly points.
-    """
-
-    def power(value: float) -> int:
-        return 1 << max(2, round(np.log2(max(value, 1))))
-
-    strengths = [float(np.linalg.norm(np.cross(s.right, s.down)) * s.radiance.mean()) for s in room.sheets]
-    sheets = [
-        power(samples * (0.125 if len(sheet.radiance) < 8 else 0.5) * strength**0.5)
-        for sheet, strength in zip(
-            room.sheets, np.array(strengths) / max(strengths, default=1.0), strict=True
-        )
-    ]
-    return Effort(
-        power(samples), power(samples / 4), (power(samples / 16),) * len(room.globes) + tuple(sheets)
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +94,7 @@ class Relighter:
 
 
 class _Batch:
-    """Samples of one kind for some of the pixels: lane `k` is sample `k % count` of pixel `k // count`."""
+    """Samples of one kind for some of the pixels, `count` for each; lanes as `samples` numbers them."""
 
     def __init__(self, owner: Relighter, pixels: np.ndarray, count: int, salt: int):
         self.mi, self.glow, self.body, self.paint = owner.mi, owner.glow, owner.body, owner.paint
@@ -134,17 +104,14 @@ class _Batch:
         self.count, self.width = count, len(pixels) * count
         lane = dr.arange(mi.UInt32, self.width)
         pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), lane // count)
-        self.seed, self.before = salt, dr.opaque(mi.UInt32, int(pixels[0]) * count)
-        self.salt = dr.opaque(mi.UInt32, salt)
+        self.seed, self.salt = salt, dr.opaque(mi.UInt32, salt)
         self.lane, self.pixel, self.sample = lane, pixel, lane % count
-        points = qmc.Sobol(4, scramble=False, bits=32).random(count)
-        self.points = mi.UInt32(np.ravel(points * 2.0**32).astype(np.uint32))
-        within = self._stratified(2, self.salt)
+        self.numbers = Numbers(mi, count, int(pixels[0]) * count)
+        within = self.numbers.stratum(2, self.sample, pixel, self.salt)
         x = mi.Float(dr.gather(mi.UInt32, mi.UInt32(owner.columns), pixel)) + within.x
         y = mi.Float(dr.gather(mi.UInt32, mi.UInt32(owner.rows), pixel)) + within.y
-        width, height = owner.size
-        focal = width / 2 / float(np.tan(np.radians(FIELD_OF_VIEW_DEG) / 2))
-        aim = dr.normalize(mi.Vector3f((x - width / 2) / focal, (y - height / 2) / focal, 1.0))
+        lens = {name: float(value) for name, value in camera(*owner.size).items()}
+        aim = dr.normalize(mi.Vector3f((x - lens["cx"]) / lens["fx"], (y - lens["cy"]) / lens["fy"], 1.0))
         self.primary = mi.Ray3f(mi.Point3f(0.0), aim)
         self.at = self.body.ray_intersect(self.primary)
         dr.eval(self.at)  # all at once: gathering from it would trace the rays anew for every field
@@ -164,7 +131,7 @@ class _Batch:
 
         def carry(cam_from_world: np.ndarray, view: int) -> np.ndarray:
             world_from_cam, salt = self._view(cam_from_world, view)
-            u = self._shifted(0, sample, pixel, salt)
+            u = self.numbers.stratum(0, sample, pixel, salt)
 
             def rival(at: Any, out: Any, _: Any) -> Any:
                 return effort.glossy * self._glossy_pdf(at, vertices.roughness, out) / self.count
@@ -184,7 +151,7 @@ class _Batch:
             world_from_cam, salt = self._view(cam_from_world, view)
             total = self._summed(self._found(exits, world_from_cam, counts), None)
             for vertices in sets if self.glow.lamps else []:
-                noise = self._noise(vertices.lane, salt, 3)
+                noise = self.numbers.noise(vertices.lane, salt)
                 point = world_from_cam @ vertices.point
                 chosen, probability = self._chosen(point, noise[2])
                 value = self._lit(vertices, chosen, probability, mi.Point2f(noise[0], noise[1]), world_from_cam,
@@ -201,7 +168,7 @@ class _Batch:
         at, hit = self.at, self.at.is_valid()
         albedo = mi.Color3f(at.shape.eval_attribute_3("vertex_albedo", at, hit))
         roughness = at.shape.eval_attribute_1("vertex_roughness", at, hit)
-        u = self._stratified(0, self.salt)
+        u = self.numbers.stratum(0, self.sample, self.pixel, self.salt)
         if kind == "diffuse":
             out = mi.warp.square_to_cosine_hemisphere(u)
         else:
@@ -236,7 +203,7 @@ class _Batch:
             carried = dr.gather(mi.Color3f, weight, active)
             vertices = self._vertices(at, active, carried)
             sets.append(vertices)
-            noise = self._noise(active, self.salt + 7919 * bounce, 3)
+            noise = self.numbers.noise(active, self.salt + 7919 * bounce)
             sample, factor = self.paint.sample(
                 at, vertices.albedo, vertices.roughness, noise[2], mi.Point2f(noise[0], noise[1])
             )
@@ -339,28 +306,6 @@ class _Batch:
         # Opaque, so that one kernel serves all views.
         dr.make_opaque(world_from_cam)
         return world_from_cam, dr.opaque(mi.UInt32, self.seed + 1 + view)
-
-    def _stratified(self, first: int, salt: Any) -> Any:
-        return self._shifted(first, self.sample, self.pixel, salt)
-
-    def _shifted(self, first: int, sample: Any, pixel: Any, salt: Any) -> Any:
-        """Coordinates `first` and `first + 1` of the points, scrambled for each pixel and salt."""
-        mi = self.mi
-        import drjit as dr
-
-        x, y = mi.sample_tea_32(pixel * 2 + first // 2, salt)
-        x ^= dr.gather(mi.UInt32, self.points, sample * 4 + first)
-        y ^= dr.gather(mi.UInt32, self.points, sample * 4 + first + 1)
-        return mi.Point2f(mi.Float(x >> 8), mi.Float(y >> 8)) * 2.0**-24
-
-    def _noise(self, lane: Any, salt: Any, count: int) -> list[Any]:
-        """Independent numbers for some of the lanes."""
-        mi = self.mi
-        numbers = []
-        for k in range((count + 1) // 2):
-            for bits in mi.sample_tea_32(lane + self.before, salt ^ (0x9E3779B9 + k)):
-                numbers.append(mi.Float(bits >> 8) * 2.0**-24)
-        return numbers[:count]
 
     def _glossy_pdf(self, at: Any, roughness: Any, out: Any) -> Any:
         mi = self.mi

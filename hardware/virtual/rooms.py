@@ -25,6 +25,8 @@ TEXEL_M = 0.004  # under a pixel of the standard size from 1.7 m on
 SOOT = paint.paint_of((0.04, 0.04, 0.04))
 NECK_M = 0.03
 
+FREE_M = 0.98  # from a room's centre; nothing stands there, so that the rig may move
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
@@ -57,14 +59,13 @@ class Sheet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """A furnished room; nothing stands within `free_m` of `centre`."""
+    """A furnished room; nothing stands within `FREE_M` of `centre`."""
 
     name: str
     panels: tuple[Panel, ...]
     globes: tuple[Globe, ...]
     sheets: tuple[Sheet, ...]
     centre: Float[np.ndarray, "3"]
-    free_m: float
 
 
 Vector = tuple[float, float, float]
@@ -224,7 +225,7 @@ class _Builder:
 
     def room(self, name: str) -> Room:
         centre = np.array([0.0, 0.0, 1.35])
-        return Room(name, tuple(self.panels), tuple(self.globes), tuple(self.sheets), centre, 0.98)
+        return Room(name, tuple(self.panels), tuple(self.globes), tuple(self.sheets), centre)
 
 
 def _ceiling_light(

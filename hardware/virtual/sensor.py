@@ -46,6 +46,12 @@ class Sensor:
     vignetting: float = 0.0  # share of light lost in the corners, falling with the squared distance
     camera_from_xyz: Float[np.ndarray, "3 3"] = field(default_factory=_camera_from_xyz)
 
+    def __post_init__(self) -> None:
+        if not 0 <= self.vignetting < 1:
+            raise StudioError(
+                f"vignetting {self.vignetting}: it is the share of light lost in the corners; give 0 to below 1"
+            )
+
     def camera_from_rec709(self) -> Float[np.ndarray, "3 3"]:
         """Camera RGB of linear Rec.709, scaled so that white has G = 1."""
         matrix = self.camera_from_xyz @ XYZ_FROM_REC709

@@ -35,11 +35,6 @@ def moved(solid: Solid, rotation: Float[np.ndarray, "3 3"], shift: Float[np.ndar
     return Solid(solid.vertices @ rotation.T + shift, solid.normals @ rotation.T, solid.faces)
 
 
-def scaled(solid: Solid, factor: float) -> Solid:
-    """The same shape `factor` times as large."""
-    return Solid(solid.vertices * factor, solid.normals, solid.faces)
-
-
 def ball(cells: int, radius: Callable[[Float[np.ndarray, "v 3"]], Float[np.ndarray, " v"]]) -> Solid:
     """A star-shaped body: unit directions from a cube of `cells`^2 per side, pushed out by `radius`."""
     t = np.tan(np.linspace(-np.pi / 4, np.pi / 4, cells + 1))

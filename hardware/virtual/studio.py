@@ -15,13 +15,26 @@ import numpy as np
 from jaxtyping import Float
 
 from hardware.errors import StudioError
-from hardware.virtual import bake, motion, objects, relight, render, rooms, tracer, truth
+from hardware.virtual import bake, motion, objects, relight, render, rooms, samples, tracer, truth
 
 VERSION = 2  # raise when the rendered values would change
-SAMPLES = 512  # paths per object pixel that follow the reflectance; `relight.plan` adds those aimed at lamps
-ROOMS, OBJECTS, MOTIONS = rooms.ROOMS, objects.OBJECTS, motion.MOTIONS
+SAMPLES = 512  # paths per object pixel that follow the reflectance; `samples.plan` adds those aimed at lamps
 
 Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What to photograph, and how: names as `rooms`, `objects`, `motion` and `tracer` have them, pixels."""
+
+    room: str
+    thing: str
+    views: int
+    width: int
+    height: int
+    motion: str
+    seed: int
+    device: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,16 +51,12 @@ class View:
 class Studio:
     """Everything that is fixed for one set; see `build`."""
 
+    order: Order
     body: objects.Body
     journey: motion.Journey
     room: rooms.Room
     atlas: bake.Atlas
-    width: int
-    height: int
-    seed: int
     cache: Path
-    device: str
-    samples: int
 
     def cams_from_world(self) -> Float[np.ndarray, "n 3 4"]:
         """Pose of every view."""
@@ -57,36 +66,37 @@ class Studio:
     def shoot(self, progress: Progress) -> Iterator[View]:
         """The views in the order in which they are taken."""
         poses = self.cams_from_world()
-        touched = truth.touched(self.body, self.width, self.height)
+        order = self.order
+        touched = truth.touched(self.body, order.width, order.height)
         front = self._object_pixels(poses, touched, lambda share, note: progress(0.9 * share, note))
-        back = render.Backdrop(self.room, self.atlas, self.device)
+        back = render.Backdrop(self.room, self.atlas, order.device)
         for i, pose in enumerate(poses):
             progress(0.9 + 0.1 * i / len(poses), f"photographing the room, view {i + 1} of {len(poses)}")
-            picture = back.look(self.journey.world_from_cam[i], self.width, self.height, self.seed + i)
+            picture = back.look(self.journey.world_from_cam[i], order.width, order.height, order.seed + i)
             picture[touched] = front[i]
             yield View(i, pose, picture, self.journey.reports[i])
 
     def truth(self, progress: Progress) -> truth.Truth:
         """What a reconstruction is compared with."""
-        poses = self.cams_from_world()
-        back = render.Backdrop(self.room, self.atlas, self.device)
+        order, poses = self.order, self.cams_from_world()
+        back = render.Backdrop(self.room, self.atlas, order.device)
         middle = self.body.solid.vertices.mean(0)
         panoramas = []
         for i, pose in enumerate(poses):
             progress(i / len(poses), f"panorama {i + 1} of {len(poses)}")
             point = self.journey.world_from_cam[i] @ np.append(middle, 1.0)
-            panoramas.append(back.panorama(pose, point, self.seed + 1000 + 6 * i))
+            panoramas.append(back.panorama(pose, point, order.seed + 1000 + 6 * i))
         return truth.Truth(
-            **truth.maps(self.body, self.width, self.height),
-            camera=truth.camera(self.width, self.height),
+            **truth.maps(self.body, order.width, order.height),
+            camera=truth.camera(order.width, order.height),
             cam_from_world=poses,
             panoramas=np.stack(panoramas),
         )
 
     def _object_pixels(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
         """Path-traced radiance [n p 3] of the touched pixels; read from the cache when it is there."""
-        facts = [VERSION, bake.digest(self.room), self.body.name, poses.round(9).tolist(), self.width,
-                 self.height, self.seed, self.samples]  # fmt: skip
+        facts = [VERSION, bake.digest(self.room), self.body.name, poses.round(9).tolist(), self.order.width,
+                 self.order.height, self.order.seed, SAMPLES]  # fmt: skip
         key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
         path = self.cache / f"{self.room.name}-{self.body.name}-{key}.npz"
         if path.exists():
@@ -100,31 +110,33 @@ class Studio:
 
     def _traced(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
         note = f"path-tracing the object in {len(poses)} views"
-        if tracer.is_vectorised(tracer.load(self.device)):
-            lit = relight.Relighter(self.room, self.atlas, self.body, touched, self.device)
-            effort = relight.plan(self.room, self.samples)
-            return lit.look(poses, effort, self.seed, lambda share: progress(share, note))
-        front = render.Foreground(self.room, self.atlas, self.body, touched, self.device)
+        seed, device = self.order.seed, self.order.device
+        if tracer.is_vectorised(tracer.load(device)):
+            lit = relight.Relighter(self.room, self.atlas, self.body, touched, device)
+            effort = samples.plan(self.room, SAMPLES)
+            return lit.look(poses, effort, seed, lambda share: progress(share, note))
+        front = render.Foreground(self.room, self.atlas, self.body, touched, device)
         pixels = []
         for i, pose in enumerate(poses):
             progress(i / len(poses), note)
-            pixels.append(front.look(pose, self.samples, self.seed + 7919 * (i + 1)))
+            pixels.append(front.look(pose, SAMPLES, seed + 7919 * (i + 1)))
         return np.stack(pixels)
 
 
-def build(
-    room: str, thing: str, views: int, width: int, height: int, travel: str, seed: int, cache: Path,
-    device: str, progress: Progress, samples: int = SAMPLES,
-) -> Studio:  # fmt: skip
+def build(order: Order, cache: Path, progress: Progress) -> Studio:
     """Furnish and bake the room, set the object up, plan the journey.
 
     Raises:
-        StudioError: unknown names, sizes that no Bayer sensor has, no views, or a device that is not there.
+        StudioError: unknown names, sizes that no Bayer sensor has, no views, a negative seed, or a device
+            that is not there.
     """
+    width, height = order.width, order.height
     if width < 16 or height < 16 or width % 2 or height % 2:
         raise StudioError(f"{width} x {height} pixels: a Bayer sensor needs even sizes of at least 16")
-    furnished, body = rooms.furnish(room), objects.model(thing)
-    journey = motion.travel(travel, views, furnished.centre, seed)
+    if order.seed < 0:
+        raise StudioError(f"seed {order.seed}: a seed is a whole number >= 0; choose another")
+    furnished, body = rooms.furnish(order.room), objects.model(order.thing)
+    journey = motion.travel(order.motion, order.views, furnished.centre, order.seed)
     cache.mkdir(parents=True, exist_ok=True)
-    atlas = bake.bake(furnished, cache, device, progress)
-    return Studio(body, journey, furnished, atlas, width, height, seed, cache, device, samples)
+    atlas = bake.bake(furnished, cache, order.device, progress)
+    return Studio(order, body, journey, furnished, atlas, cache)

@@ -272,20 +272,19 @@ PAINT = {"type": "principled", "specular": 0.5}
 BLACK = {"type": "conductor", "specular_reflectance": 0.0}  # a delta lobe: no light sampling is spent on it
 
 
-def lamps(mi: Any, room: Room, cam_from_world: np.ndarray | None = None) -> dict[str, Any]:
-    """Globes and sheets as area emitters, chosen in proportion to their power."""
-    pose = np.eye(4) if cam_from_world is None else np.vstack([cam_from_world, [0, 0, 0, 1]])
+def lamps(mi: Any, room: Room) -> dict[str, Any]:
+    """Globes and sheets as area emitters in the world, chosen in proportion to their power."""
     parts: dict[str, Any] = {}
     for k, globe in enumerate(room.globes):
         parts[f"globe{k}"] = {
-            "type": "sphere", "to_world": mi.ScalarTransform4f(pose @ globe_pose(globe)), "bsdf": BLACK,
+            "type": "sphere", "to_world": mi.ScalarTransform4f(globe_pose(globe)), "bsdf": BLACK,
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(map(float, globe.radiance))},
                         "sampling_weight": float(4 * np.pi * globe.radius_m**2 * globe.radiance.mean())},
         }  # fmt: skip
     for k, sheet in enumerate(room.sheets):
         area = np.linalg.norm(np.cross(sheet.right, sheet.down))
         parts[f"sheet{k}"] = {
-            "type": "rectangle", "to_world": mi.ScalarTransform4f(pose @ sheet_pose(sheet)), "bsdf": BLACK,
+            "type": "rectangle", "to_world": mi.ScalarTransform4f(sheet_pose(sheet)), "bsdf": BLACK,
             "emitter": {"type": "area", "radiance": texture(mi, sheet.radiance[::-1], "bilinear"),
                         "sampling_weight": float(area * sheet.radiance.mean())},
         }  # fmt: skip

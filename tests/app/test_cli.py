@@ -1,6 +1,5 @@
 """The command line: every fault is one line on stderr and exit code 2, and the session stays as it was."""
 
-import hashlib
 import json
 import os
 import shutil
@@ -13,24 +12,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenEXR
 import pytest
 
 from app.cli import main
 from engine import session as sessions
+from tests.app.calls import ROOT, command, digest, refused
+from tests.engine import folders
+from tests.engine.folders import write_exr
 
-ROOT = Path(__file__).parents[2]
 VIEWS, WIDTH, HEIGHT = 8, 32, 24
 
 
-def write_exr(path: Path, image: np.ndarray) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(image, np.float32)}) as file:
-        file.write(str(path))
-
-
 def scene(seed: int, width: int = WIDTH) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(0.1, 2.0, (HEIGHT, width, 3))
+    return folders.scene(seed, width, HEIGHT)
 
 
 @pytest.fixture
@@ -51,30 +45,6 @@ def session(folder: Path, tmp_path: Path) -> Path:
         main(["import", str(folder), str(tmp_path / "a.session"), "--mask", str(tmp_path / "mask.png")]) == 0
     )
     return tmp_path / "a.session"
-
-
-def digest(session: Path) -> str:
-    content = hashlib.sha256()
-    for path in sorted(session.rglob("*")):
-        if path.is_file() and path.name != "run.lock":
-            content.update(str(path.relative_to(session)).encode() + path.read_bytes())
-    return content.hexdigest()
-
-
-def refused(capsys: pytest.CaptureFixture[str], *argv: object) -> str:
-    """Run a command that must fail; its one line."""
-    capsys.readouterr()
-    code = main([str(word) for word in argv])
-    error = capsys.readouterr().err
-    assert code == 2
-    assert error.count("\n") == 1, error
-    assert "Traceback" not in error
-    return error
-
-
-def command(*argv: object, **options) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "app.cli", *map(str, argv)]
-    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, **options)
 
 
 def test_help_starts_without_the_rooms() -> None:

@@ -20,7 +20,6 @@ from pathlib import Path
 
 from tests.end_to_end import bundled
 
-ROOT = Path(__file__).parents[2]
 OF_THE_RUN = ("seconds", "cpu_seconds", "peak_memory_bytes", "finished")  # in a record; all else is result
 
 
@@ -40,7 +39,7 @@ def results(folder: Path) -> dict[str, str]:
 
 def begin(folder: Path, options: Sequence[str]) -> subprocess.Popen[bytes]:
     words = [sys.executable, "-m", "app.cli", "process", str(folder), "--device", "cpu", *options]
-    return subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL)
+    return subprocess.Popen(words, cwd=bundled.ROOT, stdout=subprocess.DEVNULL)
 
 
 def finish(folder: Path, options: Sequence[str]) -> float:

@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 
-from hardware.virtual import bake, glow, motion, objects, relight, render, rooms, solids, tracer, truth
+from hardware.virtual import (
+    bake,
+    glow,
+    motion,
+    objects,
+    relight,
+    render,
+    rooms,
+    samples,
+    solids,
+    tracer,
+    truth,
+)
 
 X, Y, Z = np.eye(3)
 
@@ -34,7 +46,7 @@ def nook() -> tuple[rooms.Room, bake.Atlas]:
         rooms.Sheet(np.array([-0.5, -0.4, 0.97]), 0.8 * X, 0.7 * Y, even),
         rooms.Sheet(np.array([-0.98, -0.4, 0.3]), 0.7 * Y, -0.6 * Z, sky),
     )
-    room = rooms.Room("nook", tuple(panels), (globe,), sheets, np.zeros(3), 0.5)
+    room = rooms.Room("nook", tuple(panels), (globe,), sheets, np.zeros(3))
     return room, bake.pack(room.panels, [p.albedo.astype(np.float32) for p in panels])
 
 
@@ -107,7 +119,7 @@ def test_shared_paths_have_the_mean_of_plain_ones(mi, roughness):
     mask = truth.maps(body, 24, 18)["mask"]
     plain = render.Foreground(room, atlas, body, mask, "cpu")
     lit = relight.Relighter(room, atlas, body, mask, "cpu")
-    effort = relight.Effort(64, 32, (16, 16, 32))
+    effort = samples.Effort(64, 32, (16, 16, 32))
     fast = np.stack([lit.look(POSES, effort, seed, lambda _: None) for seed in range(8)]).mean(-1)
     slow = np.stack([[plain.look(p, 1024, 100 * s + i) for i, p in enumerate(POSES)] for s in range(8)]).mean(
         -1
@@ -131,7 +143,7 @@ def test_noise_falls_faster_than_that_of_independent_samples(mi):
     lit = relight.Relighter(room, atlas, body, mask, "cpu")
 
     def noise(n: int) -> float:
-        effort = relight.Effort(n, n, (n, n, n))
+        effort = samples.Effort(n, n, (n, n, n))
         return float(
             np.stack([lit.look(POSES[:1], effort, s, lambda _: None) for s in range(8)]).std(0, ddof=1).mean()
         )
@@ -141,7 +153,7 @@ def test_noise_falls_faster_than_that_of_independent_samples(mi):
 
 def test_effort_has_samples_for_every_lamp():
     room, _ = nook()
-    for samples in (8, 256):
-        effort = relight.plan(room, samples)
+    for count in (8, 256):
+        effort = samples.plan(room, count)
         assert len(effort.aimed) == 3
         assert all(n > 0 and n & (n - 1) == 0 for n in (effort.diffuse, effort.glossy, *effort.aimed))

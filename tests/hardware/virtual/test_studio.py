@@ -50,6 +50,17 @@ def test_rooms_are_lit_as_promised(furnished):
     assert np.linalg.norm(to_object - lamp, axis=1).min() < 1.0
 
 
+@pytest.mark.parametrize("name", ["study", "lamps", "window"])
+def test_nothing_stands_where_the_rig_moves(furnished, name):
+    room = furnished[name]
+    for quad in (*room.panels, *room.sheets):
+        off = room.centre - quad.corner
+        across, down = (np.clip(off @ edge / (edge @ edge), 0, 1) * edge for edge in (quad.right, quad.down))
+        assert np.linalg.norm(off - across - down) > rooms.FREE_M
+    for globe in room.globes:
+        assert np.linalg.norm(room.centre - globe.centre) - globe.radius_m > rooms.FREE_M
+
+
 def test_an_atlas_gives_every_panel_its_own_picture(furnished):
     room = furnished["window"]
     atlas = bake.pack(room.panels, [np.full_like(p.albedo, k) for k, p in enumerate(room.panels)])
@@ -142,8 +153,8 @@ def test_the_rig_stays_in_the_free_space_and_repeats(kind):
     assert len(journey.reports) == len(journey.world_from_cam) == 48
     for pose in journey.world_from_cam:
         np.testing.assert_allclose(pose[:, :3] @ pose[:, :3].T, np.eye(3), atol=1e-9)
-        assert np.linalg.norm(pose @ [0, 0, objects.DISTANCE_M, 1] - CENTRE) + 0.15 < 0.98
-        assert np.linalg.norm(pose[:, 3] - CENTRE) < 0.98
+        assert np.linalg.norm(pose @ [0, 0, objects.DISTANCE_M, 1] - CENTRE) + 0.15 < rooms.FREE_M
+        assert np.linalg.norm(pose[:, 3] - CENTRE) < rooms.FREE_M
 
 
 def test_hands_report_nothing():

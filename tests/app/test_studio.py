@@ -1,0 +1,86 @@
+"""`roomlight simulate` through the command line, in a room of coarse paint: what it writes, what it refuses."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from engine import session as sessions
+from engine.truth import read_truth
+from hardware.virtual import rooms, studio
+from tests.app.calls import digest, refused
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cheap(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Big texels, few paths, and a cache of this file's own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rooms, "TEXEL_M", 0.08)
+        patch.setattr(studio, "SAMPLES", 4)
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def words(out: Path, **changes: object) -> list[str]:
+    options = {
+        "room": "window",
+        "object": "sphere",
+        "views": 3,
+        "motion": "gimbal",
+        "device": "cpu",
+    } | changes
+    named = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    return ["simulate", str(out), *named, "--size", "48", "36"]
+
+
+@pytest.fixture(scope="module")
+def made(cheap: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("simulated")
+    assert main(words(out)) == 0
+    return out
+
+
+def test_a_session_of_brackets_and_the_truth_lie_side_by_side(made: Path) -> None:
+    assert {path.name for path in made.iterdir()} == {"session", "truth"}
+    session = sessions.open_session(made / "session")
+    views = sessions.shots(session)
+    assert [len(view.files) for view in views] == [3, 3, 3]
+    assert session.facts["camera"]["width"] == 48
+    assert session.facts["rig"]["kind"] == "gimbal"
+    assert all(view.rig is not None and view.rig["kind"] == "gimbal" for view in views)
+    truth = read_truth(made / "truth")
+    assert truth.mask.shape == (36, 48)
+    assert truth.cam_from_world is not None
+    assert len(truth.cam_from_world) == len(list((made / "truth" / "panoramas").iterdir())) == 3
+    assert not [path for path in (made / "session").rglob("*") if "truth" in path.name]
+
+
+def test_the_same_order_takes_the_same_photographs(made: Path, tmp_path: Path) -> None:
+    assert main(words(tmp_path)) == 0
+    assert digest(tmp_path / "session" / "shots") == digest(made / "session" / "shots")
+    assert digest(tmp_path / "truth") == digest(made / "truth")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"room": "cellar"}, "no room called 'cellar'; choose one of study"),
+        ({"object": "bust"}, "no object called 'bust'; choose one of sphere"),
+        ({"views": 0}, "0 views were asked for; at least 1"),
+        ({"seed": -1}, "seed -1: a seed is a whole number >= 0"),
+        ({"vignetting": 1.5}, "vignetting 1.5: it is the share of light lost"),
+        ({"vignetting": "nan"}, "vignetting nan"),
+    ],
+)
+def test_an_order_that_cannot_be_carried_out_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict, told: str
+) -> None:
+    assert told in refused(capsys, *words(tmp_path, **changes))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_there_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "truth").mkdir()
+    assert "truth: exists already; choose another folder" in refused(capsys, *words(tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["truth"]
