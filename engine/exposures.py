@@ -20,6 +20,7 @@ from engine.raw import Mosaic, read_mosaic
 
 LEARNING_SITES = 200_000  # of each photograph, enough for the noise of a sensor
 MIN_SITES = 500  # a ratio from fewer sites says less than EXIF does
+ROUNDING = 1 / 12  # variance that rounding to whole counts alone leaves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +94,9 @@ def merge(exposures: Sequence[Exposure], times: Float64[np.ndarray, " k"], noise
     gathered = (valid * time).sum(axis=0, dtype=np.float32)
     clipped = gathered == 0
     first = np.maximum(counts.sum(axis=0) / np.where(clipped, np.float32(1), gathered), 0)
-    # Variance of counts / time is (gain * light * time + read**2) / time**2.
-    weight = valid * np.square(time) / (np.float32(noise.gain) * first * time + np.float32(noise.read**2))
+    # Variance of counts / time is (gain * light * time + read**2) / time**2; no count is surer than its rounding.
+    variance = np.float32(noise.gain) * first * time + np.float32(noise.read**2)
+    weight = valid * np.square(time) / np.maximum(variance, np.float32(ROUNDING))
     total = weight.sum(axis=0)
     light = (weight * counts / time).sum(axis=0) / np.where(clipped, np.float32(1), total)
     light = np.where(clipped, exposures[0].counts / time[0], light)
@@ -168,8 +170,7 @@ def sensor_noise(pairs: Sequence[tuple[Exposure, Exposure, float]]) -> SensorNoi
     gain, read_squared = float(answer[0]), float(answer[1])
     if not gain > 0:
         return None
-    # Rounding to whole counts alone leaves 1/12.
-    return SensorNoise(gain, float(np.sqrt(max(read_squared, 1 / 12))))
+    return SensorNoise(gain, float(np.sqrt(max(read_squared, ROUNDING))))
 
 
 def learn(

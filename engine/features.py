@@ -14,10 +14,10 @@ import numpy as np
 import pycolmap
 from jaxtyping import Bool, Float, Int, UInt8
 
+from engine.images import luminance
 from engine.progress import Progress
 from engine.types import Frames, Masks
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _WINDOW = 1 / 16  # of the longer side: standard deviation of the local normalisation
 _CONTRAST = 0.05  # log radiance; fainter texture is left faint
 _BATCH = 8  # views between two looks at a cancel request
@@ -30,9 +30,8 @@ class FeatureParams:
     maximum: int = 2000  # per view; COLMAP keeps the coarsest, which are the best located
     enlarge_below_px: int = 900  # photographs whose longer side is shorter are enlarged by an integer factor
     enlarge_most: int = 2
-    peak_threshold: float = (
-        0.004  # of the normalised image; COLMAP's 0.0067 is meant for contrasty photographs
-    )
+    # Of the normalised image; COLMAP's 0.0067 is meant for contrasty photographs.
+    peak_threshold: float = 0.004
     margin: float = 0.015  # of the longer side, kept free of features around the object
     neighbours: int = 20  # views each view is compared with, beside those taken just before and after it
     exhaustive_below: int = 40  # with fewer views all pairs are compared
@@ -47,16 +46,16 @@ def enlargement(width: int, height: int, params: FeatureParams) -> int:
 def log_floor(frames: Frames) -> float:
     """Radiance added before the logarithm, so that a dark pixel's noise stays below a tenth of a log unit."""
     shot, floor = frames.noise
-    luminance = frames.radiance[:, ::4, ::4] @ _LUMINANCE
+    level = np.percentile(luminance(frames.radiance[:, ::4, ::4]), 10)
     # Photographs without a noise model (rendered, or linear files) still end somewhere in the dark.
-    return float(max(10 * floor, 100 * shot, 0.2 * np.percentile(luminance, 10), 1e-12))
+    return float(max(10 * floor, 100 * shot, 0.2 * level, 1e-12))
 
 
 def tone_mapped(
     radiance: Float[np.ndarray, "h w 3"], floor: float, factor: int
 ) -> UInt8[np.ndarray, "_h _w"]:
     """Log luminance, enlarged, normalised by its local mean and spread."""
-    log = np.log(np.maximum(radiance @ _LUMINANCE, 0) + np.float32(floor)).astype(np.float32)
+    log = np.log(np.maximum(luminance(radiance), 0) + np.float32(floor)).astype(np.float32)
     if factor > 1:
         log = cv2.resize(log, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     sigma = max(log.shape) * _WINDOW

@@ -25,8 +25,6 @@ from engine.progress import Progress
 from engine.rig import RigFit, RigLog
 from engine.types import Camera, Frames, Masks, Poses
 
-__all__ = ["PoseParams", "PoseReport", "RigLog", "find_poses"]
-
 # A rig is believed when it and the photographs differ by less than this, and enough views say so.
 _RIG_ROTATION_RAD = np.radians(1.0)
 _RIG_AGREE_SHARE = 0.6
@@ -175,7 +173,7 @@ def _camera(model: pycolmap.Reconstruction) -> Camera:
 def moved(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     points: Float[np.ndarray, "m 3"],
-    scale: float | int,
+    scale: float,
     new_from_world: Float[np.ndarray, "3 4"],
 ) -> tuple[Float[np.ndarray, "n 3 4"], Float[np.ndarray, "m 3"]]:
     """The same scene in a world x_new = R (scale x) + t; image projections stay what they were."""

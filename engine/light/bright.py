@@ -15,19 +15,22 @@ lower bounds: they pull only while the rendering is below them.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import no_type_check
+from typing import Literal, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
 
-from engine.light import kernels_cpu, tiles
-from engine.light.gaussians import luminance
+from engine.images import luminance
+from engine.light import kernels_cpu
 from engine.light.photographs import Photographs
-from engine.light.rasterise import Run, Shapes
+from engine.light.rasterise import Run, Shapes, project
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _FAINT = np.float32(2e-4)
+_REWEIGHTINGS, _STEPS = 3, 15  # of the solve, and of the gradient within each
+# Ties a colour to its start as so large a share of the pixels it covers would: decides where they do not.
+_HOLD = 0.02
 _CHUNKS = 8  # of the transposed product; fixed, so that its sums do not depend on the machine
 
 
@@ -44,41 +47,33 @@ class Rows:
     lower_bound: Bool[np.ndarray, " p"]
 
 
-def otsu_threshold(values: Float[np.ndarray, " k"], weights: Float[np.ndarray, " k"]) -> float:
+def otsu_threshold(values: Float[np.ndarray, " k"]) -> float:
     """Otsu's (1979) threshold: the split with the greatest variance between its two classes."""
-    order = np.argsort(values, kind="stable")
-    v, w = values[order], weights[order]
-    below, mass = np.cumsum(w), np.cumsum(w * v)
-    above = below[-1] - below[:-1]
-    between = below[:-1] * above * (mass[:-1] / below[:-1] - (mass[-1] - mass[:-1]) / above) ** 2
-    at = int(np.argmax(np.nan_to_num(between)))
+    v = np.sort(values)
+    sums, below = np.cumsum(v), np.arange(1.0, len(v))
+    above = len(v) - below
+    between = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
+    at = int(np.argmax(between))
     return float(0.5 * (v[at] + v[at + 1]))
 
 
 def bright_ones(colours: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, " k"]:
     """The paper's high-luminance Gaussians; on the logarithm, as radiance spans orders of magnitude."""
     y = np.log(np.maximum(luminance(colours), 1e-12 * float(colours.max()) + 1e-30))
-    return y > otsu_threshold(y, np.ones(len(y)))
+    return y > otsu_threshold(y)
 
 
 def rows_of(geometry: Shapes, photographs: Photographs, run: Run) -> Rows:
     """Compositing weights of every trusted pixel of all views."""
     found: list[tuple | None] = [None] * len(photographs.weight)
+    blank = np.zeros_like(geometry.means)
 
     def some(part: int, parts: int) -> None:
         for view in range(part, len(found), parts):
-            pinhole = photographs.pinhole(view)
-            rotation = np.ascontiguousarray(pinhole.cam_from_world[:, :3])
-            blank = np.zeros_like(geometry.means)
-            index, packed, boxes = tiles.project(
-                geometry.white, geometry.spread, geometry.means, geometry.density, blank, rotation,
-                pinhole.origin, pinhole.lens, pinhole.width, pinhole.height,
-            )  # fmt: skip
-            across, down = -(-pinhole.width // tiles.TILE), -(-pinhole.height // tiles.TILE)
-            tile_start, members, _, _ = tiles.lists(boxes, across, down)
+            index, packed, (tile_start, members, _, _) = project(geometry, blank, photographs.pinhole(view))
             wanted = photographs.weight[view] > 0
             begins, counts, columns, values = kernels_cpu.compositing_weights(
-                packed, index, tile_start, members, pinhole.lens, np.float32(0), wanted, _FAINT
+                packed, index, tile_start, members, photographs.lens, np.float32(0), wanted, _FAINT
             )
             keep = wanted.ravel()
             found[view] = (begins[keep], counts[keep], columns, values)
@@ -131,18 +126,11 @@ def solve_colours(
     rows: Rows,
     start: Float[np.ndarray, "k 3"],
     free: Bool[np.ndarray, " k"],
-    objective: str,
+    objective: Literal["energy", "relative"],
     run: Run,
-    reweightings: int = 3,
-    steps: int = 15,
-    hold: float = 0.02,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> Float[np.ndarray, "k 3"]:
-    """Non-negative colours of the `free` Gaussians that best render the photographs, the others fixed.
-
-    `hold` ties each to its start as so large a share of the pixels it covers would; it decides only where
-    the photographs do not.
-    """
+    """Non-negative colours of the `free` Gaussians that best render the photographs, the others fixed."""
     structure = (rows.begins, rows.counts, rows.columns, rows.values)
     count, floor = len(start), 1e-2 * float(rows.photographed.mean())
     colours = start.astype(np.float64)
@@ -155,7 +143,7 @@ def solve_colours(
         run(_pull_rows, (*structure, field, _CHUNKS, sums))
         return sums.sum(0)
 
-    for turn in range(reweightings):
+    for turn in range(_REWEIGHTINGS):
         run(_render_rows, (*structure, colours, rendered))
         scale = rendered + floor
         weights = rows.trust[:, None] / scale
@@ -163,11 +151,11 @@ def solve_colours(
             gap = np.abs(rows.photographed - rendered)
             weights = weights / np.maximum(gap, 1e-2 * scale)
         curvature = pull(weights * whole)
-        tie = hold * np.maximum(curvature, 1e-12 * curvature.max())
+        tie = _HOLD * np.maximum(curvature, 1e-12 * curvature.max())
         majoriser = np.where(free[:, None], curvature + tie, np.inf)
         ahead, momentum = colours.copy(), 1.0
-        for i in range(steps):
-            step((turn + i / steps) / reweightings)
+        for i in range(_STEPS):
+            step((turn + i / _STEPS) / _REWEIGHTINGS)
             run(_render_rows, (*structure, ahead, rendered))
             gap = rows.photographed - rendered
             gap[rows.lower_bound] = np.maximum(gap[rows.lower_bound], 0)

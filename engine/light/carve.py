@@ -5,10 +5,10 @@ surface about there. The cameras and the rig swept through a ball around each ca
 the way to the nearest surface; nothing of the room can be there. World frame; depths are z of their view.
 """
 
-# The stubs of scipy and numba misstate what comes back here.
+# The stubs of scipy misstate what comes back here.
 # pyright: reportArgumentType=false
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import no_type_check
 
 import numpy as np
@@ -91,15 +91,12 @@ def emptiness_of(
     `keep_out` fixes the radius around every camera; None derives each camera's own.
     """
     centres = camera_centres(photographs)
-    bare = Emptiness(
-        photographs.cam_from_world, photographs.lens, depth, sure, centres, np.zeros(len(centres))
-    )
+    radii = np.full(len(centres), keep_out or 0.0)
+    emptiness = Emptiness(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii)
     if keep_out is not None:
-        radii = np.full(len(centres), keep_out)
-    else:
-        solid = surface[~floating(bare, surface)]
-        solid = solid if len(solid) >= 30 else surface
-        # The nearest thousandth may be wrong depths; the ball reaches six tenths of the way to the rest.
-        rank = max(3, len(solid) // 1000)
-        radii = 0.6 * KDTree(solid).query(centres, k=[rank])[0][:, 0]
-    return Emptiness(bare.cam_from_world, bare.lens, bare.depth, bare.sure, centres, radii)
+        return emptiness
+    solid = surface[~floating(emptiness, surface)]
+    solid = solid if len(solid) >= 30 else surface
+    # The nearest thousandth may be wrong depths; the ball reaches six tenths of the way to the rest.
+    rank = max(3, len(solid) // 1000)
+    return replace(emptiness, radii=0.6 * KDTree(solid).query(centres, k=[rank])[0][:, 0])

@@ -19,6 +19,8 @@ _RATES = np.repeat([0.06, 0.03, 0.025, 0.05, 0.03], [3, 3, 3, 1, 3])
 _BETA1, _BETA2 = 0.9, 0.99
 _DENSEST, _THINNEST = 10.0, 0.01
 _FATTEST = 12.0  # longest to shortest axis; needles alias and extrapolate
+# Fields of `Cloud` that a Gaussian takes along when it moves; the others are made anew.
+_KEPT = ("means", "quaternions", "log_scales", "log_density", "log_radiance", "moment1", "moment2", "steps")
 
 
 @dataclass(slots=True, eq=False)
@@ -124,19 +126,7 @@ def resettle(cloud: Cloud, budget: int, useless: np.ndarray) -> Cloud:
     parents = keep[np.argsort(-blame, kind="stable")[:births]]
     parents = parents[cloud.blame[parents] > 0]
     rows = np.concatenate([keep, parents])
-    fields = {
-        name: getattr(cloud, name)[rows].copy()
-        for name in (
-            "means",
-            "quaternions",
-            "log_scales",
-            "log_density",
-            "log_radiance",
-            "moment1",
-            "moment2",
-            "steps",
-        )
-    }
+    fields = {name: getattr(cloud, name)[rows] for name in _KEPT}
     place = np.searchsorted(keep, parents)
     young = np.arange(len(keep), len(rows))
     longest = cloud.log_scales[parents].argmax(1)

@@ -86,16 +86,6 @@ def radiance_towards(gaussians: Gaussians, origin: Float[np.ndarray, " 3"]) -> F
     return np.maximum(np.einsum("kb,kbc->kc", basis, gaussians.radiance), 0)
 
 
-def whitening(gaussians: Gaussians) -> Float[np.ndarray, "k 3 3"]:
-    """W = S^-1 R^T, so that the exponent of Eq. (2) is |W (x - mu)|^2."""
-    return np.swapaxes(rotations(gaussians.quaternions), 1, 2) / gaussians.scales[:, :, None]
-
-
-def luminance(rgb: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-    """Rec.709 luminance of linear radiance."""
-    return np.asarray(rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype))
-
-
 def _covered_area(density: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """Integral of 1 - exp(-density exp(-r^2)) over the plane, divided by pi."""
     small = density < 1e-3  # the closed form cancels there; its series does not

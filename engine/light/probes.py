@@ -18,12 +18,13 @@ from jaxtyping import Float
 from numba import njit
 
 from engine.errors import LightError
+from engine.images import luminance
 from engine.light import kernels_cpu as kernel
 from engine.light import tiles
 from engine.light.cells import FACES, CellMap, nearest_cells, pixel_solid_angles, shared_cells
 from engine.light.coverage import Coverage, covered
 from engine.light.fill import fill_energy, neighbourhood
-from engine.light.gaussians import luminance, radiance_towards
+from engine.light.gaussians import radiance_towards
 from engine.light.rasterise import Pinhole, Shapes, render, shapes, workers
 from engine.progress import Progress
 from engine.types import Gaussians

@@ -85,7 +85,8 @@ def shapes(gaussians: Gaussians) -> Shapes:
     )
 
 
-def _project(geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole) -> tuple:
+def project(geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole) -> tuple:
+    """What `tiles.project` and `tiles.lists` say of one view: indices, packed rows, and the lists of its tiles."""
     rotation = np.ascontiguousarray(view.cam_from_world[:, :3])
     index, packed, boxes = tiles.project(
         geometry.white, geometry.spread, geometry.means, geometry.density,
@@ -100,7 +101,7 @@ def render(
     geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole, near: float, run: Run
 ) -> Float[np.ndarray, "h w 5"]:
     """One view; Gaussians that answer nearer than z = `near` do not count."""
-    _, packed, (tile_start, members, _, _) = _project(geometry, colours, view)
+    _, packed, (tile_start, members, _, _) = project(geometry, colours, view)
     image = np.zeros((view.height, view.width, kernels_cpu.CHANNELS), np.float32)
     run(kernels_cpu.forward, (packed, tile_start, members, view.lens, np.float32(near), image))
     return image
@@ -125,7 +126,7 @@ def push_back(
     run: Run,
 ) -> tuple[Float[np.ndarray, "h w 5"], Gradients]:
     """Render one view and differentiate the loss of `kernels_cpu.backward` by every parameter."""
-    index, packed, (tile_start, members, own_start, slots) = _project(geometry, colours, view)
+    index, packed, (tile_start, members, own_start, slots) = project(geometry, colours, view)
     image = np.zeros((view.height, view.width, kernels_cpu.CHANNELS), np.float32)
     grads = np.empty((len(members), kernels_cpu.GRADIENTS), np.float32)
     run(

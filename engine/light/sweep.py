@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from engine.light.photographs import Photographs
+from engine.light.photographs import Photographs, camera_centres
 from engine.light.rasterise import Run
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
@@ -49,12 +49,8 @@ def _misfit(poses, lens, pictures, weight, depths, view, others, out):
                     if s < 0 or t < 0 or s > width - 1 or t > height - 1:
                         continue
                     i, j = min(int(s), width - 2), min(int(t), height - 2)
-                    if (
-                        min(
-                            weight[o, j, i], weight[o, j, i + 1], weight[o, j + 1, i], weight[o, j + 1, i + 1]
-                        )
-                        <= 0
-                    ):
+                    upper = min(weight[o, j, i], weight[o, j, i + 1])
+                    if min(upper, weight[o, j + 1, i], weight[o, j + 1, i + 1]) <= 0:
                         continue
                     fs, ft = s - i, t - j
                     gap = 0.0
@@ -91,8 +87,7 @@ def sweep(
     knee = knee_of(photographs)
     pictures = np.log(knee + photographs.radiance).astype(np.float32)
     poses, lens = photographs.cam_from_world, photographs.lens
-    centres = -np.einsum("nij,ni->nj", poses[:, :, :3], poses[:, :, 3])
-    near, far = depth_range(centres, points)
+    near, far = depth_range(camera_centres(photographs), points)
     depths = np.geomspace(near, far, count)
     forward = poses[:, 2, :3]
     cost = np.full((n, height, width, count), -1.0, np.float32)

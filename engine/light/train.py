@@ -12,10 +12,11 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from engine.errors import LightError
+from engine.images import luminance
 from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.carve import Emptiness, floating, intruding
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.gaussians import Y00, luminance
+from engine.light.gaussians import Y00
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
@@ -32,9 +33,8 @@ class LightParams:
     width: int = 256  # widest picture trained on, pixels
     passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
     holdout: int = 8  # every so many-th view only judges; 0: none
-    keep_out: float | None = (
-        None  # radius around each camera centre without Gaussians, scene units; None: derived
-    )
+    # Radius around each camera centre without Gaussians, scene units; None: derived.
+    keep_out: float | None = None
     hollow: float = 0.1  # weight of transmittance left over, in units of log radiance
 
 
@@ -99,10 +99,12 @@ def fit(
         gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.98), run)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
-        report = judge(gaussians, judged, knee, run)
-    return gaussians, replace(
-        report,
+        heldout = judge(gaussians, judged, knee, run)
+    return gaussians, LightReport(
+        count=len(gaussians.means),
         keep_out=float(np.median(emptiness.radii)),
+        knee=knee,
+        **heldout,
         training_log_l1=float(loss),
         views_used=len(used),
         views_heldout=len(held),
@@ -169,8 +171,8 @@ def _settle(
     return resettle(cloud, budget, useless)
 
 
-def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> LightReport:
-    """Compare renderings with photographs on background pixels that were not clipped."""
+def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> dict[str, float]:
+    """The report's `heldout_...`: renderings against photographs, on background pixels that were not clipped."""
     geometry = shapes(gaussians)
     colours = np.maximum(gaussians.radiance[:, 0].astype(np.float64) * Y00, 0)
     ours, theirs = [], []
@@ -183,15 +185,9 @@ def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run)
     gap = np.log(knee + m) - np.log(knee + want)
     span = np.log(knee + want.max()) - np.log(knee)
     bright = luminance(want) >= np.quantile(luminance(want), 0.99)
-    return LightReport(
-        count=len(gaussians.means),
-        keep_out=np.nan,
-        knee=knee,
-        heldout_log_l1=float(np.abs(gap).mean()),
-        heldout_psnr_db=float(10 * np.log10(span**2 / (gap**2).mean())),
-        heldout_energy=float(m.sum() / want.sum()),
-        heldout_energy_bright=float(m[bright].sum() / want[bright].sum()),
-        training_log_l1=np.nan,
-        views_used=0,
-        views_heldout=0,
-    )
+    return {
+        "heldout_log_l1": float(np.abs(gap).mean()),
+        "heldout_psnr_db": float(10 * np.log10(span**2 / (gap**2).mean())),
+        "heldout_energy": float(m.sum() / want.sum()),
+        "heldout_energy_bright": float(m[bright].sum() / want[bright].sum()),
+    }

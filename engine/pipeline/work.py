@@ -129,7 +129,7 @@ def _given_poses(session: Session, frames: Frames) -> Poses:
 
 
 def rig_log(session: Session) -> Any:
-    """What the rig reported, NaN where a view has no report; None when nothing was logged at all."""
+    """What the rig reported, NaN where a view has no report; None for a session without a rig of known geometry."""
     from engine.rig import RigLog
 
     rig, views = session.facts.get("rig"), shots(session)

@@ -1,5 +1,6 @@
 """RAW brackets of a made-up scene for tests, written by the studio's own sensor and DNG writer."""
 
+import dataclasses
 import datetime
 from pathlib import Path
 
@@ -33,16 +34,9 @@ def write(
     for i, photograph in enumerate(sensor.bracket(radiance, shutter_s, CAMERA, START, rng)):
         path = folder / f"{name}_{i}.dng"
         stated_s = photograph.shutter_s * (misstate if i == 2 else 1.0)
-        dng.write(path, replaced(photograph, stated_s))
+        dng.write(path, dataclasses.replace(photograph, shutter_s=stated_s))
         paths.append(path)
     return Bracket(name, tuple(paths))
-
-
-def replaced(photograph: dng.Photograph, shutter_s: float) -> dng.Photograph:
-    return dng.Photograph(
-        photograph.mosaic, photograph.black, photograph.white, photograph.camera_from_xyz, photograph.neutral,
-        shutter_s, photograph.iso, photograph.aperture, photograph.time,
-    )  # fmt: skip
 
 
 def in_session_scale(radiance: np.ndarray, shutter_s: float) -> np.ndarray:

@@ -94,44 +94,8 @@ def test_a_missing_file_is_refused(tmp_path):
 
 def test_xtrans_is_refused_with_a_remedy(tmp_path, monkeypatch):
     bayer = dng._image
-    xtrans = [
-        1,
-        2,
-        1,
-        1,
-        0,
-        1,
-        0,
-        1,
-        0,
-        2,
-        1,
-        2,
-        1,
-        2,
-        1,
-        1,
-        0,
-        1,
-        1,
-        0,
-        1,
-        1,
-        2,
-        1,
-        2,
-        1,
-        2,
-        0,
-        1,
-        0,
-        1,
-        0,
-        1,
-        1,
-        2,
-        1,
-    ]
+    # G B G G R G / R G R B G B / G B G G R G, and the same with red and blue changed over.
+    xtrans = [int(c) for c in "121101010212121101101121212010101121"]
     swapped = {33421: (33421, dng.SHORT, [6, 6]), 33422: (33422, dng.BYTE, xtrans)}
     monkeypatch.setattr(dng, "_image", lambda *given: [swapped.get(tag[0], tag) for tag in bayer(*given)])
     bracket = disk.write(tmp_path, "a", disk.scene(66, 96, 0), 0.05)

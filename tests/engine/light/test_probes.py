@@ -7,6 +7,7 @@ from engine.geometry import fibonacci_sphere
 from engine.light.cells import nearest_cells, pixel_solid_angles, shared_cells
 from engine.light.coverage import Coverage
 from engine.light.fill import fill_smoothly, neighbourhood
+from engine.light.gaussians import Y00
 from engine.light.probes import incident_energy, panorama, panorama_directions
 from engine.types import Gaussians
 from tests.engine.light import clouds
@@ -87,7 +88,7 @@ def test_a_small_lamp_keeps_its_energy_between_the_pixels() -> None:
         np.concatenate([room.quaternions, room.quaternions[:1]]),
         np.concatenate([room.scales, np.full((1, 3), 0.03)]),
         np.append(room.density, 5.0),
-        np.concatenate([room.radiance, np.full((1, 1, 3), 1000.0 / 0.28209479177387814)]),
+        np.concatenate([room.radiance, np.full((1, 1, 3), 1000.0 / Y00)]),
     )
     directions = fibonacci_sphere(600)
     sums = []
