@@ -43,11 +43,11 @@ def survey(
         return None
     world_from_cam = inverse(seen)
     centres = world_from_cam[:, :, 3]
-    up_mean = -world_from_cam[:, :, 1].mean(0)
-    if np.linalg.norm(up_mean) > 0.3:  # noqa: SIM108
-        up = up_mean / np.linalg.norm(up_mean)
-    else:
+    up = -world_from_cam[:, :, 1].mean(0)
+    if np.linalg.norm(up) <= 0.3:
+        # Held every way up, cameras have none in common; then their path is seen from its flattest side.
         up = np.linalg.svd(centres - centres.mean(0), full_matrices=True)[2][-1]
+    up = up / np.linalg.norm(up)
     look = world_from_cam[:, :, 2].mean(0)
     right = np.cross(look, up)
     if np.linalg.norm(right) < 0.1:
