@@ -21,6 +21,10 @@ from engine.types import Frames, Masks
 _WINDOW = 1 / 16  # of the longer side: standard deviation of the local normalisation
 _CONTRAST = 0.05  # log radiance; fainter texture is left faint
 _BATCH = 8  # views between two looks at a cancel request
+_COARSE = 256  # features a view that vote on which pairs to match
+# Descriptors are whole numbers of length 512, so their products are exact in float32 whatever the order of
+# summation; this is a cosine of 0.85, above which two may show the same point.
+_SIMILAR = 0.85 * 512**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +160,6 @@ def likely_pairs(
         for j in range(i + 1, count):
             votes[i, j] = votes[j, i] = _mutual(coarse[i], coarse[j])
     return chosen(votes, params.neighbours)
-
-
-_COARSE = 256  # features a view that vote on which pairs to match
-# Descriptors are whole numbers of length 512, so their products are exact in float32 whatever the order of
-# summation; this is a cosine of 0.85, above which two may show the same point.
-_SIMILAR = 0.85 * 512**2
 
 
 def _mutual(a: Float[np.ndarray, "m d"], b: Float[np.ndarray, "n d"]) -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from app import demo
 from engine import session as sessions
 from engine.importing import encode_poses
 from engine.posefiles import GivenPoses
@@ -18,14 +19,10 @@ TRUTH = ROOT / "demo" / "truth"
 
 def copy(source: Path, to: Path, views: int | None = None) -> Path:
     """Photographs and facts of a session, no results; the first `views` of them."""
-    to.mkdir(parents=True)
-    for name in ("stages", "exports", "edits", "shots"):
-        (to / name).mkdir()
-    shutil.copy(source / "session.json", to)
-    for path in (source / "edits").glob("*"):
-        shutil.copy(path, to / "edits")
-    for shot in sorted((source / "shots").iterdir())[:views]:
-        shutil.copytree(shot, to / "shots" / shot.name)
+    demo.copy(source, to)
+    shots = sorted((to / "shots").iterdir())
+    for shot in shots[len(shots) if views is None else views :]:
+        shutil.rmtree(shot)
     return to
 
 
