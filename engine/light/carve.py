@@ -14,13 +14,16 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 from numba import njit
+from scipy.ndimage import minimum_filter
 from scipy.spatial import KDTree
 
 from engine.light.photographs import Photographs, camera_centres
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _SURE = 0.5
-_THROUGH, _ABOUT = 0.75, 1.25  # of the seen depth: nearer is free, between the two is the surface
+_THROUGH, _ABOUT = 0.85, 1.15  # of the seen depth: nearer is free, between the two is the surface
+DOUBTED = 0.7
+"""Share of a swept depth up to which a view looks that is not sure of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +80,22 @@ def intruding(
     for centre, radius in zip(emptiness.centres, emptiness.radii, strict=True):
         inside |= ((points - centre) ** 2).sum(1) < (radius + reach) ** 2
     return inside
+
+
+def surface_of(emptiness: Emptiness, photographs: Photographs) -> Float[np.ndarray, "n h w"]:
+    """The z up to which every pixel of other pictures of the same views is sure to look (float32).
+
+    That is the swept depth where the view was sure, and DOUBTED of it where not; at the edge of something near
+    a coarse pixel holds two depths, and the nearest around is taken. 0 off the background.
+    """
+    _, height, width = photographs.weight.shape
+    reach = np.where(emptiness.sure >= _SURE, emptiness.depth, DOUBTED * emptiness.depth)
+    known = np.isfinite(reach)
+    nearest = minimum_filter(np.where(known, reach, np.inf), (1, 3, 3))
+    nearest = np.where(known, nearest, 0).astype(np.float32)
+    rows = (np.arange(height) * nearest.shape[1]) // height
+    columns = (np.arange(width) * nearest.shape[2]) // width
+    return np.ascontiguousarray(nearest[:, rows[:, None], columns])
 
 
 def emptiness_of(

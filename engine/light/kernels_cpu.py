@@ -218,6 +218,9 @@ def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
     out[12], out[13], out[14], out[15], out[16], out[17] = s, c0, c1, c2, total, blame
 
 
+THROUGH = np.float32(0.93)
+
+
 @njit(**_FLAGS)
 @no_type_check
 def backward(
@@ -232,6 +235,7 @@ def backward(
     floor_only,
     knee,
     hollow,
+    surface,
     grads,
     part,
     parts,
@@ -241,6 +245,8 @@ def backward(
     With knee > 0 the loss is Eq. (5), sum of weights * |log(1 + target/knee) - log(1 + m/knee)|, one-sided
     where `floor_only` (clipped: the target is a lower bound), plus `hollow` * weights * transmittance left.
     With knee == 0 it is linear: sum of target * m + weights * transmittance, for checking gradients.
+    To both comes weights * compositing weight of all that answers before THROUGH of the z in `surface`
+    (0: unknown), where the view is sure to see through; that z is not differentiated.
     """
     height, width = image.shape[0], image.shape[1]
     across = (width + TILE - 1) // TILE
@@ -286,6 +292,7 @@ def backward(
             image[v, u, 0], image[v, u, 1], image[v, u, 2] = r, g, b
             image[v, u, 3], image[v, u, 4] = through, far
             share = weights[v, u]
+            wall = THROUGH * surface[v, u]
             if knee32 > _ZERO:
                 behind = share * hollow32 * through
                 for c in range(3):
@@ -308,6 +315,8 @@ def backward(
                 l = order[c]
                 entry = packed[members[live[l]]]
                 own = s0 * entry[13] + s1 * entry[14] + s2 * entry[15]
+                if depth[l, i] < wall:
+                    own += share
                 slope[l, i] = before[c] * own - behind / (_ONE - alpha[l, i])
                 behind += own * weight[l, i]
         for l in range(n):

@@ -123,6 +123,7 @@ def push_back(
     floor_only: Bool[np.ndarray, "h w"],
     knee: float,
     hollow: float,
+    surface: Float[np.ndarray, "h w"],
     run: Run,
 ) -> tuple[Float[np.ndarray, "h w 5"], Gradients]:
     """Render one view and differentiate the loss of `kernels_cpu.backward` by every parameter."""
@@ -133,7 +134,7 @@ def push_back(
         kernels_cpu.backward,
         (
             packed, tile_start, members, view.lens, np.float32(near), image, target, weights, floor_only,
-            knee, hollow, grads,
+            knee, hollow, surface, grads,
         ),
     )  # fmt: skip
     totals = np.empty((len(index), kernels_cpu.GRADIENTS), np.float32)

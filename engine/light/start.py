@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from engine.errors import LightError
 from engine.light.carve import Emptiness, emptiness_of, floating, intruding
 from engine.light.gaussians import Y00
+from engine.light.lamps import Lamps
 from engine.light.photographs import Photographs
 from engine.light.rasterise import Run
 from engine.light.sweep import sweep
@@ -72,8 +73,33 @@ def _thin(
     return chosen[:count] if len(chosen) > count else chosen
 
 
+def _lamps_in_front(
+    photographs: Photographs,
+    lamps: Lamps,
+    depth: Float[np.ndarray, "n h w"],
+    sure: Float[np.ndarray, "n h w"],
+) -> None:
+    """Give the pixels of every lamp that was found the lamp's depth, in place."""
+    _, height, width = depth.shape
+    v, u = np.mgrid[:height, :width] + 0.5
+    focal = photographs.lens[:2].mean()
+    for centre, radius, spot in zip(lamps.centres, lamps.radii, lamps.spot, strict=True):
+        for i in np.nonzero(spot >= 0)[0]:
+            pose = photographs.cam_from_world[i]
+            cam = pose[:, :3] @ centre + pose[:, 3]
+            at = photographs.lens[:2] * cam[:2] / cam[2] + photographs.lens[2:]
+            inside = np.hypot(u - at[0], v - at[1]) < max(radius * focal / cam[2], 0.7)
+            inside &= np.isfinite(depth[i])
+            depth[i][inside], sure[i][inside] = cam[2], 1.0
+
+
 def begin(
-    photographs: Photographs, points: Float[np.ndarray, "m 3"], count: int, keep_out: float | None, run: Run
+    photographs: Photographs,
+    lamps: Lamps,
+    points: Float[np.ndarray, "m 3"],
+    count: int,
+    keep_out: float | None,
+    run: Run,
 ) -> tuple[Gaussians, Emptiness]:
     """About `count` Gaussians to start from, and where the room is empty.
 
@@ -81,6 +107,7 @@ def begin(
         LightError: hardly any background pixel shows the room.
     """
     depth, sure = sweep(photographs, points, 40, run)
+    _lamps_in_front(photographs, lamps, depth, sure)
     world, radiance = _candidates(photographs, depth)
     if len(world) < 50:
         raise LightError(

@@ -9,14 +9,16 @@ Held-out views judge the fit and nothing else: they supervise neither stage.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.images import luminance
 from engine.light.bright import bright_ones, rows_of, solve_colours
-from engine.light.carve import Emptiness, floating, intruding
+from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
 from engine.light.gaussians import Y00
+from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
@@ -50,6 +52,7 @@ class LightReport:
     heldout_energy: float  # rendered over photographed, all background pixels
     heldout_energy_bright: float  # the same, brightest 1 % of pixels
     training_log_l1: float
+    lamps: int  # small bright things that were found beforehand
     views_used: int
     views_heldout: int
 
@@ -79,7 +82,10 @@ def fit(
     with workers() as run:
         progress.step(0.0, "depth of the room")
         small = resample(frames, masks, poses, used, min(64, poses.camera.width))
-        start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
+        lamps = find_lamps(resample(frames, masks, poses, used, poses.camera.width))
+        start, emptiness = begin(
+            small, lamps, poses.points, max(500, params.budget // 3), params.keep_out, run
+        )
         cloud = cloud_of(start)
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))
@@ -88,12 +94,13 @@ def fit(
         count = 0
         for passes, width in zip(params.passes, widths, strict=True):
             photographs = resample(frames, masks, poses, used, width)
+            surface = surface_of(emptiness, photographs)
             for _ in range(passes):
                 progress.step(
                     0.05 + 0.85 * done / total, f"light at {width} px, {len(cloud.means)} Gaussians"
                 )
                 rate = 0.05 ** (count / everything)
-                loss = _pass(cloud, photographs, params, knee, rate, rng, run)
+                loss = _pass(cloud, photographs, surface, params, knee, rate, rng, run)
                 done, count = done + width * width, count + 1
                 cloud = _settle(cloud, photographs, params, emptiness, count / everything)
         gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.98), run)
@@ -106,6 +113,7 @@ def fit(
         knee=knee,
         **heldout,
         training_log_l1=float(loss),
+        lamps=len(lamps.radii),
         views_used=len(used),
         views_heldout=len(held),
     )
@@ -131,6 +139,7 @@ def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progres
 def _pass(
     cloud: Cloud,
     photographs: Photographs,
+    surface: Float[np.ndarray, "n h w"],
     params: LightParams,
     knee: float,
     rate: float,
@@ -147,7 +156,8 @@ def _pass(
     for view in rng.permutation(len(photographs.weight)).tolist():
         _, gradients = push_back(
             cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
-            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.hollow, run,
+            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.hollow,
+            surface[view], run,
         )  # fmt: skip
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
         i = gradients.index

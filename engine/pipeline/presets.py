@@ -8,7 +8,7 @@ Preset = Mapping[str, Mapping[str, Any]]
 
 def draft() -> Preset:
     """A first look."""
-    return {"surface": {"directions": 1024, "rounds": 2}}
+    return {"surface": {"directions": 1024, "rough_rounds": 2, "rounds": 1}}
 
 
 def standard() -> Preset:

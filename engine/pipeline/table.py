@@ -23,7 +23,7 @@ def stages() -> tuple[Stage, ...]:
 
     return (
         Stage(
-            "hdr", 1, HdrParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
+            "hdr", 2, HdrParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
             "segment", 1, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
@@ -34,11 +34,11 @@ def stages() -> tuple[Stage, ...]:
             presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 2, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
+            "light", 3, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
         Stage(
-            "surface", 2, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+            "surface", 3, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
             presets=presets.of_stage("surface"),
         ),
         Stage(

@@ -7,16 +7,17 @@ share of the object's light is its own, and everything else is split by where it
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.cluster.vq import kmeans2
+from scipy.ndimage import binary_dilation
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from engine.geometry import project, transform
+from engine.images import luminance
 from engine.surface.transport import Incident
-from engine.types import Gaussians
-
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+from engine.types import Frames, Gaussians, Masks, Poses
 
 LAMPS = 8
 """At most so many bright clusters get a gain of their own."""
@@ -25,6 +26,9 @@ BRIGHT = 8.0
 NEAR = 0.15
 """Bright Gaussians closer than this share of their distance to the object belong to one lamp."""
 
+CLIPPED_SHARE = 0.25
+"""A group is clipped if so much of its light is, in the views that look its way; others may hide it."""
+
 
 def group_emitters(
     gaussians: Gaussians, centre: Float[np.ndarray, " 3"], rest: int, seed: int
@@ -32,11 +36,11 @@ def group_emitters(
     """A group number for every Gaussian, as seen from `centre` (where the object is, on average)."""
     away = gaussians.means - centre
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-    luminance = _luminance(gaussians)
+    level = _luminance(gaussians)
     area = np.sort(gaussians.scales, axis=1)[:, 1:].prod(1)
     solid = np.minimum(area / distance**2, 1.0) * (1 - np.exp(-gaussians.density))
-    energy = luminance * solid
-    bright = np.nonzero(luminance > BRIGHT * energy.sum() / max(solid.sum(), 1e-30))[0]
+    energy = level * solid
+    bright = np.nonzero(level > BRIGHT * energy.sum() / max(solid.sum(), 1e-30))[0]
     group = np.full(len(energy), -1)
     count = 0
     if len(bright):
@@ -57,6 +61,44 @@ def group_emitters(
     centres, _ = kmeans2(feature[take], min(rest, len(take)), rng=seed, minit="++")
     group[others] = count + KDTree(centres).query(feature)[1]
     return np.unique(group, return_inverse=True)[1]
+
+
+def clipped_groups(
+    gaussians: Gaussians,
+    group: Int[np.ndarray, " k"],
+    frames: Frames,
+    masks: Masks,
+    poses: Poses,
+) -> Bool[np.ndarray, " g"]:
+    """Groups most of whose light was photographed clipped: the background gives a lower bound only."""
+    count = int(group.max()) + 1
+    seen, cut = np.zeros(len(group)), np.zeros(len(group))
+    height, width = frames.clipped.shape[1:]
+    for view in np.nonzero(poses.registered)[0]:
+        grown = (
+            frames.clipped[view]
+            if not frames.clipped[view].any()
+            else np.asarray(binary_dilation(frames.clipped[view], np.ones((3, 3), bool)))
+        )
+        inside, (u, v) = _pixels_of(poses.camera, poses.cam_from_world[view], gaussians.means, width, height)
+        shown = masks.background[view][v, u]
+        seen[inside] += shown
+        cut[inside] += shown & grown[v, u]
+    energy = _luminance(gaussians) * np.sort(gaussians.scales, axis=1)[:, 1:].prod(1)
+    energy *= 1 - np.exp(-gaussians.density)
+    share = np.bincount(group, energy * cut / np.maximum(seen, 1), minlength=count)
+    known = np.bincount(group, energy * (seen > 0), minlength=count)
+    return share > CLIPPED_SHARE * np.maximum(known, 1e-30)
+
+
+def _pixels_of(camera, cam_from_world, points, width, height):
+    """Which points lie in the picture, and in which pixel (u, v) each of those."""
+    at = transform(cam_from_world, points)
+    inside = at[:, 2] > 1e-6
+    uv = project(camera, np.where(inside[:, None], at, [0, 0, 1]))
+    u, v = uv.T
+    inside &= (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    return inside, uv[inside].astype(int).T
 
 
 def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -86,10 +128,10 @@ def whose(
     cell. A lamp outshines the wall beside it, so that a cell which holds a lamp counts as the lamp's.
     """
     m, d, v = light.energy.shape
-    luminance = light.energy.reshape(m, d, v // 3, 3) @ LUMINANCE
-    lit = luminance > 0
-    at = places.energy.reshape(m, d, v // 3, 3)[lit] / luminance[lit][:, None] + low
-    found = np.full(luminance.shape, -1)
+    shining_in = luminance(light.energy.reshape(m, d, v // 3, 3))
+    lit = shining_in > 0
+    at = places.energy.reshape(m, d, v // 3, 3)[lit] / shining_in[lit][:, None] + low
+    found = np.full(shining_in.shape, -1)
     # Faint Gaussians stand everywhere, also in front of lamps; those that shine say where the light is from.
     shining = np.nonzero(_luminance(gaussians) > 0)[0]
     found[lit] = group[shining[KDTree(gaussians.means[shining]).query(at)[1]]]
@@ -97,7 +139,7 @@ def whose(
 
 
 def _luminance(gaussians: Gaussians) -> Float[np.ndarray, " k"]:
-    return np.maximum(gaussians.radiance[:, 0] @ LUMINANCE, 0)
+    return np.maximum(luminance(gaussians.radiance[:, 0]), 0)
 
 
 def brightened(

@@ -82,7 +82,7 @@ def integrate(
             system = system + weighted @ matrix
             right += weighted @ target
         solver = pyamg.smoothed_aggregation_solver(
-            system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"})
+            system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
         )
         log_depth, _ = cg(system, right, x0=log_depth, rtol=1e-5, maxiter=200, M=solver.aspreconditioner())
         log_depth -= ((gauge @ log_depth) / sizes)[part]

@@ -41,6 +41,10 @@ class State:
     system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state
     slope: Float[np.ndarray, "p 6"]
 
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "State":
+        """The same of a few pixels."""
+        return State(*(getattr(self, name)[pixels] for name in State.__slots__))
+
 
 def begin(
     normals: Float[np.ndarray, "p 3"], albedo: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
@@ -154,6 +158,82 @@ def iterate(
     return kept
 
 
+def propose(
+    state: State,
+    normals: Float[np.ndarray, "p k 3"],
+    roughness: Float[np.ndarray, "p k"],
+    responses: Responses,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    progress: Progress,
+) -> State:
+    """Let every pixel try `k` other normals and roughnesses, albedo solved for each; the least misfit wins.
+
+    A pixel's own misfit must be known (`iterate` leaves it). Gauss-Newton finds the bottom of the valley it
+    stands in; what its neighbours found may lie in a deeper one.
+    """
+    kept = State(*(getattr(state, name).copy() for name in State.__slots__))
+    for i, pixels in enumerate(parts):
+        progress.step(i / len(parts), "asking the neighbours")
+        n, r = _facing(normals[pixels], sight.views[pixels][:, None]), roughness[pixels]
+        diffuse, specular = responses(sight, pixels, n, r, responses.energy(sight, pixels))
+        misfit, albedo = _misfits(
+            diffuse, specular, seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels],
+            kept.spread[pixels], r,
+        )  # fmt: skip
+        best = np.argmin(misfit, 1)
+        rows = np.arange(len(pixels))
+        better = misfit[rows, best] < state.misfit[pixels]
+        won, best, rows = pixels[better], best[better], rows[better]
+        kept.normals[won], kept.roughness[won] = n[rows, best], r[rows, best]
+        kept.albedo[won], kept.damping[won] = albedo[rows, best], 1e-2
+    return kept
+
+
+@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def _misfits(diffuse, specular, radiance, weight, eps, spread, roughness):
+    """Robust misfit of every variant at its own least-squares albedo, and that albedo."""
+    count, variants, channels = diffuse.shape
+    misfit = np.zeros((count, variants))
+    albedo = np.zeros((count, variants, 3))
+    for p in numba.prange(count):
+        width = (CAUCHY * spread[p]) ** 2
+        for k in range(variants):
+            d, s = diffuse[p, k], specular[p, k]
+            total = 0.0
+            for c in range(3):
+                a = 0.0
+                # Least squares in the radiance, then twice a robust step in its logarithm.
+                up = down = 0.0
+                for v in range(c, channels, 3):
+                    w = weight[p, v] / (radiance[p, v] + eps[p]) ** 2
+                    up += w * (radiance[p, v] - s[v]) * d[v]
+                    down += w * d[v] * d[v]
+                a = min(max(up / max(down, 1e-30), ALBEDO[0]), ALBEDO[1])
+                for turn in range(3):
+                    up = down = cost = 0.0
+                    for v in range(c, channels, 3):
+                        w = weight[p, v]
+                        over = 1 / (max(a * d[v] + s[v], 0.0) + eps[p])
+                        e = math.log((radiance[p, v] + eps[p]) * over)
+                        ratio = w * e * e / width
+                        cost += width * math.log1p(ratio)
+                        j = a * d[v] * over
+                        up += w / (1 + ratio) * j * e
+                        down += w / (1 + ratio) * j * j
+                    if turn < 2:
+                        step = min(max(up / max(down, 1e-30), -0.7), 0.7)
+                        a = min(max(a * math.exp(step), ALBEDO[0]), ALBEDO[1])
+                total += cost
+                albedo[p, k, c] = a
+            mean, spread_r = ROUGHNESS_PRIOR
+            off = (roughness[p, k] - mean) / spread_r
+            misfit[p, k] = total + off * off * spread[p] ** 2
+    return misfit, albedo
+
+
 def _damped_step(system, slope, damping):
     diagonal = np.einsum("pii->pi", system)
     damped = system + np.eye(6) * (diagonal * damping[:, None] + 1e-6)[:, None]
@@ -165,9 +245,9 @@ def _damped_step(system, slope, damping):
 
 def _facing(normals, views):
     """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
-    cosine = (normals * views).sum(1, keepdims=True)
+    cosine = (normals * views).sum(-1, keepdims=True)
     fixed = normals + views * np.maximum(0.03 - cosine, 0)
-    return fixed / np.linalg.norm(fixed, axis=1, keepdims=True)
+    return fixed / np.linalg.norm(fixed, axis=-1, keepdims=True)
 
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")

@@ -26,6 +26,21 @@ class Observations:
     saturated: Float[np.ndarray, " p"]  # share of views clipped
     edge: Bool[np.ndarray, " p"]  # the pixel may hold some background
 
+    def part(
+        self, pixels: Int[np.ndarray, " k"], views: Int[np.ndarray, " m"] | None = None
+    ) -> "Observations":
+        """The same of a few pixels, in some or all views."""
+        columns = slice(None)
+        if views is not None:
+            columns = (3 * views[:, None] + np.arange(3)).ravel()
+        return Observations(
+            np.ascontiguousarray(self.radiance[pixels][:, columns]),
+            np.ascontiguousarray(self.weight[pixels][:, columns]),
+            self.eps[pixels],
+            self.saturated[pixels],
+            self.edge[pixels],
+        )
+
 
 def observe(
     frames: Frames,

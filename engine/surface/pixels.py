@@ -1,4 +1,4 @@
-"""Every pixel of the object under a given light: search, Gauss-Newton, depth, visibility, and again.
+"""Every pixel of the object under a given light: search, Gauss-Newton, depth, visibility.
 
 Camera frame. Knows nothing of Gaussians or files: the light arrives as energy at a lattice of probes.
 """
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
+from scipy.ndimage import distance_transform_edt
 
-from engine.geometry import rays
+from engine.geometry import rays, resized
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.confidence import Confidence, confidence
 from engine.surface.integrate import integrate
-from engine.surface.observations import observe
+from engine.surface.observations import Observations, observe
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
-from engine.types import Camera, Frames, Renders, Surface
+from engine.types import Camera, Frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,8 @@ class SurfaceParams:
     probes_deep: int = 2  # probe points along the viewing axis
     probe_face_px: int = 48  # resolution of one face of each probe's cube
     candidates: int = 300  # normals tried by the global search
-    rounds: int = 3  # solve, integrate, see: how often
+    rough_rounds: int = 3  # on pixels of half the size: solve, integrate, see, refine the light: how often
+    rounds: int = 2  # on all pixels: solve, integrate, see: how often
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
@@ -42,55 +43,154 @@ class SurfaceParams:
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
 
 
-def solve_pixels(
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """The object's pixels as photographed in some views; `p` counts them in row order."""
+
+    camera: Camera
+    mask: Bool[np.ndarray, "h w"]
+    seen: Observations
+    views: Int[np.ndarray, " n"]  # which of the session's
+
+    @property
+    def rays(self) -> Float[np.ndarray, "p 3"]:
+        """Unit viewing directions."""
+        return rays(self.camera)[self.mask]
+
+    def flat(self, distance: float) -> Sight:
+        """All points at one z, nothing hidden."""
+        directions = self.rays
+        return Sight(directions / directions[:, 2:] * distance, -directions, None)
+
+    def responses(self, light: Incident, params: SurfaceParams, device: str) -> Responses:
+        """How the pixels answer a light."""
+        return Responses(light, self.seen.radiance, params.full_diffuse, params.bounce, device)
+
+
+def subject(
     frames: Frames,
     mask: Bool[np.ndarray, "h w"],
     camera: Camera,
-    light: Incident,
     views: Int[np.ndarray, " n"],
-    distance: float,
+    params: SurfaceParams,
+) -> Subject:
+    """The object in some views, at the photographs' resolution."""
+    return Subject(camera, mask, observe(frames, mask, views, params.model_error), views)
+
+
+def halved(
+    frames: Frames, mask: Bool[np.ndarray, "h w"], camera: Camera
+) -> tuple[Frames, Bool[np.ndarray, "h2 w2"], Camera]:
+    """Photographs of half the size, for the object alone: means over the object's pixels of each 2 x 2."""
+    height, width = mask.shape[0] // 2 * 2, mask.shape[1] // 2 * 2
+
+    def fours(x: Shaped[np.ndarray, "*n h w"]) -> Shaped[np.ndarray, "*n h2 w2 4"]:
+        x = x[..., :height, :width].reshape(*x.shape[:-2], height // 2, 2, width // 2, 2)
+        return np.moveaxis(x, -3, -2).reshape(*x.shape[:-4], height // 2, width // 2, 4)
+
+    inside = fours(mask)
+    small = inside.sum(-1) >= 2
+    count = np.maximum(inside.sum(-1), 1)
+    radiance = np.stack(
+        [(fours(frames.radiance[..., c]) * inside).sum(-1) / count for c in range(3)], -1
+    ).astype(np.float32)
+    clipped, dark = (np.asarray((fours(x) & inside).any(-1)) for x in (frames.clipped, frames.dark))
+    shot, floor = frames.noise
+    # A mean of four: a quarter of the variance.
+    fewer = Frames(frames.names, radiance, clipped, dark, (shot / 4, floor / 2))
+    # An odd last row or column is cut off, and the field of view with it.
+    even = Camera(
+        width, height, camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2, camera.p1, camera.p2
+    )
+    return fewer, small, resized(even, width // 2, height // 2)
+
+
+def search(
+    who: Subject, light: Incident, sight: Sight, params: SurfaceParams, device: str, progress: Progress
+) -> newton.State:
+    """A first surface from nothing."""
+    responses = who.responses(light, params, device)
+    regions = coarse_regions(who.mask)
+    return newton.begin(*global_start(responses, sight, who.seen, regions, params.candidates, progress))
+
+
+def improve(
+    who: Subject,
+    state: newton.State,
+    light: Incident,
+    sight: Sight,
     params: SurfaceParams,
     device: str,
     progress: Progress,
-) -> tuple[Surface, Sight, Confidence, newton.State]:
-    """The solve itself, under a given light."""
-    seen = observe(frames, mask, views, params.model_error)
-    directions = rays(camera)
-    q = directions / directions[..., 2:]
-    parts = blocks(mask)
-    responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, device)
-    depth = np.where(mask, distance, 0.0)
-    sight = Sight((q * depth[..., None])[mask], -directions[mask], None)
-    start = global_start(
-        responses, sight, seen, coarse_regions(mask), params.candidates, progress.part(0, 0.15)
+) -> newton.State:
+    """Gauss-Newton on every pixel; then each looks at what its neighbours found, and again."""
+    responses, parts = who.responses(light, params, device), blocks(who.mask)
+    state = newton.respread(state, responses, sight, parts, who.seen)
+    state = newton.iterate(state, responses, sight, parts, who.seen, params.passes, progress.part(0, 0.4))
+    normals, roughness = neighbours(who.mask, state)
+    state = newton.propose(
+        state, normals, roughness, responses, sight, parts, who.seen, progress.part(0.4, 0.8)
     )
-    state = newton.begin(*start)
-    for turn in range(params.rounds):
-        span = progress.part(0.15 + 0.85 * turn / params.rounds, 0.15 + 0.85 * (turn + 1) / params.rounds)
-        state = newton.respread(state, responses, sight, parts, seen)
-        state = newton.iterate(state, responses, sight, parts, seen, params.passes, span.part(0, 0.7))
-        normals = image(mask, state.normals)
-        depth = integrate(camera, normals, mask, distance, span.part(0.7, 0.8))
-        if turn + 1 < params.rounds:
-            points = q * depth[..., None]
-            hidden = None
-            if params.visibility:
-                hidden = occlusion(points, normals, mask, light.directions, span.part(0.8, 1.0))
-            sight = Sight(points[mask], sight.views, hidden)
-    certainty = confidence(state, seen, sight)
-    surface = Surface(
-        mask,
-        image(mask, state.normals),
-        image(mask, state.albedo),
-        image(mask, state.roughness),
-        depth.astype(np.float32),
-        image(mask, certainty.normal),
-        image(mask, certainty.albedo),
-        image(mask, certainty.roughness),
-        image(mask, state.spread * params.model_error),
-        image(mask, certainty.flags).astype(np.uint8),
-    )
-    return surface, sight, certainty, state
+    return newton.iterate(state, responses, sight, parts, who.seen, 2, progress.part(0.8, 1))
+
+
+REACH = (1, 3)
+"""How many pixels away the neighbours are that a pixel asks."""
+
+
+def neighbours(
+    mask: Bool[np.ndarray, "h w"], state: newton.State
+) -> tuple[Float[np.ndarray, "p k 3"], Float[np.ndarray, "p k"]]:
+    """Normals and roughnesses of each pixel's neighbours; its own where the object ends."""
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(mask.sum())
+    padded = np.pad(index, max(REACH), constant_values=-1)
+    v, u = np.nonzero(padded >= 0)
+    own = np.arange(mask.sum())
+    found = []
+    for reach in REACH:
+        for dv, du in ((0, reach), (0, -reach), (reach, 0), (-reach, 0)):
+            other = padded[v + dv, u + du]
+            found.append(np.where(other >= 0, other, own))
+    take = np.stack(found, 1)
+    return state.normals[take], state.roughness[take]
+
+
+def depth_of(
+    who: Subject, state: newton.State, distance: float, progress: Progress
+) -> Float[np.ndarray, "h w"]:
+    """Depth from the normals; its mean is `distance`."""
+    return integrate(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
+
+
+def sight_of(
+    who: Subject,
+    state: newton.State,
+    depth: Float[np.ndarray, "h w"],
+    directions: Float[np.ndarray, "d 3"],
+    params: SurfaceParams,
+    progress: Progress,
+) -> Sight:
+    """Where the depth puts the points, and what hides the room from them."""
+    q = rays(who.camera)
+    points = q / q[..., 2:] * depth[..., None]
+    hidden = None
+    if params.visibility:
+        hidden = occlusion(points, image(who.mask, state.normals), who.mask, directions, progress)
+    return Sight(points[who.mask], -q[who.mask], hidden)
+
+
+def finer(
+    state: newton.State, small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]
+) -> newton.State:
+    """A state of `halved` pixels as a start for the full ones: each takes the nearest one's."""
+    index = np.full(small.shape, 0)
+    index[small] = np.arange(small.sum())
+    nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
+    index = index[tuple(nearest)]  # pyright: ignore[reportArgumentType]
+    v, u = np.nonzero(mask)
+    take = index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
+    return newton.begin(state.normals[take], state.albedo[take], state.roughness[take])
 
 
 def rerender(
@@ -98,11 +198,11 @@ def rerender(
     mask: Bool[np.ndarray, "h w"],
     light: Incident,
     views: tuple[int, ...],
-    surface: Surface,
+    state: newton.State,
     sight: Sight,
     params: SurfaceParams,
     device: str,
-) -> Renders:
+) -> Float[np.ndarray, "n h w 3"]:
     """Pictures of the answer in views the fit has not used."""
     radiance = np.zeros((len(views), *mask.shape, 3), np.float32)
     if views:
@@ -111,11 +211,12 @@ def rerender(
             light, np.ascontiguousarray(photographed), params.full_diffuse, params.bounce, device
         )
         flat = np.zeros((int(mask.sum()), len(views), 3), np.float32)
-        normals, albedo, roughness = surface.normal[mask], surface.albedo[mask], surface.roughness[mask]
-        for pixels, answer in predict(responses, sight, blocks(mask), normals, albedo, roughness):
+        for pixels, answer in predict(
+            responses, sight, blocks(mask), state.normals, state.albedo, state.roughness
+        ):
             flat[pixels] = answer
         radiance[:, mask] = flat.transpose(1, 0, 2)
-    return Renders(views, radiance)
+    return radiance
 
 
 def coarse_regions(mask: Bool[np.ndarray, "h w"], across: int = 4) -> list[Int[np.ndarray, " _"]]:

@@ -1,135 +1,246 @@
-"""Refine the light together with the surface: one gain per group of emitters and channel.
+"""What only the object can tell about the light: how bright its parts are, and how far away they stand.
 
-The background says how bright each part of the room is, within some uncertainty; the object's own shading in
-every view says it again. Groups of Gaussians (each lamp its own, the rest by neighbourhood, and what no view
-has seen) get a log gain with the background's uncertainty as prior, and gains and pixels are solved in
-one Gauss-Newton system whose pixel unknowns are eliminated first (Schur complement): a pixel has six
-unknowns, the light a few dozen. A sample of the pixels is enough, since every pixel sees the same light.
+The background says how bright each part of the room is, within some uncertainty; of a lamp that is clipped in
+every exposure it says no more than a lower bound. And camera and object are fixed to one another, so the object
+cannot be triangulated: how far in front of the camera it is shows only in the parallax of near light. Both
+speak through the object's own shading in every view.
 
-Logs throughout: residual log((I + eps) / (model + eps)), unknowns log gain.
+Unknown are therefore the log of the object's distance and, for every group of emitters (each lamp its own, the rest
+by neighbourhood, and what no view has seen) and channel, the log of a gain with the background's uncertainty as
+prior. They and a sample of the object's pixels are solved in one Gauss-Newton system whose pixel unknowns are
+eliminated first (Schur complement): a pixel has six, the light a few dozen. The object's own shadows and
+bounced light, which do not change when the whole object moves along the viewing rays, are those of
+the surface that is already known.
+
+Logs throughout: residual log((I + eps) / (model + eps)). Camera frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import no_type_check
 
+import numba
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.observations import Observations
 from engine.surface.transport import Incident, Responses, Sight
 
+TOTAL = 0.01
+"""How well the background fixes the sum of the light that is not clipped, per channel (relative)."""
+CORRELATED = 10.0
+"""Observations that share one model error; each pixel counts as so many times fewer than it has."""
+CLIPPED = (0.7, 1.0)
+"""Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded."""
+NUDGE = 0.02
+"""Step in log distance for its derivative."""
+LONGEST = 0.4
+"""Longest step of one log gain or of log distance."""
+TRUSTED = 0.8
+"""Share of the pixels that vote on a comparison: those in a shadow nobody foresaw misfit everywhere."""
+FREE, FIXED = 1e-6, 1e12
+"""Weights of the prior on an unknown that anything may move, and on one that nothing may."""
+SPREAD = 3.0
+"""One residual spread for every pixel, so that misfits compare."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gains:
-    """What the shading says about the light, relative to what the background said."""
+class Parts:
+    """The light at a lattice of probes, and which group of emitters each cell's light comes from."""
 
+    incident: Incident
+    group: Int[np.ndarray, "m d n"]  # 0 .. k - 1
+    clipped: Bool[np.ndarray, " k"]  # groups whose brightness is only a lower bound
+    prior: Float[np.ndarray, " k"]  # spread of log gain where it is not clipped
+
+    def at(
+        self, point: Float[np.ndarray, " 3"], gain: Float[np.ndarray, "k 3"]
+    ) -> Float[np.ndarray, "k d v"]:
+        """Every group's energy at a point, under its gain."""
+        weights = self.incident.lattice.weights(point).astype(np.float32)
+        out = np.zeros((len(gain), *self.incident.energy.shape[1:]), np.float32)
+        for k in np.nonzero(weights)[0]:
+            _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain.astype(np.float32), out)
+        return out
+
+    def under(self, gain: Float[np.ndarray, "k 3"]) -> Incident:
+        """All the light, every group under its gain."""
+        m, d, v = self.incident.energy.shape
+        energy = self.incident.energy.reshape(m, d, v // 3, 3) * gain.astype(np.float32)[self.group]
+        return Incident(self.incident.lattice, self.incident.directions, energy.reshape(m, d, v))
+
+    def levels(self) -> Float[np.ndarray, "k 3"]:
+        """The groups' share of the light before any gain, summed over probes, directions and views."""
+        energy = self.incident.energy.reshape(-1, 3)
+        flat = self.group.ravel()
+        return np.stack([np.bincount(flat, energy[:, c], minlength=len(self.prior)) for c in range(3)], 1)
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _add_by_group(energy, group, gain, out):
+    for d in range(group.shape[0]):
+        for n in range(group.shape[1]):
+            k = group[d, n]
+            for c in range(3):
+                out[k, d, 3 * n + c] += gain[k, c] * energy[d, 3 * n + c]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """The pixels that vote: their place up to the one factor, what they see, what they were seen as."""
+
+    shape: Float[np.ndarray, "p 3"]  # points at distance 1
+    sight: Sight  # its points are at any distance
+    seen: Observations
+    photographed: Float[np.ndarray, "q v"]  # of all the object's pixels, for the light they throw
+    regions: list[Int[np.ndarray, " _"]]
+    full_diffuse: bool
+    bounce: bool
+
+    def at(self, distance: float) -> Sight:
+        """What the pixels see when the object stands at `distance`."""
+        return Sight(self.shape * distance, self.sight.views, self.sight.occlusion)
+
+    def responses(self, light: Incident) -> Responses:
+        """How they answer a light."""
+        return Responses(light, self.photographed, self.full_diffuse, self.bounce, "cpu")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """Where the object stands and how bright the groups are, relative to what the background said."""
+
+    distance: float
     gain: Float[np.ndarray, "k 3"]
-    stderr: Float[np.ndarray, "k 3"]  # of log gain
-    before: float  # median weighted residual spread of the sample
-    after: float
+    distance_stderr: float  # of log distance; 0 if it was given, inf if nothing depends on it
+    gain_stderr: Float[np.ndarray, "k 3"]  # of log gain
+    misfit: float  # what was minimised; compares settings of one sample
 
 
-def scaled(groups: list[Incident], gain: Float[np.ndarray, "k 3"]) -> Incident:
-    """The groups' light, each under its gain, together."""
-    total = np.zeros_like(groups[0].energy)
-    for group, factor in zip(groups, gain, strict=True):
-        total += group.energy * np.tile(factor.astype(np.float32), total.shape[2] // 3)
-    return Incident(groups[0].lattice, groups[0].directions, total)
+def untouched(parts: Parts, distance: float) -> Setting:
+    """The light as the background has it; clipped lamps as bright as lamps are expected to be."""
+    gain = np.where(parts.clipped, np.exp(CLIPPED[0]), 1.0)[:, None].repeat(3, 1)
+    return Setting(distance, gain, float("inf"), np.tile(_belief(parts)[1][:, None], (1, 3)), float("inf"))
 
 
-def refine(
-    groups: list[Incident],
-    prior: Float[np.ndarray, " k"],
+def settle(
+    setting: Setting,
+    parts: Parts,
+    sample: Sample,
     state: newton.State,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
-    seen: Observations,
-    full_diffuse: bool,
+    free_distance: bool,
+    free_light: bool,
     rounds: int,
     passes: int,
     progress: Progress,
-) -> tuple[Gains, newton.State]:
-    """Gains of the groups from a sample of pixels (all of `sight`); `prior` is the spread of log gain.
-
-    The spread of the residuals enters as their uncertainty: model errors are shared by neighbouring views, so
-    each pixel counts as CORRELATED times fewer observations than it has.
-    """
-    gain = np.ones((len(groups), 3))
-    stderr = np.tile(prior[:, None], (1, 3))
-    before = float("nan")
-    for turn in range(rounds):
-        span = progress.part(turn / rounds, (turn + 1) / rounds)
-        responses = Responses(scaled(groups, gain), seen.radiance, full_diffuse, False, "cpu")
-        state = newton.respread(state, responses, sight, parts, seen)
-        if turn == 0:
-            before = float(np.median(state.spread))
-        state = newton.iterate(state, responses, sight, parts, seen, passes, span.part(0.0, 0.6))
-        step, stderr = _light_step(groups, gain, prior, state, sight, parts, seen, full_diffuse)
-        gain = gain * np.exp(np.clip(step, -0.5, 0.5))
+) -> tuple[Setting, newton.State]:
+    """`rounds` times the pixels under the setting, then the setting under the pixels; the best one wins."""
+    best = replace(setting, misfit=float("inf")), state
+    for turn in range(rounds + 1):
+        span = progress.part(turn / (rounds + 1), (turn + 1) / (rounds + 1))
+        responses, sight = sample.responses(parts.under(setting.gain)), sample.at(setting.distance)
+        state = newton.respread(state, responses, sight, sample.regions, sample.seen)
+        state = newton.iterate(state, responses, sight, sample.regions, sample.seen, passes, span)
+        fresh, misfit = _improved(setting, parts, sample, state, free_distance, free_light)
+        if misfit < best[0].misfit:
+            errors = replace(fresh, distance=setting.distance, gain=setting.gain)
+            best = replace(errors, misfit=misfit), state
+        setting = fresh
         span.step(1.0, "refining the light")
-    responses = Responses(scaled(groups, gain), seen.radiance, full_diffuse, False, "cpu")
-    state = newton.respread(state, responses, sight, parts, seen)
-    return Gains(gain, stderr, before, float(np.median(state.spread))), state
+    return best
 
 
-TOTAL = 0.01
-"""How well the background fixes the sum of all light, per channel (relative)."""
-CORRELATED = 10.0
-"""Observations that share one model error; see `refine`."""
+def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Mean and spread of every group's log gain."""
+    return np.where(parts.clipped, CLIPPED[0], 0.0), np.where(parts.clipped, CLIPPED[1], parts.prior)
 
 
-def _light_step(groups, gain, prior, state, sight, parts, seen, full_diffuse):
-    """One Schur-reduced Gauss-Newton step of the log gains, and their standard errors."""
-    count = len(groups)
-    system = np.zeros((count * 3, count * 3))
-    slope = np.zeros(count * 3)
-    total = Responses(scaled(groups, gain), seen.radiance, full_diffuse, False, "cpu")
-    each = [Responses(group, seen.radiance, full_diffuse, False, "cpu") for group in groups]
-    for pixels in parts:
+def _improved(setting, parts, sample, state, free_distance, free_light):
+    """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
+    count = len(setting.gain)
+    unknowns = 3 * count + 1  # log gains, then log distance
+    system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    seen, sight = sample.seen, sample.at(setting.distance)
+    responses = sample.responses(parts.incident)
+    dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
+    misfits = np.zeros(len(sample.shape))
+    for pixels in sample.regions:
+        here = sight.points[pixels].mean(0)
+        each = parts.at(here, setting.gain)
+        further = parts.at(here * np.exp(NUDGE), setting.gain).sum(0)
+        total = each.sum(0)
         n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
         variants, rough, inward = newton.variants(n, r)
-        diffuse, specular = total(sight, pixels, variants, rough, total.energy(sight, pixels))
-        colour = np.tile(a, diffuse.shape[2] // 3)
+        diffuse, specular = responses(sight, pixels, variants, rough, total)
+        channels = total.shape[1]
+        colour = np.tile(a, channels // 3)
         model = colour[:, None] * diffuse + specular  # p 4 v
-        base = np.maximum(model[:, 0], 0) + seen.eps[pixels][:, None]
-        e = np.log((seen.radiance[pixels] + seen.eps[pixels][:, None]) / base)
+        eps = seen.eps[pixels][:, None]
+        base = np.maximum(model[:, 0], 0) + eps
+        e = np.log((seen.radiance[pixels] + eps) / base)
         weight = seen.weight[pixels]
+        width = (newton.CAUCHY * SPREAD) ** 2
+        misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (SPREAD**2 * CORRELATED)
         width = (newton.CAUCHY * state.spread[pixels][:, None]) ** 2
         weight = weight / (1 + weight * e * e / width) / (state.spread[pixels][:, None] ** 2 * CORRELATED)
-        jac = np.zeros((*base.shape, 6))
-        jac[..., 0] = (model[:, 1] - model[:, 0]) / (newton.STEP * base)
-        jac[..., 1] = (model[:, 2] - model[:, 0]) / (newton.STEP * base)
-        jac[..., 5] = (model[:, 3] - model[:, 0]) / (inward[:, None] * base)
+        own = np.zeros((*base.shape, 6))
+        own[..., 0] = (model[:, 1] - model[:, 0]) / (newton.STEP * base)
+        own[..., 1] = (model[:, 2] - model[:, 0]) / (newton.STEP * base)
+        own[..., 5] = (model[:, 3] - model[:, 0]) / (inward[:, None] * base)
         for c in range(3):
-            jac[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
-        light = np.zeros((*base.shape, count * 3))
-        for k, group in enumerate(each):
-            d, s = group(sight, pixels, n[:, None], r[:, None], group.energy(sight, pixels))
-            share = (colour * d[:, 0] + s[:, 0]) / base
-            for c in range(3):
-                light[:, c::3, 3 * k + c] = share[:, c::3] * gain[k, c]
-        wj, wl = jac * weight[..., None], light * weight[..., None]
-        own = jac.transpose(0, 2, 1) @ wj + 1e-9 * np.eye(6)
-        cross = jac.transpose(0, 2, 1) @ wl  # p 6 g
-        own_slope = np.einsum("pvi,pv->pi", wj, e)
-        solved = np.linalg.solve(own, np.concatenate([cross, own_slope[..., None]], 2))
-        system += np.einsum("pvi,pvj->ij", light, wl, optimize=True)
-        system -= np.einsum("pki,pkj->ij", cross, solved[..., :-1], optimize=True)
-        slope += np.einsum("pvi,pv->i", wl, e) - np.einsum("pki,pk->i", cross, solved[..., -1])
-    trust = np.repeat(1 / prior**2, 3)
-    system = system + np.diag(trust)
-    slope = slope - trust * np.log(gain).ravel()
-    # The sum of all light is the background's; only its parts are open to argument, else albedo drifts.
-    before = np.stack([group.energy.reshape(-1, 3).sum(0, dtype=np.float64) for group in groups])
-    part = before * gain
-    drift = part.sum(0) / before.sum(0)
+            own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
+        lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
+        d, s = dark(
+            sight, pixels, n[:, None], r[:, None], np.ascontiguousarray(lights).reshape(len(total), -1)
+        )
+        share = colour[:, None] * d.reshape(len(pixels), count + 1, -1) + s.reshape(
+            len(pixels), count + 1, -1
+        )
+        share = share / base[:, None]
+        light = np.zeros((*base.shape, unknowns))
+        for c in range(3):
+            light[:, c::3, c : 3 * count : 3] = share[:, :count, c::3].transpose(0, 2, 1)
+        light[..., -1] = share[:, -1]
+        wo, wl = own * weight[..., None], light * weight[..., None]
+        block = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
+        cross = own.transpose(0, 2, 1) @ wl  # p 6 u
+        own_slope = np.einsum("pvi,pv->pi", wo, e)
+        solved = np.linalg.solve(block, np.concatenate([cross, own_slope[..., None]], 2))
+        flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
+        system += flat.T @ weighted - cross.reshape(-1, unknowns).T @ solved[..., :-1].reshape(-1, unknowns)
+        slope += weighted.T @ e.ravel() - cross.reshape(-1, unknowns).T @ solved[..., -1].ravel()
+    misfit = np.sort(misfits)[: int(TRUSTED * len(misfits))].mean() * len(misfits)
+    mean, spread = _belief(parts)
+    logs = np.log(setting.gain)
+    off = (logs - mean[:, None]) / spread[:, None]
+    trust = np.append(np.repeat(1 / spread**2, 3), FREE if free_distance else FIXED)
+    if not free_light:
+        trust[:-1] = FIXED
+    system += np.diag(trust)
+    slope[:-1] -= (off / spread[:, None]).ravel()
+    misfit += float((off**2).sum())
+    # The sum of all light that is not clipped is the background's; only its parts are open to argument, else
+    # albedo drifts.
+    known = parts.levels() * ~parts.clipped[:, None]
+    part = known * setting.gain
+    drift = np.log(part.sum(0) / known.sum(0))
+    misfit += float((drift**2).sum()) / TOTAL**2
     part = part / part.sum(0)
     for c in range(3):
-        row = np.zeros((count, 3))
-        row[:, c] = part[:, c]
-        flat = row.ravel()
-        system += np.outer(flat, flat) / TOTAL**2
-        slope -= flat * np.log(drift[c]) / TOTAL**2
+        row = np.zeros(unknowns)
+        row[c : 3 * count : 3] = part[:, c]
+        system += np.outer(row, row) / TOTAL**2
+        slope -= row * drift[c] / TOTAL**2
     covariance = np.linalg.inv(system)
-    return (covariance @ slope).reshape(count, 3), np.sqrt(np.diag(covariance)).reshape(count, 3)
+    step = np.clip(covariance @ slope, -LONGEST, LONGEST)
+    logs = logs + step[:-1].reshape(count, 3)
+    logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
+    stderr = np.sqrt(np.diag(covariance))
+    distance = setting.distance * np.exp(step[-1]) if free_distance else setting.distance
+    fresh = Setting(
+        float(distance), np.exp(logs), float(stderr[-1]) if free_distance else 0.0,
+        stderr[:-1].reshape(count, 3), float("inf"),
+    )  # fmt: skip
+    return fresh, float(misfit)

@@ -102,10 +102,6 @@ class Incident:
         energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
         return Incident(self.lattice, self.directions, np.ascontiguousarray(energy))
 
-    def where(self, kept: Bool[np.ndarray, "m d n"]) -> "Incident":
-        """The same light with all other cells dark."""
-        return Incident(self.lattice, self.directions, self.energy * np.repeat(kept, 3, axis=2))
-
 
 def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
     """Indices (into the mask's pixels in row order) of each block's pixels."""
@@ -123,6 +119,10 @@ class Sight:
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
     occlusion: Occlusion | None  # None: nothing hides anything
+
+    def at(self, scale: float) -> "Sight":
+        """The same with the object so many times as far away: what hides what does not change."""
+        return Sight(self.points * scale, self.views, self.occlusion)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
@@ -155,7 +155,8 @@ class Responses:
         device: str,
     ):
         self.incident = incident
-        self.photographed = photographed if bounce else np.zeros_like(photographed)
+        self.photographed = photographed
+        self.bounce = bounce
         self.full_diffuse = full_diffuse
         self.device = device
         self.floor = lobe_floor(len(incident.directions))
@@ -177,12 +178,14 @@ class Responses:
         variants = roughness.shape[1]
         directions = self.incident.directions
         # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
-        # The variants lean a hundredth of a radian from the first, hence the margin.
-        above = (normals[:, 0].astype(np.float32) @ directions.T.astype(np.float32)).max(0) > -0.02
+        flat = normals.reshape(-1, 3).astype(np.float32)
+        above = (flat @ directions.T.astype(np.float32)).max(0) > 0
         kept = np.nonzero(above)[0]
         hidden = None
         if sight.occlusion is not None:
             start, direction, source = sight.occlusion.of(pixels)
+            if not self.bounce:
+                source = np.full_like(source, -1)
             column = np.full(len(directions), -1, np.int32)
             column[kept] = np.arange(len(kept))
             hidden = start, column[direction], source

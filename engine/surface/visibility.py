@@ -32,6 +32,10 @@ class Occlusion:
     source: Int[np.ndarray, " e"]  # the pixel that hides it; -1 where the camera cannot see what does
     share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
 
+    def part(self, pixels: Int[np.ndarray, " p"]) -> "Occlusion":
+        """The same of a few pixels, in their order; their sources keep their numbers."""
+        return Occlusion(*self.of(pixels), self.share[pixels])
+
     def of(
         self, pixels: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:

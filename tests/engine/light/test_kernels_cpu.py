@@ -57,7 +57,9 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
     for threads in (1, 2, 3, 2):
         with workers(threads) as run:
             image = render(geometry, colours, view, 0.0, run)
-            _, found = push_back(geometry, colours, view, 0.0, target, weights, lower, KNEE, HOLLOW, run)
+            _, found = push_back(
+                geometry, colours, view, 0.0, target, weights, lower, KNEE, HOLLOW, weights * 2, run
+            )
         answers.append([image, found.means, found.turn, found.log_scales, found.density, found.colours])
     for other in answers[1:]:
         for one, two in zip(answers[0], other, strict=True):
@@ -113,10 +115,13 @@ def compare(found: Gradients, slopes: dict[str, np.ndarray]) -> None:
         assert off(ours, slope) < 1e-3, name
 
 
-def push(gaussians: Gaussians, view: Pinhole, target, weights, lower, knee: float) -> Gradients:
+def push(gaussians: Gaussians, view: Pinhole, target, weights, lower, knee: float, surface=None) -> Gradients:
+    surface = np.zeros_like(weights) if surface is None else surface
     with workers(1) as run:
         colours = radiance_towards(gaussians, view.origin)
-        _, found = push_back(shapes(gaussians), colours, view, 0.0, target, weights, lower, knee, HOLLOW, run)
+        _, found = push_back(
+            shapes(gaussians), colours, view, 0.0, target, weights, lower, knee, HOLLOW, surface, run
+        )
     return found
 
 
@@ -145,3 +150,20 @@ def test_gradients_of_the_robust_loss_are_the_finite_differences_too() -> None:
         return (share[:, None] * misfit).sum() + HOLLOW * (share * left).sum()
 
     compare(push(gaussians, view, target, weights, lower, KNEE), differences(gaussians, view, loss))
+
+
+def test_what_stands_where_a_view_looks_through_is_charged_for_its_weight() -> None:
+    gaussians, view = clouds.scattered(10, 3), clouds.view(24, 18)
+    rng = np.random.default_rng(4)
+    slope = rng.normal(size=(18, 24, 3)).astype(np.float32)
+    weights = rng.uniform(0.5, 1, (18, 24)).astype(np.float32)
+    surface = np.zeros((18, 24), np.float32)
+    surface[:, 12:] = 1e3  # everything stands in front of it
+    a, b = torch.tensor(slope).double().reshape(-1, 3), torch.tensor(weights).double().ravel()
+    charged = torch.tensor(surface).double().ravel() > 0
+
+    def loss(radiance: torch.Tensor, left: torch.Tensor) -> torch.Tensor:
+        return (a * radiance).sum() + (b * left).sum() + (b * (1 - left))[charged].sum()
+
+    slopes = differences(gaussians, view, loss)
+    compare(push(gaussians, view, slope, weights, np.zeros((18, 24), bool), 0.0, surface), slopes)

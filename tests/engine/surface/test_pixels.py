@@ -9,7 +9,18 @@ import pytest
 
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface.pixels import SurfaceParams, solve_pixels
+from engine.surface import newton
+from engine.surface.pixels import (
+    SurfaceParams,
+    depth_of,
+    finer,
+    halved,
+    improve,
+    neighbours,
+    search,
+    sight_of,
+    subject,
+)
 from engine.surface.transport import (
     Incident,
     Lattice,
@@ -49,34 +60,85 @@ def ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return mask, (points - centre) / radius, points
 
 
+def pictures_of_a_ball(rng: np.random.Generator, views: int, light: Incident) -> tuple[Frames, np.ndarray]:
+    """What the model itself says of a ball of one paint; and the ball's mask."""
+    mask, normals, points = ball()
+    count = int(mask.sum())
+    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
+    responses = Responses(light, np.zeros((count, 3 * views), np.float32), True, False, "cpu")
+    flat = np.zeros((count, views, 3), np.float32)
+    albedo, roughness = np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45)
+    for pixels, answer in predict(responses, sight, blocks(mask), normals[mask], albedo, roughness):
+        flat[pixels] = answer
+    radiance = np.zeros((views, 48, 64, 3), np.float32)
+    radiance[:, mask] = flat.transpose(1, 0, 2)
+    nothing = np.zeros(radiance.shape[:3], bool)
+    return Frames(tuple(map(str, range(views))), radiance, nothing, nothing, (1e-6, 1e-6)), mask
+
+
+PARAMS = SurfaceParams(directions=400, visibility=False, bounce=False, candidates=150)
+
+
 @pytest.mark.parametrize("device", ["cpu", "meta-cpu"])
 def test_solver_undoes_its_own_pictures(device: str):
     # Any torch device but "cpu" takes the torch path; torch's own CPU device runs it without a GPU.
     device = "cpu:0" if device == "meta-cpu" else "cpu"
     rng = np.random.default_rng(0)
-    mask, normals, points = ball()
     light = light_of_lamps(rng, 24, 400)
-    count = int(mask.sum())
-    albedo = np.tile([0.6, 0.4, 0.3], (count, 1))
-    roughness = np.full(count, 0.45)
-    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
-    responses = Responses(light, np.zeros((count, 72), np.float32), True, False, "cpu")
-    flat = np.zeros((count, 24, 3), np.float32)
-    for pixels, answer in predict(responses, sight, blocks(mask), normals[mask], albedo, roughness):
-        flat[pixels] = answer
-    radiance = np.zeros((24, 48, 64, 3), np.float32)
-    radiance[:, mask] = flat.transpose(1, 0, 2)
-    nothing = np.zeros(radiance.shape[:3], bool)
-    frames = Frames(tuple("abcdefghijklmnopqrstuvwx"), radiance, nothing, nothing, (1e-6, 1e-6))
-    params = SurfaceParams(directions=400, rounds=2, visibility=False, bounce=False, candidates=150)
-    surface, _, _, _ = solve_pixels(
-        frames, mask, CAMERA, light, np.arange(24), 0.5, params, device, Progress()
-    )
-    cosine = (surface.normal * normals).sum(-1)[mask]
-    error = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
+    state = search(who, light, who.flat(0.5), PARAMS, device, Progress())
+    for _ in range(2):
+        sight = sight_of(
+            who, state, depth_of(who, state, 0.5, Progress()), light.directions, PARAMS, Progress()
+        )
+        state = improve(who, state, light, sight, PARAMS, device, Progress())
+    error = np.degrees(np.arccos(np.clip((state.normals * ball()[1][mask]).sum(-1), -1, 1)))
     assert np.median(error) < 0.2
-    assert np.median(np.abs(surface.albedo[mask] - albedo)) < 0.01
-    assert np.median(np.abs(surface.roughness[mask] - 0.45)) < 0.02
+    assert np.median(np.abs(state.albedo - [0.6, 0.4, 0.3])) < 0.01
+    assert np.median(np.abs(state.roughness - 0.45)) < 0.02
+
+
+def test_a_pixel_in_a_wrong_valley_is_led_out_by_its_neighbours():
+    rng = np.random.default_rng(1)
+    light = light_of_lamps(rng, 24, 400)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
+    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
+    truth = ball()[1][mask]
+    count = len(truth)
+    lost = rng.permutation(count)[: count // 10]
+    start = truth.copy()
+    start[lost] = [0.0, 0.0, -1.0]
+    start[lost] += rng.normal(0, 0.7, (len(lost), 3)) * [1, 1, 0]
+    start /= np.linalg.norm(start, axis=1, keepdims=True)
+    state = newton.begin(start, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45))
+    state = newton.respread(state, responses, sight, parts, who.seen)
+    state = newton.iterate(state, responses, sight, parts, who.seen, 1, Progress())
+    led = newton.propose(state, *neighbours(mask, state), responses, sight, parts, who.seen, Progress())
+    cosine = (led.normals * truth).sum(1)
+    worse = (cosine < (state.normals * truth).sum(1) - 1e-9)[lost]
+    assert np.median(cosine[lost]) > np.cos(np.radians(12))
+    assert worse.mean() < 0.05
+    assert np.abs(led.albedo[lost] - [0.6, 0.4, 0.3]).mean() < 0.1
+
+
+def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_its_pixels():
+    rng = np.random.default_rng(2)
+    frames, mask = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 400))
+    fewer, small, camera = halved(frames, mask, CAMERA)
+    assert fewer.radiance.shape == (8, 24, 32, 3)
+    assert (camera.width, camera.fx) == (32, 30.0)
+    inner = small & (mask[::2, ::2] & mask[1::2, ::2] & mask[::2, 1::2] & mask[1::2, 1::2])
+    mean = frames.radiance.reshape(8, 24, 2, 32, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(fewer.radiance[:, inner], mean[:, inner], rtol=1e-5)
+    where = np.stack(np.nonzero(small), 1).astype(float)
+    state = newton.begin(
+        np.tile([0.0, 0.0, -1.0], (len(where), 1)), where[:, [0, 1, 1]] / 64, where[:, 0] / 24
+    )
+    full = finer(state, small, mask)
+    row = np.nonzero(mask)[0]
+    assert np.abs(full.roughness * 24 - row // 2).max() <= 1
 
 
 def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():

@@ -1,0 +1,154 @@
+"""The surface under a rough light, in turns with what only the object can tell about that light.
+
+A look at a few hundred pixels says about how far away the object is. Pixels of half the size are then solved in
+turns with the light (how far away it stands, how bright its parts are), each turn with the depth, shadows and
+bounced light that the last one gave; all pixels take one turn at the end. Half of the views and directions
+serve: model errors, not noise, are what these turns remove.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Int
+from scipy.ndimage import binary_erosion
+
+from engine.progress import Progress
+from engine.surface import newton
+from engine.surface.distance import Distance, find_distance
+from engine.surface.pixels import (
+    Subject,
+    SurfaceParams,
+    coarse_regions,
+    depth_of,
+    finer,
+    halved,
+    improve,
+    search,
+    sight_of,
+    subject,
+)
+from engine.surface.relight import Parts, Sample, Setting, settle, untouched
+from engine.surface.surroundings import Room, parts_at
+from engine.surface.transport import Sight, lattice_around
+from engine.types import Frames
+
+HALVED_FROM = 6000
+"""Object pixels from which on half the size is worth a look."""
+VIEWS, FIRST_VIEWS = 48, 24
+DIRECTIONS = 1024
+FACE_PX, FIRST_FACE_PX = 32, 24
+NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
+"""Reach of the first look, in units of the room's size, and the distances tried."""
+VOTERS = 600
+"""Pixels that settle the light."""
+MARGIN, DRIFT = 1.3, 1.15
+"""The lattice reaches so many times nearer and farther than the object; one that moved by DRIFT gets another."""
+ROUNDS, PASSES = 4, 2
+
+
+def rough(
+    frames: Frames,
+    mask: Bool[np.ndarray, "h w"],
+    room: Room,
+    fitted: Int[np.ndarray, " f"],
+    params: SurfaceParams,
+    device: str,
+    seed: int,
+    progress: Progress,
+) -> tuple[newton.State, Setting, Distance, tuple[float, ...]]:
+    """State of all pixels of the mask, the light's setting, the distance, and the residual turn by turn."""
+    views = fitted[:: max(1, len(fitted) // VIEWS)]
+    few = Frames(
+        tuple(frames.names[i] for i in views), frames.radiance[views], frames.clipped[views],
+        frames.dark[views], frames.noise,
+    )  # fmt: skip
+    camera = room.poses.camera
+    whole = subject(few, mask, camera, np.arange(len(views)), params)
+    levels = [whole] * max(1, params.rough_rounds)
+    if mask.sum() > HALVED_FROM:
+        fewer, small, camera_of_small = halved(few, mask, camera)
+        half = subject(fewer, small, camera_of_small, np.arange(len(views)), params)
+        levels = [half] * params.rough_rounds + [whole]
+    free = params.object_distance <= 0
+    distance, tried, misfits = params.object_distance, (), ()
+    who = levels[0]
+    if free:
+        distance, tried, misfits = _first_look(who, room, views, params, seed, progress.part(0, 0.2))
+
+    def light_around(middle: float, span: Progress) -> Parts:
+        lattice = lattice_around(camera, mask, (middle / MARGIN, middle * MARGIN), (2, 2, 2))
+        return parts_at(lattice, room, views, DIRECTIONS, FACE_PX, span)
+
+    middle, parts = distance, light_around(distance, progress.part(0.2, 0.3))
+    setting, sight = untouched(parts, distance), who.flat(distance)
+    state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
+    residuals = []
+    for turn, following in enumerate(levels):
+        begin = 0.35 + 0.65 * turn / len(levels)
+        span = progress.part(begin, begin + 0.65 / len(levels))
+        if not 1 / DRIFT < distance / middle < DRIFT:
+            middle, parts = distance, light_around(distance, span.part(0, 0.2))
+        light = parts.under(setting.gain)
+        if following is not who:
+            state, who = finer(state, who.mask, following.mask), following
+            depth = depth_of(who, state, distance, span.part(0.2, 0.25))
+            sight = sight_of(who, state, depth, light.directions, params, span.part(0.25, 0.3))
+        state = improve(who, state, light, sight, params, device, span.part(0.3, 0.7))
+        residuals.append(float(np.median(state.spread)))
+        depth = depth_of(who, state, distance, span.part(0.7, 0.73))
+        sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
+        if params.relight or free:
+            chosen, sample = voters(who, sight, distance, VOTERS, params, seed)
+            setting, _ = settle(
+                setting, parts, sample, state.part(chosen), free, params.relight, ROUNDS, PASSES,
+                span.part(0.8, 1),
+            )  # fmt: skip
+            sight, distance = sight.at(setting.distance / distance), setting.distance
+    stderr = setting.distance_stderr * distance if free else 0.0
+    found = Distance(distance, stderr, "light" if free else "given", tried, misfits)
+    return state, setting, found, tuple(residuals)
+
+
+def _first_look(
+    who: Subject,
+    room: Room,
+    views: Int[np.ndarray, " n"],
+    params: SurfaceParams,
+    seed: int,
+    progress: Progress,
+) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+    every = np.arange(0, len(views), max(1, len(views) // FIRST_VIEWS))
+    reach = (NEAREST * room.size(), FARTHEST * room.size())
+    lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))
+    parts = parts_at(lattice, room, views[every], DIRECTIONS, FIRST_FACE_PX, progress.part(0, 0.5))
+    _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
+    return find_distance(parts, sample, params, progress.part(0.5, 1))
+
+
+def voters(
+    who: Subject,
+    sight: Sight,
+    distance: float,
+    count: int,
+    params: SurfaceParams,
+    seed: int,
+    views: Int[np.ndarray, " m"] | None = None,
+) -> tuple[Int[np.ndarray, " p"], Sample]:
+    """A random part of the pixels, away from the rim where there is enough of it: their indices, and what they
+    know in all views or in some, given by their places among the subject's."""
+    index = np.full(who.mask.shape, -1)
+    index[who.mask] = np.arange(who.mask.sum())
+    inner = index[np.asarray(binary_erosion(who.mask, np.ones((5, 5), bool)), bool)]
+    if len(inner) < 50:
+        inner = index[who.mask]
+    chosen = np.sort(np.random.default_rng(seed).choice(inner, min(count, len(inner)), replace=False))
+    everybody = np.arange(who.mask.sum())
+    hidden = sight.occlusion.part(chosen) if sight.occlusion is not None else None
+    sample = Sample(
+        sight.points[chosen] / distance,
+        Sight(sight.points[chosen], sight.views[chosen], hidden),
+        who.seen.part(chosen, views),
+        who.seen.radiance if views is None else who.seen.part(everybody, views).radiance,
+        coarse_regions(np.isin(index, chosen)),
+        params.full_diffuse,
+        params.bounce,
+    )
+    return chosen, sample

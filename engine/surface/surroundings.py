@@ -1,0 +1,103 @@
+"""The room around the object as the solver reads it: energy at probes, and which emitters it comes from.
+
+Gaussians live in the world frame; probes and directions in the camera frame of each view.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.geometry import inverse
+from engine.light.fill import fill_energy, neighbourhood
+from engine.light.probes import incident_energy
+from engine.progress import Progress
+from engine.surface.groups import clipped_groups, group_emitters, labelled, whose
+from engine.surface.relight import Parts
+from engine.surface.transport import Incident, Lattice, direction_cells
+from engine.types import Frames, Gaussians, Masks, Poses
+
+PHOTOGRAPHED = 0.5
+"""Share of a cell that was photographed, at least, for its light to count as somebody's."""
+CERTAIN = 1e-3
+"""Prior spread of the log gain of what was filled in: it keeps its level."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """The room's light, how its emitters are grouped, and where the camera stood."""
+
+    gaussians: Gaussians
+    poses: Poses
+    group: Int[np.ndarray, " k"]  # of every Gaussian
+    clipped: Bool[np.ndarray, " g"]  # groups photographed clipped
+    prior: float  # spread of a group's log gain
+
+    def size(self) -> float:
+        """Median distance from the cameras to the Gaussians."""
+        centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
+        return float(np.median(np.linalg.norm(self.gaussians.means[None] - centres[:, None], axis=2)))
+
+
+def furnished(
+    gaussians: Gaussians, frames: Frames, masks: Masks, poses: Poses, groups: int, prior: float, seed: int
+) -> Room:
+    """The room with its emitters grouped: lamps one by one, and `groups` for the rest."""
+    centres = inverse(poses.cam_from_world[poses.registered])[..., 3]
+    group = group_emitters(gaussians, centres.mean(0), groups, seed)
+    return Room(gaussians, poses, group, clipped_groups(gaussians, group, frames, masks, poses), prior)
+
+
+def light_at(
+    lattice: Lattice,
+    gaussians: Gaussians,
+    poses: Poses,
+    views: Int[np.ndarray, " n"],
+    directions: int,
+    face_px: int,
+    progress: Progress,
+) -> Incident:
+    """The energy at the lattice for some views, unseen directions filled."""
+    cells = direction_cells(directions)
+    energy, _ = incident_energy(
+        gaussians, poses.cam_from_world[views], lattice.points(), cells, face_px, True, progress
+    )
+    return Incident(lattice, cells, _stacked(energy))
+
+
+def parts_at(
+    lattice: Lattice,
+    room: Room,
+    views: Int[np.ndarray, " n"],
+    directions: int,
+    face_px: int,
+    progress: Progress,
+) -> Parts:
+    """The same, group by group."""
+    cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
+
+    def look(which: Gaussians, turn: int) -> tuple[np.ndarray, np.ndarray]:
+        span = progress.part(turn / 2, (turn + 1) / 2)
+        return incident_energy(which, poses, lattice.points(), cells, face_px, False, span)
+
+    energy, seen = look(room.gaussians, 0)
+    places, low = labelled(room.gaussians)
+    bare = Incident(lattice, cells, _stacked(energy))
+    shine = Incident(lattice, cells, _stacked(look(places, 1)[0]))
+    came_from = whose(shine, bare, low, room.gaussians, room.group)
+    # What no photograph shows is filled in from its surroundings; it keeps its level here.
+    filled = len(room.clipped)
+    came_from[(seen.transpose(1, 2, 0) < PHOTOGRAPHED) | (came_from < 0)] = filled
+    around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
+    for view in range(len(views)):
+        for probe, share in enumerate(seen[view].astype(np.float64)):
+            energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
+    prior = np.append(np.full(filled, room.prior), CERTAIN)
+    total = Incident(lattice, cells, _stacked(energy))
+    return Parts(total, came_from, np.append(room.clipped, False), prior)
+
+
+def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]:
+    """Views and channels on one axis, view-major; float32."""
+    n, m, d, _ = energy.shape
+    return np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)

@@ -1,0 +1,118 @@
+"""What only the object tells: pictures under a light that was changed behind the solver's back.
+
+The pictures come from the solver's own rows, so this tests the joint step and its gauge, not the model.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.geometry import rays
+from engine.progress import Progress
+from engine.surface import newton
+from engine.surface.observations import observe
+from engine.surface.pixels import coarse_regions
+from engine.surface.relight import Parts, Sample, Setting, settle, untouched
+from engine.surface.transport import Incident, Lattice, Sight, direction_cells, predict
+from engine.types import Camera, Frames
+
+CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0)
+VIEWS, CELLS = 24, 600
+TRUE_Z = 0.5
+
+
+def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
+    """Three lamps a metre away, another place in every view, in a dim room; probes at three depths."""
+    directions = direction_cells(CELLS)
+    lattice = Lattice(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, 5))
+    points = lattice.points()
+    energy = np.full((len(points), CELLS, VIEWS, 3), 0.15)
+    group = np.full((len(points), CELLS, VIEWS), 3)
+    for lamp in range(3):
+        for n in range(VIEWS):
+            at = rng.normal(size=3) * [1, 1, 0.6] + [0, 0, -0.2]
+            at = at / np.linalg.norm(at) * rng.uniform(0.7, 1.0) + [0, 0, TRUE_Z]
+            away = at - points
+            distance = np.linalg.norm(away, axis=1, keepdims=True)
+            glow = np.exp(60 * ((away / distance) @ directions.T - 1)) * 9 / distance**2
+            energy[:, :, n] += glow[..., None] * [1.0, 0.9, 0.8]
+            group[:, :, n][glow > 0.15] = lamp
+    energy = (energy * 4 * np.pi / CELLS).reshape(len(points), CELLS, -1).astype(np.float32)
+    light = Incident(lattice, directions, energy)
+    return Parts(light, group, np.array([clipped, False, False, False]), np.array([0.15, 0.15, 0.15, 0.05]))
+
+
+def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.ndarray]:
+    """A tilted bumpy tile under the light with every group under its gain, at the true distance."""
+    mask = np.zeros((30, 40), bool)
+    mask[6:24:2, 8:32:2] = True
+    rng = np.random.default_rng(5)
+    r = rays(CAMERA)[mask]
+    normals = rng.normal(0, 0.35, r.shape) + [0, 0, -1]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    albedo, roughness = rng.uniform(0.2, 0.7, r.shape), rng.uniform(0.4, 0.7, len(r))
+    q = r / r[:, 2:]
+    nothing = np.zeros((VIEWS, 30, 40), bool)
+    frames = Frames(
+        tuple("x" * VIEWS), np.zeros((VIEWS, 30, 40, 3), np.float32), nothing, nothing, (1e-7, 1e-7)
+    )
+    blank = observe(frames, mask, np.arange(VIEWS), 0.01)
+    regions = coarse_regions(mask)
+    sample = Sample(q, Sight(q * TRUE_Z, -r, None), blank, blank.radiance, regions, True, False)
+    for pixels, answer in predict(
+        sample.responses(parts.under(gain)), sample.at(TRUE_Z), regions, normals, albedo, roughness
+    ):
+        rows = np.argwhere(mask)[pixels]
+        frames.radiance[:, rows[:, 0], rows[:, 1]] = answer.transpose(1, 0, 2)
+    seen = observe(frames, mask, np.arange(VIEWS), 0.01)
+    sample = replace(sample, seen=seen, photographed=seen.radiance)
+    return sample, newton.begin(normals, albedo, roughness), albedo
+
+
+def test_distance_is_found_from_the_parallax_of_near_lamps():
+    parts = parts_of_lamps(np.random.default_rng(0), False)
+    sample, state, _ = sample_of(parts, np.ones((4, 3)))
+    start = untouched(parts, TRUE_Z * 1.2)
+    found, _ = settle(start, parts, sample, state, True, False, 8, 3, Progress())
+    assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
+    assert 0 < found.distance_stderr < 0.05
+    np.testing.assert_allclose(found.gain, 1, rtol=1e-6)  # the light was not to be touched
+
+
+def test_a_clipped_lamp_is_as_bright_as_the_shading_says():
+    parts = parts_of_lamps(np.random.default_rng(1), True)
+    gain = np.ones((4, 3))
+    gain[0] = 3.5
+    sample, state, albedo = sample_of(parts, gain)
+    found, state = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
+    np.testing.assert_allclose(found.gain[0], 3.5, rtol=0.1)
+    np.testing.assert_allclose(found.gain[1:3], 1, atol=0.06)
+    assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
+    assert found.distance == TRUE_Z
+    assert found.distance_stderr == 0
+
+
+def test_the_sum_of_light_that_is_not_clipped_stays_the_backgrounds():
+    parts = parts_of_lamps(np.random.default_rng(2), False)
+    sample, state, _ = sample_of(parts, np.full((4, 3), 1.3))  # as if the whole room were brighter
+    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 4, 3, Progress())
+    levels = parts.levels()
+    np.testing.assert_allclose((levels * found.gain).sum(0) / levels.sum(0), 1, atol=0.02)
+
+
+def test_a_clipped_lamp_is_never_dimmer_than_it_was_recorded():
+    parts = parts_of_lamps(np.random.default_rng(3), True)
+    gain = np.ones((4, 3))
+    gain[0] = 0.5
+    sample, state, _ = sample_of(parts, gain)
+    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    assert (found.gain[0] >= 1).all()
+
+
+def test_settings_of_one_light_add_up_to_it():
+    parts = parts_of_lamps(np.random.default_rng(4), True)
+    gain = np.random.default_rng(0).uniform(0.5, 2, (4, 3))
+    point = np.array([0.03, -0.02, 0.47])
+    np.testing.assert_allclose(parts.at(point, gain).sum(0), parts.under(gain).at(point), rtol=1e-5)
+    assert isinstance(untouched(parts, 1.0), Setting)
