@@ -34,6 +34,7 @@ HALVED_FROM = 6000
 """Object pixels from which on half the size is worth a look."""
 VIEWS, FIRST_VIEWS = 48, 24
 DIRECTIONS = 1024
+"""At most: never more than the full solve takes."""
 FACE_PX, FIRST_FACE_PX = 32, 24
 NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
 """Reach of the first look, in units of the room's size, and the distances tried."""
@@ -75,7 +76,7 @@ def rough(
 
     def light_around(middle: float, span: Progress) -> Parts:
         lattice = lattice_around(camera, mask, (middle / MARGIN, middle * MARGIN), (2, 2, 2))
-        return parts_at(lattice, room, views, DIRECTIONS, FACE_PX, span)
+        return parts_at(lattice, room, views, min(DIRECTIONS, params.directions), FACE_PX, span)
 
     middle, parts = distance, light_around(distance, progress.part(0.2, 0.3))
     setting, sight = untouched(parts, distance), who.flat(distance)
@@ -118,7 +119,8 @@ def _first_look(
     every = np.arange(0, len(views), max(1, len(views) // FIRST_VIEWS))
     reach = (NEAREST * room.size(), FARTHEST * room.size())
     lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))
-    parts = parts_at(lattice, room, views[every], DIRECTIONS, FIRST_FACE_PX, progress.part(0, 0.5))
+    directions = min(DIRECTIONS, params.directions)
+    parts = parts_at(lattice, room, views[every], directions, FIRST_FACE_PX, progress.part(0, 0.5))
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
     return find_distance(parts, sample, params, progress.part(0.5, 1))
 

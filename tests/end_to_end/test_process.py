@@ -22,7 +22,8 @@ QUICK = (
     "light.width=160",
     "light.passes=[3,4]",
     "surface.directions=384",
-    "surface.rounds=2",
+    "surface.rough_rounds=1",
+    "surface.rounds=1",
     "surface.passes=3",
     "surface.probes_across=2",
     "surface.probe_face_px=32",
@@ -137,11 +138,11 @@ def test_a_changed_surface_parameter_is_named_and_reruns_surface_and_export_only
 ) -> None:
     assert set(plan(session, capsys).values()) == {"done"}
     done = {path: path.stat().st_mtime_ns for path in session.glob("stages/*/*/record.json")}
-    asked = plan(session, capsys, "surface.rounds=1")
-    assert asked["surface"] == "will run because params.rounds 2 -> 1"
+    asked = plan(session, capsys, "surface.passes=2")
+    assert asked["surface"] == "will run because params.passes 3 -> 2"
     assert asked["export"] == "will run because input surface changed"
     assert [asked[name] for name in ("hdr", "segment", "poses", "light")] == ["done"] * 4
-    assert main(["process", str(session), "--device", "cpu", "--set", "surface.rounds=1"]) == 0
+    assert main(["process", str(session), "--device", "cpu", "--set", "surface.passes=2"]) == 0
     assert "surface, export done" in capsys.readouterr().out.splitlines()[-1]
     after = {path: path.stat().st_mtime_ns for path in session.glob("stages/*/*/record.json")}
     assert {path: after[path] for path in done} == done
