@@ -42,12 +42,11 @@ class Spots:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lamps:
-    """Places that shine, and the spot by which each view shows them (-1: it does not)."""
+    """Places that shine, and which views show them."""
 
     centres: Float[np.ndarray, "l 3"]  # world
     radii: Float[np.ndarray, " l"]  # scene units
-    spots: Spots
-    spot: Int[np.ndarray, "l n"]
+    shown: Bool[np.ndarray, "l n"]
 
 
 def spots_of(photographs: Photographs) -> Spots:
@@ -114,33 +113,32 @@ def find_lamps(photographs: Photographs) -> Lamps:
     """The lamps that at least HITS views agree on, those with most votes first."""
     spots = spots_of(photographs)
     eyes = camera_centres(photographs)
+    bright = BRIGHT * np.array([float(luminance(picture).mean()) for picture in photographs.radiance])
     free = np.ones(len(spots.view), bool)
     proposals = _crossings(spots, eyes)
     centres, radii, rows = [], [], []
     while len(proposals):
-        votes = [_votes(photographs, spots, free, point) for point in proposals]
+        votes = [_votes(photographs, bright, spots, free, point) for point in proposals]
         score = np.array([(spot >= 0).sum() - missed - apart for spot, _, missed, apart in votes])
         best = int(np.argmax(score))
         spot, radius, *_ = votes[best]
         if score[best] < HITS - 0.5:
             break
         point = _meeting(eyes[spots.view[spot[spot >= 0]]], spots.ray[spot[spot >= 0]])
-        again, radius_again, *_ = _votes(photographs, spots, free, point)
+        again, radius_again, *_ = _votes(photographs, bright, spots, free, point)
         if (again >= 0).sum() >= (spot >= 0).sum():
             spot, radius = again, radius_again
         else:
             point = proposals[best]
         centres.append(point)
         radii.append(radius)
-        rows.append(spot)
+        rows.append(spot >= 0)
         free[spot[spot >= 0]] = False
         keep = score >= HITS - 0.5
         keep[best] = False
         proposals = proposals[keep]
     count = len(photographs.weight)
-    return Lamps(
-        np.array(centres).reshape(-1, 3), np.array(radii), spots, np.array(rows, int).reshape(-1, count)
-    )
+    return Lamps(np.array(centres).reshape(-1, 3), np.array(radii), np.array(rows, bool).reshape(-1, count))
 
 
 def _crossings(spots: Spots, eyes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c 3"]:
@@ -161,7 +159,11 @@ def _crossings(spots: Spots, eyes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray
 
 
 def _votes(
-    photographs: Photographs, spots: Spots, free: np.ndarray, point: Float[np.ndarray, " 3"]
+    photographs: Photographs,
+    bright: Float[np.ndarray, " n"],
+    spots: Spots,
+    free: np.ndarray,
+    point: Float[np.ndarray, " 3"],
 ) -> tuple[Int[np.ndarray, " n"], float, int, float]:
     """Which spot of each view shows a lamp at `point`; its radius; how many views show it dark instead; and
     how far, in the spots' radii, its image lies from the spots' centres on average."""
@@ -183,14 +185,10 @@ def _votes(
         chosen[spots.view[k]] = k
     inside = (at[:, 0] > 2) & (at[:, 1] > 2) & (at[:, 0] < width - 2) & (at[:, 1] < height - 2)
     missed = 0
-    bright = np.zeros(count, bool)
     for i in np.nonzero(inside & (chosen < 0))[0]:
         u, v = at[i].astype(int)
-        level = luminance(photographs.radiance[i, v, u])
-        bright[i] = photographs.clipped[i, v, u] or level > BRIGHT * float(
-            luminance(photographs.radiance[i]).mean()
-        )
-        missed += int(photographs.weight[i, v, u] > 0 and not bright[i])
+        shines = photographs.clipped[i, v, u] or luminance(photographs.radiance[i, v, u]) > bright[i]
+        missed += int(photographs.weight[i, v, u] > 0 and not shines)
     used = chosen[chosen >= 0]
     apart = float((off[used] / (ASTRAY + 0.5 * spots.radius[used])).mean()) if len(used) else 0.0
     return chosen, radius, missed, 0.9 * apart

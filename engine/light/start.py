@@ -83,8 +83,8 @@ def _lamps_in_front(
     _, height, width = depth.shape
     v, u = np.mgrid[:height, :width] + 0.5
     focal = photographs.lens[:2].mean()
-    for centre, radius, spot in zip(lamps.centres, lamps.radii, lamps.spot, strict=True):
-        for i in np.nonzero(spot >= 0)[0]:
+    for centre, radius, shown in zip(lamps.centres, lamps.radii, lamps.shown, strict=True):
+        for i in np.nonzero(shown)[0]:
             pose = photographs.cam_from_world[i]
             cam = pose[:, :3] @ centre + pose[:, 3]
             at = photographs.lens[:2] * cam[:2] / cam[2] + photographs.lens[2:]

@@ -41,6 +41,10 @@ class State:
     system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state
     slope: Float[np.ndarray, "p 6"]
 
+    def copy(self) -> "State":
+        """The same in arrays of its own."""
+        return State(*(getattr(self, name).copy() for name in State.__slots__))
+
     def part(self, pixels: Int[np.ndarray, " k"]) -> "State":
         """The same of a few pixels."""
         return State(*(getattr(self, name)[pixels] for name in State.__slots__))
@@ -132,7 +136,7 @@ def iterate(
     progress: Progress,
 ) -> State:
     """`passes` evaluations of every pixel with a damped step between them; ends on an accepted state."""
-    kept = State(*(getattr(state, name).copy() for name in State.__slots__))
+    kept = state.copy()
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "solving pixels")
         energy = responses.energy(sight, pixels)
@@ -173,7 +177,7 @@ def propose(
     A pixel's own misfit must be known (`iterate` leaves it). Gauss-Newton finds the bottom of the valley it
     stands in; what its neighbours found may lie in a deeper one.
     """
-    kept = State(*(getattr(state, name).copy() for name in State.__slots__))
+    kept = state.copy()
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "asking the neighbours")
         n, r = _facing(normals[pixels], sight.views[pixels][:, None]), roughness[pixels]

@@ -50,7 +50,6 @@ class Subject:
     camera: Camera
     mask: Bool[np.ndarray, "h w"]
     seen: Observations
-    views: Int[np.ndarray, " n"]  # which of the session's
 
     @property
     def rays(self) -> Float[np.ndarray, "p 3"]:
@@ -75,7 +74,7 @@ def subject(
     params: SurfaceParams,
 ) -> Subject:
     """The object in some views, at the photographs' resolution."""
-    return Subject(camera, mask, observe(frames, mask, views, params.model_error), views)
+    return Subject(camera, mask, observe(frames, mask, views, params.model_error))
 
 
 def halved(

@@ -89,10 +89,9 @@ def _add_by_group(energy, group, gain, out):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """The pixels that vote: their place up to the one factor, what they see, what they were seen as."""
+    """The pixels that vote: where they are up to the one factor, what they see, what they were seen as."""
 
-    shape: Float[np.ndarray, "p 3"]  # points at distance 1
-    sight: Sight  # its points are at any distance
+    sight: Sight  # with the object at distance 1
     seen: Observations
     photographed: Float[np.ndarray, "q v"]  # of all the object's pixels, for the light they throw
     regions: list[Int[np.ndarray, " _"]]
@@ -101,7 +100,7 @@ class Sample:
 
     def at(self, distance: float) -> Sight:
         """What the pixels see when the object stands at `distance`."""
-        return Sight(self.shape * distance, self.sight.views, self.sight.occlusion)
+        return self.sight.at(distance)
 
     def responses(self, light: Incident) -> Responses:
         """How they answer a light."""
@@ -115,14 +114,13 @@ class Setting:
     distance: float
     gain: Float[np.ndarray, "k 3"]
     distance_stderr: float  # of log distance; 0 if it was given, inf if nothing depends on it
-    gain_stderr: Float[np.ndarray, "k 3"]  # of log gain
     misfit: float  # what was minimised; compares settings of one sample
 
 
 def untouched(parts: Parts, distance: float) -> Setting:
     """The light as the background has it; clipped lamps as bright as lamps are expected to be."""
     gain = np.where(parts.clipped, np.exp(CLIPPED[0]), 1.0)[:, None].repeat(3, 1)
-    return Setting(distance, gain, float("inf"), np.tile(_belief(parts)[1][:, None], (1, 3)), float("inf"))
+    return Setting(distance, gain, float("inf"), float("inf"))
 
 
 def settle(
@@ -165,7 +163,7 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     seen, sight = sample.seen, sample.at(setting.distance)
     responses = sample.responses(parts.incident)
     dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
-    misfits = np.zeros(len(sample.shape))
+    misfits = np.zeros(len(seen.eps))
     for pixels in sample.regions:
         here = sight.points[pixels].mean(0)
         each = parts.at(here, setting.gain)
@@ -237,10 +235,7 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     step = np.clip(covariance @ slope, -LONGEST, LONGEST)
     logs = logs + step[:-1].reshape(count, 3)
     logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
-    stderr = np.sqrt(np.diag(covariance))
-    distance = setting.distance * np.exp(step[-1]) if free_distance else setting.distance
-    fresh = Setting(
-        float(distance), np.exp(logs), float(stderr[-1]) if free_distance else 0.0,
-        stderr[:-1].reshape(count, 3), float("inf"),
-    )  # fmt: skip
-    return fresh, float(misfit)
+    distance, stderr = setting.distance, 0.0
+    if free_distance:
+        distance, stderr = float(distance * np.exp(step[-1])), float(np.sqrt(covariance[-1, -1]))
+    return Setting(distance, np.exp(logs), stderr, float("inf")), float(misfit)

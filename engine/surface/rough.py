@@ -145,8 +145,7 @@ def voters(
     everybody = np.arange(who.mask.sum())
     hidden = sight.occlusion.part(chosen) if sight.occlusion is not None else None
     sample = Sample(
-        sight.points[chosen] / distance,
-        Sight(sight.points[chosen], sight.views[chosen], hidden),
+        Sight(sight.points[chosen] / distance, sight.views[chosen], hidden),
         who.seen.part(chosen, views),
         who.seen.radiance if views is None else who.seen.part(everybody, views).radiance,
         coarse_regions(np.isin(index, chosen)),

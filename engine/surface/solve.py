@@ -35,7 +35,9 @@ class SurfaceReport:
     held_out_error: float  # median relative error of the re-rendered radiance
     residual: float  # median weighted residual spread
     distance: Distance
-    light_gains: tuple[tuple[float, ...], ...]  # per group of emitters and channel; 1 without refinement
+    light_gains: tuple[
+        tuple[float, ...], ...
+    ]  # per group of emitters and channel; the belief without refinement
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
     rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
     stderr_normal_deg: float  # median

@@ -59,7 +59,7 @@ def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.
     )
     blank = observe(frames, mask, np.arange(VIEWS), 0.01)
     regions = coarse_regions(mask)
-    sample = Sample(q, Sight(q * TRUE_Z, -r, None), blank, blank.radiance, regions, True, False)
+    sample = Sample(Sight(q, -r, None), blank, blank.radiance, regions, True, False)
     for pixels, answer in predict(
         sample.responses(parts.under(gain)), sample.at(TRUE_Z), regions, normals, albedo, roughness
     ):
