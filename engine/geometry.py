@@ -118,3 +118,17 @@ def align_similarity(
     rotation = u @ sign @ vt
     scale = float((d * np.diag(sign)).sum() / (a * a).sum())
     return scale, np.concatenate([rotation, (mu_t - scale * rotation @ mu_s)[:, None]], axis=1)
+
+
+def tangents(
+    normals: Float[np.ndarray, "p 3"],
+) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
+    """Two unit vectors that complete each normal to an orthonormal frame (Duff et al. 2017)."""
+    x, y, z = normals.T
+    sign = np.where(z >= 0, 1.0, -1.0)
+    a = -1 / (sign + z)
+    b = x * y * a
+    return (
+        np.stack([1 + sign * x * x * a, sign * b, -sign * x], 1),
+        np.stack([b, sign + y * y * a, -y], 1),
+    )

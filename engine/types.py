@@ -89,6 +89,19 @@ class Gaussians:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Lamps:
+    """Small round lamps of the room as spheres of even radiance, world frame; the last of the Gaussians too.
+
+    Where `clipped`, no view shows the lamp unclipped, and the radiance is a lower bound.
+    """
+
+    centres: Float[np.ndarray, "l 3"]
+    radii: Float[np.ndarray, " l"]  # scene units
+    radiance: Float[np.ndarray, "l 3"]  # linear Rec.709, session scale
+    clipped: Bool[np.ndarray, " l"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Stage *surface*'s answer, on the pixel grid of the photographs, camera frame.
 

@@ -36,6 +36,7 @@ class Emptiness:
     sure: Float[np.ndarray, "n h w"]
     centres: Float[np.ndarray, "n 3"]
     radii: Float[np.ndarray, " n"]
+    votes: int = 1  # views that must look through a place for it to be free
 
 
 @njit(**_FLAGS)
@@ -63,13 +64,13 @@ def _votes(poses, lens, depth, sure, points, free, support):
 
 
 def floating(emptiness: Emptiness, points: Float[np.ndarray, "p 3"]) -> np.ndarray:
-    """Which places several views look through, and hardly any supports."""
+    """Which places views look through, and hardly any supports."""
     free, support = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     _votes(
         emptiness.cam_from_world, emptiness.lens, emptiness.depth, emptiness.sure,
         np.ascontiguousarray(points, dtype=np.float64), free, support,
     )  # fmt: skip
-    return (free >= 2) & (free > 2 * support)
+    return (free >= emptiness.votes) & (free > 2 * support)
 
 
 def intruding(
@@ -104,14 +105,16 @@ def emptiness_of(
     sure: Float[np.ndarray, "n h w"],
     surface: Float[np.ndarray, "m 3"],
     keep_out: float | None,
+    votes: int,
 ) -> Emptiness:
     """The empty parts of the room, from swept depths and points believed to lie on its surfaces.
 
-    `keep_out` fixes the radius around every camera; None derives each camera's own.
+    A sweep that had no SfM points to lean on (`votes` 2) needs a second view's word. `keep_out` fixes the radius
+    around every camera; None derives each camera's own.
     """
     centres = camera_centres(photographs)
     radii = np.full(len(centres), keep_out or 0.0)
-    emptiness = Emptiness(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii)
+    emptiness = Emptiness(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii, votes)
     if keep_out is not None:
         return emptiness
     solid = surface[~floating(emptiness, surface)]

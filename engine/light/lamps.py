@@ -23,6 +23,8 @@ MOST = 200
 """Spots that are looked into, the widest first: a fairy light hardly moves the sum, and pairs grow fast."""
 FEWEST = 8
 """Pixels of outline that say where a circle is."""
+APART = 4.0
+"""A lamp outshines, so many times at least, nearly all of what is seen right beside it."""
 HITS = 2
 ASTRAY = 2.0
 """A view votes for a place if a spot's centre lies within so many pixels, and half the spot's radius, of it."""
@@ -41,7 +43,7 @@ class Spots:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lamps:
+class Sightings:
     """Places that shine, and which views show them."""
 
     centres: Float[np.ndarray, "l 3"]  # world
@@ -60,7 +62,11 @@ def spots_of(photographs: Photographs) -> Spots:
         spots, count = label(bright[i], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
         for k in range(1, count + 1):
             circle = _outline(spots == k, known[i])
-            if circle is None or circle[2] > LARGEST / 2 * width:
+            if (
+                circle is None
+                or circle[2] > LARGEST / 2 * width
+                or not _stands_out(circle, level[i], known[i])
+            ):
                 continue
             at = circle[:2]
             cam = np.append((at - photographs.lens[2:]) / photographs.lens[:2], 1.0)
@@ -109,7 +115,25 @@ def _outline(spot: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> F
     return np.array([*centre, radius])
 
 
-def find_lamps(photographs: Photographs) -> Lamps:
+def _stands_out(
+    circle: Float[np.ndarray, " 3"], level: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]
+) -> bool:
+    """Whether what surrounds a circle is dark: a piece of a window or of its reflection has bright neighbours."""
+    u, v, radius = circle
+    reach = 1.3 * radius + 4.5
+    rows = slice(max(0, int(v - reach)), int(v + reach) + 2)
+    columns = slice(max(0, int(u - reach)), int(u + reach) + 2)
+    level, known = level[rows, columns], known[rows, columns]
+    y, x = np.mgrid[: level.shape[0], : level.shape[1]] + 0.5
+    away = np.hypot(x + columns.start - u, y + rows.start - v)
+    inside = known & (away < max(0.7 * radius, 0.8))
+    ring = known & (away > reach - 3) & (away < reach)
+    if not (inside.any() and ring.any()):
+        return False
+    return bool(np.median(level[inside]) > APART * np.quantile(level[ring], 0.9))
+
+
+def find_lamps(photographs: Photographs) -> Sightings:
     """The lamps that at least HITS views agree on, those with most votes first."""
     spots = spots_of(photographs)
     eyes = camera_centres(photographs)
@@ -138,7 +162,9 @@ def find_lamps(photographs: Photographs) -> Lamps:
         keep[best] = False
         proposals = proposals[keep]
     count = len(photographs.weight)
-    return Lamps(np.array(centres).reshape(-1, 3), np.array(radii), np.array(rows, bool).reshape(-1, count))
+    return Sightings(
+        np.array(centres).reshape(-1, 3), np.array(radii), np.array(rows, bool).reshape(-1, count)
+    )
 
 
 def _crossings(spots: Spots, eyes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c 3"]:

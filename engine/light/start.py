@@ -11,11 +11,13 @@ from scipy.spatial import KDTree
 from engine.errors import LightError
 from engine.light.carve import Emptiness, emptiness_of, floating, intruding
 from engine.light.gaussians import Y00
-from engine.light.lamps import Lamps
 from engine.light.photographs import Photographs
 from engine.light.rasterise import Run
 from engine.light.sweep import sweep
 from engine.types import Gaussians
+
+FEW_POINTS = 30
+"""SfM points from which on the sweep has something to lean on."""
 
 
 def _candidates(
@@ -73,29 +75,8 @@ def _thin(
     return chosen[:count] if len(chosen) > count else chosen
 
 
-def _lamps_in_front(
-    photographs: Photographs,
-    lamps: Lamps,
-    depth: Float[np.ndarray, "n h w"],
-    sure: Float[np.ndarray, "n h w"],
-) -> None:
-    """Give the pixels of every lamp that was found the lamp's depth, in place."""
-    _, height, width = depth.shape
-    v, u = np.mgrid[:height, :width] + 0.5
-    focal = photographs.lens[:2].mean()
-    for centre, radius, shown in zip(lamps.centres, lamps.radii, lamps.shown, strict=True):
-        for i in np.nonzero(shown)[0]:
-            pose = photographs.cam_from_world[i]
-            cam = pose[:, :3] @ centre + pose[:, 3]
-            at = photographs.lens[:2] * cam[:2] / cam[2] + photographs.lens[2:]
-            inside = np.hypot(u - at[0], v - at[1]) < max(radius * focal / cam[2], 0.7)
-            inside &= np.isfinite(depth[i])
-            depth[i][inside], sure[i][inside] = cam[2], 1.0
-
-
 def begin(
     photographs: Photographs,
-    lamps: Lamps,
     points: Float[np.ndarray, "m 3"],
     count: int,
     keep_out: float | None,
@@ -107,7 +88,6 @@ def begin(
         LightError: hardly any background pixel shows the room.
     """
     depth, sure = sweep(photographs, points, 40, run)
-    _lamps_in_front(photographs, lamps, depth, sure)
     world, radiance = _candidates(photographs, depth)
     if len(world) < 50:
         raise LightError(
@@ -115,7 +95,9 @@ def begin(
         )
     trusted = sure[np.isfinite(depth)] > 0.5
     surface = np.concatenate([points, world[trusted] if trusted.sum() > 50 else world])
-    emptiness = emptiness_of(photographs, depth, sure, surface, keep_out)
+    emptiness = emptiness_of(
+        photographs, depth, sure, surface, keep_out, 1 if len(points) >= FEW_POINTS else 2
+    )
     priority = np.where(trusted, 1, 2)
     if len(points):
         colours = _seen_radiance(photographs, points, np.median(radiance, axis=0))

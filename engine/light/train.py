@@ -18,13 +18,14 @@ from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
 from engine.light.gaussians import Y00
+from engine.light.globes import measured, put_back, without
 from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
 from engine.light.sweep import knee_of
 from engine.progress import Progress
-from engine.types import Frames, Gaussians, Masks, Poses
+from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +53,16 @@ class LightReport:
     heldout_energy: float  # rendered over photographed, all background pixels
     heldout_energy_bright: float  # the same, brightest 1 % of pixels
     training_log_l1: float
-    lamps: int  # small bright things that were found beforehand
+    lamps: int  # small bright things that were found beforehand and stand apart from the fit
+    lamps_clipped: int  # those whose radiance is a lower bound
     views_used: int
     views_heldout: int
 
 
 def fit(
     frames: Frames, masks: Masks, poses: Poses, params: LightParams, seed: int, progress: Progress
-) -> tuple[Gaussians, LightReport]:
-    """The room's light from the background pixels of the registered views.
+) -> tuple[Gaussians, Lamps, LightReport]:
+    """The room's light from the background pixels of the registered views; its small lamps are the last Gaussians.
 
     Raises:
         LightError: fewer than 4 registered views, or hardly any background.
@@ -81,11 +83,15 @@ def fit(
     rng = np.random.default_rng(seed)
     with workers() as run:
         progress.step(0.0, "depth of the room")
-        small = resample(frames, masks, poses, used, min(64, poses.camera.width))
-        lamps = find_lamps(resample(frames, masks, poses, used, poses.camera.width))
-        start, emptiness = begin(
-            small, lamps, poses.points, max(500, params.budget // 3), params.keep_out, run
-        )
+        sharp = resample(frames, masks, poses, used, poses.camera.width)
+        sightings = find_lamps(sharp)
+        lamps = measured(sightings, sharp)
+
+        def room(width: int) -> Photographs:
+            return without(resample(frames, masks, poses, used, width), lamps)
+
+        small = room(min(64, poses.camera.width))
+        start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
         cloud = cloud_of(start)
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))
@@ -93,7 +99,7 @@ def fit(
         everything = sum(params.passes)
         count = 0
         for passes, width in zip(params.passes, widths, strict=True):
-            photographs = resample(frames, masks, poses, used, width)
+            photographs = room(width)
             surface = surface_of(emptiness, photographs)
             for _ in range(passes):
                 progress.step(
@@ -104,18 +110,24 @@ def fit(
                 done, count = done + width * width, count + 1
                 cloud = _settle(cloud, photographs, params, emptiness, count / everything)
         gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.98), run)
+        gaussians = put_back(gaussians, lamps, sightings, sharp)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
         heldout = judge(gaussians, judged, knee, run)
-    return gaussians, LightReport(
-        count=len(gaussians.means),
-        keep_out=float(np.median(emptiness.radii)),
-        knee=knee,
-        **heldout,
-        training_log_l1=float(loss),
-        lamps=len(lamps.radii),
-        views_used=len(used),
-        views_heldout=len(held),
+    return (
+        gaussians,
+        lamps,
+        LightReport(
+            count=len(gaussians.means),
+            keep_out=float(np.median(emptiness.radii)),
+            knee=knee,
+            **heldout,
+            training_log_l1=float(loss),
+            lamps=len(lamps.radii),
+            lamps_clipped=int(lamps.clipped.sum()),
+            views_used=len(used),
+            views_heldout=len(held),
+        ),
     )
 
 

@@ -34,11 +34,11 @@ def stages() -> tuple[Stage, ...]:
             presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 3, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
+            "light", 4, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
         Stage(
-            "surface", 3, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+            "surface", 4, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
             presets=presets.of_stage("surface"),
         ),
         Stage(

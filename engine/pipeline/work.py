@@ -21,7 +21,7 @@ from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
 from engine.pipeline.stages import Work
 from engine.session import Session, shots, verify
-from engine.types import Camera, Frames, Gaussians, Masks, Panorama, Poses, Surface
+from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Panorama, Poses, Surface
 
 Records = Mapping[str, Any]
 
@@ -143,14 +143,14 @@ def rig_log(session: Session) -> Any:
 
 
 def light(work: Work) -> Records:
-    """gaussians, report."""
+    """gaussians, lamps (the last of the Gaussians), report."""
     from engine.light.train import fit
 
-    gaussians, report = fit(
+    gaussians, lamps, report = fit(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.params, work.seed, work.progress,
     )  # fmt: skip
-    return {"gaussians": gaussians, "report": report}
+    return {"gaussians": gaussians, "lamps": lamps, "report": report}
 
 
 def surface(work: Work) -> Records:
@@ -160,7 +160,7 @@ def surface(work: Work) -> Records:
     found, renders, report = solve(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
-        work.params, work.device, work.seed, work.progress,
+        work.load("light", "lamps", Lamps), work.params, work.device, work.seed, work.progress,
     )  # fmt: skip
     return {"surface": found, "renders": renders, "report": report}
 

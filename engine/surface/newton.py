@@ -14,9 +14,11 @@ import numba
 import numpy as np
 from jaxtyping import Float, Int
 
+from engine.geometry import tangents
 from engine.progress import Progress
 from engine.surface.observations import Observations
 from engine.surface.transport import Responses, Sight
+from engine.surface.visibility import SECTORS
 
 STEP = 0.01
 """Forward-difference step: radians of normal, units of roughness."""
@@ -40,6 +42,7 @@ class State:
     misfit: Float[np.ndarray, " p"]  # robust misfit at the accepted state
     system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state
     slope: Float[np.ndarray, "p 6"]
+    level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
 
     def copy(self) -> "State":
         """The same in arrays of its own."""
@@ -51,7 +54,10 @@ class State:
 
 
 def begin(
-    normals: Float[np.ndarray, "p 3"], albedo: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
+    normals: Float[np.ndarray, "p 3"],
+    albedo: Float[np.ndarray, "p 3"],
+    roughness: Float[np.ndarray, " p"],
+    level: Int[np.ndarray, "p s"] | None = None,
 ) -> State:
     """A state with no misfit known yet."""
     count = len(normals)
@@ -64,20 +70,7 @@ def begin(
         np.full(count, np.inf),
         np.zeros((count, 6, 6)),
         np.zeros((count, 6)),
-    )
-
-
-def tangents(
-    normals: Float[np.ndarray, "p 3"],
-) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
-    """Two unit vectors that complete each normal to an orthonormal frame (Duff et al. 2017)."""
-    x, y, z = normals.T
-    sign = np.where(z >= 0, 1.0, -1.0)
-    a = -1 / (sign + z)
-    b = x * y * a
-    return (
-        np.stack([1 + sign * x * x * a, sign * b, -sign * x], 1),
-        np.stack([b, sign + y * y * a, -y], 1),
+        np.zeros((count, SECTORS), np.int8) if level is None else level,
     )
 
 
@@ -156,86 +149,10 @@ def iterate(
             kept.damping[lost] = np.minimum(kept.damping[lost] * 6, 1e4)
             if turn + 1 < passes:
                 move = _damped_step(kept.system[pixels], kept.slope[pixels], kept.damping[pixels])
-                n = _facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
+                n = facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
                 a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
                 r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
     return kept
-
-
-def propose(
-    state: State,
-    normals: Float[np.ndarray, "p k 3"],
-    roughness: Float[np.ndarray, "p k"],
-    responses: Responses,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
-    seen: Observations,
-    progress: Progress,
-) -> State:
-    """Let every pixel try `k` other normals and roughnesses, albedo solved for each; the least misfit wins.
-
-    A pixel's own misfit must be known (`iterate` leaves it). Gauss-Newton finds the bottom of the valley it
-    stands in; what its neighbours found may lie in a deeper one.
-    """
-    kept = state.copy()
-    for i, pixels in enumerate(parts):
-        progress.step(i / len(parts), "asking the neighbours")
-        n, r = _facing(normals[pixels], sight.views[pixels][:, None]), roughness[pixels]
-        diffuse, specular = responses(sight, pixels, n, r, responses.energy(sight, pixels))
-        misfit, albedo = _misfits(
-            diffuse, specular, seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels],
-            kept.spread[pixels], r,
-        )  # fmt: skip
-        best = np.argmin(misfit, 1)
-        rows = np.arange(len(pixels))
-        better = misfit[rows, best] < state.misfit[pixels]
-        won, best, rows = pixels[better], best[better], rows[better]
-        kept.normals[won], kept.roughness[won] = n[rows, best], r[rows, best]
-        kept.albedo[won], kept.damping[won] = albedo[rows, best], 1e-2
-    return kept
-
-
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-@no_type_check
-def _misfits(diffuse, specular, radiance, weight, eps, spread, roughness):
-    """Robust misfit of every variant at its own least-squares albedo, and that albedo."""
-    count, variants, channels = diffuse.shape
-    misfit = np.zeros((count, variants))
-    albedo = np.zeros((count, variants, 3))
-    for p in numba.prange(count):
-        width = (CAUCHY * spread[p]) ** 2
-        for k in range(variants):
-            d, s = diffuse[p, k], specular[p, k]
-            total = 0.0
-            for c in range(3):
-                a = 0.0
-                # Least squares in the radiance, then twice a robust step in its logarithm.
-                up = down = 0.0
-                for v in range(c, channels, 3):
-                    w = weight[p, v] / (radiance[p, v] + eps[p]) ** 2
-                    up += w * (radiance[p, v] - s[v]) * d[v]
-                    down += w * d[v] * d[v]
-                a = min(max(up / max(down, 1e-30), ALBEDO[0]), ALBEDO[1])
-                for turn in range(3):
-                    up = down = cost = 0.0
-                    for v in range(c, channels, 3):
-                        w = weight[p, v]
-                        over = 1 / (max(a * d[v] + s[v], 0.0) + eps[p])
-                        e = math.log((radiance[p, v] + eps[p]) * over)
-                        ratio = w * e * e / width
-                        cost += width * math.log1p(ratio)
-                        j = a * d[v] * over
-                        up += w / (1 + ratio) * j * e
-                        down += w / (1 + ratio) * j * j
-                    if turn < 2:
-                        step = min(max(up / max(down, 1e-30), -0.7), 0.7)
-                        a = min(max(a * math.exp(step), ALBEDO[0]), ALBEDO[1])
-                total += cost
-                albedo[p, k, c] = a
-            mean, spread_r = ROUGHNESS_PRIOR
-            off = (roughness[p, k] - mean) / spread_r
-            misfit[p, k] = total + off * off * spread[p] ** 2
-    return misfit, albedo
 
 
 def _damped_step(system, slope, damping):
@@ -247,7 +164,7 @@ def _damped_step(system, slope, damping):
     return np.clip(move, -limit, limit)
 
 
-def _facing(normals, views):
+def facing(normals, views):
     """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
     cosine = (normals * views).sum(-1, keepdims=True)
     fixed = normals + views * np.maximum(0.03 - cosine, 0)

@@ -3,7 +3,7 @@
 Camera frame. Knows nothing of Gaussians or files: the light arrives as energy at a lattice of probes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from engine.geometry import rays, resized
 from engine.progress import Progress
-from engine.surface import newton
+from engine.surface import horizons, newton
 from engine.surface.integrate import integrate
 from engine.surface.observations import Observations, observe
 from engine.surface.start import global_start
@@ -34,6 +34,7 @@ class SurfaceParams:
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
+    horizons: bool = True  # let the photographs overrule what the depth says hides the room
     bounce: bool = True  # let the object light itself with what was photographed
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
     relight_groups: int = 12  # groups besides the lamps
@@ -122,25 +123,93 @@ def improve(
     device: str,
     progress: Progress,
 ) -> newton.State:
-    """Gauss-Newton on every pixel; then each looks at what its neighbours found, and again."""
+    """Gauss-Newton on every pixel; then each looks at what its neighbours found, and again.
+
+    `sight` is what the depth says hides the room; the photographs may know better.
+    """
     responses, parts = who.responses(light, params, device), blocks(who.mask)
-    state = newton.respread(state, responses, sight, parts, who.seen)
-    state = newton.iterate(state, responses, sight, parts, who.seen, params.passes, progress.part(0, 0.4))
-    normals, roughness = neighbours(who.mask, state)
-    state = newton.propose(
-        state, normals, roughness, responses, sight, parts, who.seen, progress.part(0.4, 0.8)
-    )
-    return newton.iterate(state, responses, sight, parts, who.seen, 2, progress.part(0.8, 1))
+    for turn, passes in enumerate((params.passes, 3)):
+        span = progress.part(0, 0.3) if turn == 0 else progress.part(0.8, 1)
+        if turn:
+            state = ask(who, state, light, sight, params, progress.part(0.3, 0.8))
+        seeing = as_photographed(who, state, sight, light.directions)
+        state = newton.respread(state, responses, seeing, parts, who.seen)
+        state = newton.iterate(state, responses, seeing, parts, who.seen, passes, span)
+    return state
+
+
+def as_photographed(
+    who: Subject, state: newton.State, sight: Sight, directions: Float[np.ndarray, "d 3"]
+) -> Sight:
+    """The depth's sight with every horizon that the photographs put elsewhere."""
+    parts, aside = blocks(who.mask), horizons.beside(who.mask)
+    return horizons.overruled(sight, state.level, state.normals, parts, directions, aside)
 
 
 REACH = (1, 3)
 """How many pixels away the neighbours are that a pixel asks."""
+ASKING = 1.15
+"""Pixels whose residuals spread this many times the median's ask their neighbours; the others explain well."""
+CONVINCED = 0.98
+"""A neighbour's answer must lower the misfit to this share: noise alone is no reason to jump."""
+ASKED_VIEWS = 48
+"""Views that are enough to compare answers."""
 
 
-def neighbours(
-    mask: Bool[np.ndarray, "h w"], state: newton.State
-) -> tuple[Float[np.ndarray, "p k 3"], Float[np.ndarray, "p k"]]:
-    """Normals and roughnesses of each pixel's neighbours; its own where the object ends."""
+def ask(
+    who: Subject,
+    state: newton.State,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    progress: Progress,
+) -> newton.State:
+    """Let every pixel look for its horizon, and those that explain badly try their neighbours' answers.
+
+    Gauss-Newton finds the bottom of the valley it stands in; what its neighbours found may lie in a deeper one.
+    The object's rim holds some background, which horizons would explain as well: it keeps what it has.
+    """
+    parts, aside = blocks(who.mask), horizons.beside(who.mask)
+    count = light.energy.shape[2] // 3
+    every = np.arange(0, count, -(-count // ASKED_VIEWS))
+    everybody = np.arange(len(state.normals))
+    light, seen = light.views(every), who.seen.part(everybody, every)
+    seen = replace(seen, radiance=horizons.by_channel(seen.radiance), weight=horizons.by_channel(seen.weight))
+    responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, "cpu")
+    sweeps = horizons.SWEEPS if params.horizons and sight.occlusion is not None else 0
+    usual = float(np.median(state.spread))
+    restless = state.spread > ASKING * usual
+    others = neighbours(who.mask).T
+    kept = state.copy()
+    for i, block in enumerate(parts):
+        progress.step(i / len(parts), "asking the neighbours")
+        pixels = block[~seen.edge[block]]
+        energy = horizons.by_channel(responses.energy(sight, pixels))
+        least = np.full(len(pixels), np.inf)
+        for turn, other in enumerate((everybody, everybody, *others)):
+            # First what it holds, then what the depth has, then the neighbours.
+            of = np.arange(len(pixels)) if turn < 2 else np.nonzero(restless[pixels])[0]
+            if turn == 1:
+                of = np.nonzero(state.level[pixels].any(1))[0]
+            if not len(of):
+                continue
+            mine, theirs = pixels[of], other[pixels[of]]
+            normals = newton.facing(state.normals[theirs], sight.views[mine])
+            level = state.level[theirs] if turn != 1 else np.zeros_like(state.level[theirs])
+            level, misfit, albedo = horizons.explain(
+                responses, sight, mine, normals, state.roughness[theirs], level, energy, seen.part(mine),
+                state.spread[mine], usual, aside, sweeps,
+            )  # fmt: skip
+            better = misfit < least[of] * (CONVINCED if turn > 1 else 1)
+            won = mine[better]
+            least[of[better]] = misfit[better]
+            kept.normals[won], kept.roughness[won] = normals[better], state.roughness[theirs[better]]
+            kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], 1e-2
+    return kept
+
+
+def neighbours(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p k"]:
+    """The pixels (in mask order) that each pixel asks; itself where the object ends."""
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
     padded = np.pad(index, max(REACH), constant_values=-1)
@@ -151,8 +220,7 @@ def neighbours(
         for dv, du in ((0, reach), (0, -reach), (reach, 0), (-reach, 0)):
             other = padded[v + dv, u + du]
             found.append(np.where(other >= 0, other, own))
-    take = np.stack(found, 1)
-    return state.normals[take], state.roughness[take]
+    return np.stack(found, 1)
 
 
 def depth_of(
@@ -189,7 +257,7 @@ def finer(
     index = index[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     v, u = np.nonzero(mask)
     take = index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
-    return newton.begin(state.normals[take], state.albedo[take], state.roughness[take])
+    return newton.begin(state.normals[take], state.albedo[take], state.roughness[take], state.level[take])
 
 
 def rerender(

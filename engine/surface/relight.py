@@ -31,8 +31,9 @@ TOTAL = 0.01
 """How well the background fixes the sum of the light that is not clipped, per channel (relative)."""
 CORRELATED = 10.0
 """Observations that share one model error; each pixel counts as so many times fewer than it has."""
-CLIPPED = (0.7, 1.0)
-"""Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded."""
+CLIPPED = (0.7, 2.0)
+"""Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded, and wide
+enough that a room of clipped lamps is not pulled towards dim lamps and bright paint."""
 NUDGE = 0.02
 """Step in log distance for its derivative."""
 LONGEST = 0.4
@@ -47,34 +48,50 @@ SPREAD = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parts:
-    """The light at a lattice of probes, and which group of emitters each cell's light comes from."""
+    """The light at a lattice of probes, by groups of emitters: the room's, each lamp, and what was filled in."""
 
-    incident: Incident
-    group: Int[np.ndarray, "m d n"]  # 0 .. k - 1
+    incident: Incident  # without the lamps
+    group: Int[np.ndarray, "m d n"]  # of each cell of it
+    lamps: Float[np.ndarray, "l m d v"]  # the groups just before the last
     clipped: Bool[np.ndarray, " k"]  # groups whose brightness is only a lower bound
     prior: Float[np.ndarray, " k"]  # spread of log gain where it is not clipped
+
+    @property
+    def of_lamps(self) -> slice:
+        """The lamps' groups."""
+        return slice(len(self.prior) - 1 - len(self.lamps), len(self.prior) - 1)
 
     def at(
         self, point: Float[np.ndarray, " 3"], gain: Float[np.ndarray, "k 3"]
     ) -> Float[np.ndarray, "k d v"]:
         """Every group's energy at a point, under its gain."""
         weights = self.incident.lattice.weights(point).astype(np.float32)
+        gain = gain.astype(np.float32)
         out = np.zeros((len(gain), *self.incident.energy.shape[1:]), np.float32)
+        colours = np.tile(gain[self.of_lamps], (1, out.shape[2] // 3))[:, None]
         for k in np.nonzero(weights)[0]:
-            _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain.astype(np.float32), out)
+            _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain, out)
+            out[self.of_lamps] += weights[k] * colours * self.lamps[:, k]
         return out
 
     def under(self, gain: Float[np.ndarray, "k 3"]) -> Incident:
         """All the light, every group under its gain."""
         m, d, v = self.incident.energy.shape
-        energy = self.incident.energy.reshape(m, d, v // 3, 3) * gain.astype(np.float32)[self.group]
-        return Incident(self.incident.lattice, self.incident.directions, energy.reshape(m, d, v))
+        gain = gain.astype(np.float32)
+        energy = (self.incident.energy.reshape(m, d, v // 3, 3) * gain[self.group]).reshape(m, d, v)
+        for lamp, colour in zip(self.lamps, gain[self.of_lamps], strict=True):
+            energy += lamp * np.tile(colour, v // 3)
+        return Incident(self.incident.lattice, self.incident.directions, energy)
 
     def levels(self) -> Float[np.ndarray, "k 3"]:
         """The groups' share of the light before any gain, summed over probes, directions and views."""
         energy = self.incident.energy.reshape(-1, 3)
         flat = self.group.ravel()
-        return np.stack([np.bincount(flat, energy[:, c], minlength=len(self.prior)) for c in range(3)], 1)
+        sums = np.stack([np.bincount(flat, energy[:, c], minlength=len(self.prior)) for c in range(3)], 1)
+        sums[self.of_lamps] = [lamp.reshape(-1, 3).sum(0, dtype=float) for lamp in self.lamps] or np.zeros(
+            (0, 3)
+        )
+        return sums
 
 
 @numba.njit(cache=True)

@@ -16,6 +16,7 @@ from engine.surface.distance import Distance, find_distance
 from engine.surface.pixels import (
     Subject,
     SurfaceParams,
+    as_photographed,
     coarse_regions,
     depth_of,
     finer,
@@ -97,7 +98,8 @@ def rough(
         depth = depth_of(who, state, distance, span.part(0.7, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
-            chosen, sample = voters(who, sight, distance, VOTERS, params, seed)
+            seeing = as_photographed(who, state, sight, light.directions)
+            chosen, sample = voters(who, seeing, distance, VOTERS, params, seed)
             setting, _ = settle(
                 setting, parts, sample, state.part(chosen), free, params.relight, ROUNDS, PASSES,
                 span.part(0.8, 1),

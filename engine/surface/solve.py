@@ -14,12 +14,20 @@ from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.surface.confidence import confidence
 from engine.surface.distance import Distance
-from engine.surface.groups import brightened
-from engine.surface.pixels import SurfaceParams, depth_of, image, improve, rerender, sight_of, subject
+from engine.surface.pixels import (
+    SurfaceParams,
+    as_photographed,
+    depth_of,
+    image,
+    improve,
+    rerender,
+    sight_of,
+    subject,
+)
 from engine.surface.rough import rough
 from engine.surface.surroundings import furnished, light_at
 from engine.surface.transport import lattice_around
-from engine.types import Frames, Gaussians, Masks, Poses, Renders, Surface
+from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
 DEPTH_MARGIN = 0.2
 """Half of the depth range the probes cover, relative to the object's distance."""
@@ -61,6 +69,7 @@ def solve(
     masks: Masks,
     poses: Poses,
     gaussians: Gaussians,
+    lamps: Lamps,
     params: SurfaceParams,
     device: str,
     seed: int,
@@ -75,7 +84,9 @@ def solve(
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.held_out)
-    room = furnished(gaussians, frames, masks, poses, params.relight_groups, params.relight_prior, seed)
+    room = furnished(
+        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
+    )
     state, setting, distance, residuals = rough(
         frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5)
     )
@@ -83,7 +94,7 @@ def solve(
     layout = (params.probes_across, params.probes_across, params.probes_deep)
     lattice = lattice_around(poses.camera, mask, (z * (1 - near), z * (1 + near)), layout)
     light = light_at(
-        lattice, brightened(gaussians, room.group, setting.gain[:-1]), poses,
+        lattice, room, setting.gain[:-1],
         np.concatenate([fitted, np.array(kept_out, int)]), params.directions, params.probe_face_px,
         progress.part(0.5, 0.65),
     )  # fmt: skip
@@ -96,6 +107,7 @@ def solve(
         sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.95))
         depth = depth_of(who, state, z, span.part(0.95, 1))
+    sight = as_photographed(who, state, sight, light.directions)
     certainty = confidence(state, who.seen, sight)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
     pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)

@@ -3,19 +3,20 @@
 Gaussians live in the world frame; probes and directions in the camera frame of each view.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.geometry import inverse
 from engine.light.fill import fill_energy, neighbourhood
+from engine.light.globes import apart, lamplight
 from engine.light.probes import incident_energy
 from engine.progress import Progress
-from engine.surface.groups import clipped_groups, group_emitters, labelled, whose
+from engine.surface.groups import brightened, clipped_groups, group_emitters, labelled, whose
 from engine.surface.relight import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
-from engine.types import Frames, Gaussians, Masks, Poses
+from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 PHOTOGRAPHED = 0.5
 """Share of a cell that was photographed, at least, for its light to count as somebody's."""
@@ -27,10 +28,11 @@ CERTAIN = 1e-3
 class Room:
     """The room's light, how its emitters are grouped, and where the camera stood."""
 
-    gaussians: Gaussians
+    gaussians: Gaussians  # without the lamps
+    lamps: Lamps
     poses: Poses
-    group: Int[np.ndarray, " k"]  # of every Gaussian
-    clipped: Bool[np.ndarray, " g"]  # groups photographed clipped
+    group: Int[np.ndarray, " k"]  # of every Gaussian; the lamps are the groups after these
+    clipped: Bool[np.ndarray, " g"]  # groups photographed clipped, lamps included
     prior: float  # spread of a group's log gain
 
     def size(self) -> float:
@@ -38,30 +40,49 @@ class Room:
         centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
         return float(np.median(np.linalg.norm(self.gaussians.means[None] - centres[:, None], axis=2)))
 
+    def under(self, gain: Float[np.ndarray, "g 3"]) -> tuple[Gaussians, Lamps]:
+        """The emitters, every group under its gain."""
+        count = len(gain) - len(self.lamps.radii)
+        lamps = replace(self.lamps, radiance=self.lamps.radiance * gain[count:])
+        return brightened(self.gaussians, self.group, gain[:count]), lamps
+
 
 def furnished(
-    gaussians: Gaussians, frames: Frames, masks: Masks, poses: Poses, groups: int, prior: float, seed: int
+    gaussians: Gaussians,
+    lamps: Lamps,
+    frames: Frames,
+    masks: Masks,
+    poses: Poses,
+    groups: int,
+    prior: float,
+    seed: int,
 ) -> Room:
-    """The room with its emitters grouped: lamps one by one, and `groups` for the rest."""
+    """The room with its emitters grouped: whatever is bright one by one, and `groups` for the rest.
+
+    The lamps are taken from the Gaussians, whose last they are.
+    """
     centres = inverse(poses.cam_from_world[poses.registered])[..., 3]
-    group = group_emitters(gaussians, centres.mean(0), groups, seed)
-    return Room(gaussians, poses, group, clipped_groups(gaussians, group, frames, masks, poses), prior)
+    field = apart(gaussians, lamps)
+    group = group_emitters(field, centres.mean(0), groups, seed)
+    clipped = np.concatenate([clipped_groups(field, group, frames, masks, poses), lamps.clipped])
+    return Room(field, lamps, poses, group, clipped, prior)
 
 
 def light_at(
     lattice: Lattice,
-    gaussians: Gaussians,
-    poses: Poses,
+    room: Room,
+    gain: Float[np.ndarray, "g 3"],
     views: Int[np.ndarray, " n"],
     directions: int,
     face_px: int,
     progress: Progress,
 ) -> Incident:
-    """The energy at the lattice for some views, unseen directions filled."""
-    cells = direction_cells(directions)
-    energy, _ = incident_energy(
-        gaussians, poses.cam_from_world[views], lattice.points(), cells, face_px, True, progress
-    )
+    """The energy at the lattice for some views under the groups' gains, unseen directions filled."""
+    cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
+    gaussians, lamps = room.under(gain)
+    energy, _ = incident_energy(gaussians, poses, lattice.points(), cells, face_px, True, progress)
+    for lamp in lamplight(lamps, gaussians, poses, lattice.points(), cells):
+        energy += lamp
     return Incident(lattice, cells, _stacked(energy))
 
 
@@ -93,8 +114,11 @@ def parts_at(
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
     prior = np.append(np.full(filled, room.prior), CERTAIN)
+    lamps = np.zeros((len(room.lamps.radii), *bare.energy.shape), np.float32)
+    for i, lamp in enumerate(lamplight(room.lamps, room.gaussians, poses, lattice.points(), cells)):
+        lamps[i] = _stacked(lamp)
     total = Incident(lattice, cells, _stacked(energy))
-    return Parts(total, came_from, np.append(room.clipped, False), prior)
+    return Parts(total, came_from, lamps, np.append(room.clipped, False), prior)
 
 
 def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]:

@@ -23,6 +23,10 @@ BELOW = 0.5
 direction that then rises above the horizon must not come in as if nothing stood there."""
 
 
+SECTORS = 12
+"""Parts of the azimuth around the viewing ray, for each of which `horizons` may overrule the depth."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
     """Hidden directions of each pixel, as rows of a sparse matrix (pixels in mask order)."""

@@ -12,11 +12,11 @@ from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.pixels import (
     SurfaceParams,
+    ask,
     depth_of,
     finer,
     halved,
     improve,
-    neighbours,
     search,
     sight_of,
     subject,
@@ -115,7 +115,7 @@ def test_a_pixel_in_a_wrong_valley_is_led_out_by_its_neighbours():
     state = newton.begin(start, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45))
     state = newton.respread(state, responses, sight, parts, who.seen)
     state = newton.iterate(state, responses, sight, parts, who.seen, 1, Progress())
-    led = newton.propose(state, *neighbours(mask, state), responses, sight, parts, who.seen, Progress())
+    led = ask(who, state, light, sight, PARAMS, Progress())
     cosine = (led.normals * truth).sum(1)
     worse = (cosine < (state.normals * truth).sum(1) - 1e-9)[lost]
     assert np.median(cosine[lost]) > np.cos(np.radians(12))

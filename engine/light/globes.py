@@ -1,0 +1,223 @@
+"""The lamps that were found, as emitters of their own: measured, kept out of the fit, put back as they are.
+
+A lamp of a few pixels, fifty times brighter than its wall, is what a fit of many Gaussians does worst: it is
+spread over whatever stands near its rays and dims or doubles from place to place. Here each lamp's power is
+counted in the photographs that show it whole, its pixels are cut out before the fit, and one dense round
+Gaussian of its size stands in its place afterwards. What the fit left in front of it is cleared away: the
+views that show the lamp look through there. World frame, scene units.
+"""
+
+# The stubs of scipy misstate what comes back here.
+# pyright: reportArgumentType=false
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from engine.geometry import tangents
+from engine.light.gaussians import Y00, rotations
+from engine.light.lamps import Sightings
+from engine.light.photographs import Photographs, camera_centres
+from engine.types import Gaussians, Lamps
+
+GLOW = 1.3
+"""A lamp's light lies within so many of its radii, and SOFT pixels: optics and demosaicing blur its rim."""
+SOFT = 1.5
+WHOLE = 0.95
+"""Share of that disc which must be seen for a view to say how bright the lamp is."""
+CLIPPED = 0.02
+"""Share of it that may be clipped."""
+DENSITY = 20.0
+SAMPLES = 37
+"""Rays that a lamp's disc is sampled by."""
+HAZE = (0.2, 0.6)
+"""A lamp is hidden where less of a ray gets through, and unhidden where more does: the fit leaves some haze."""
+IN_FRONT = 0.02
+"""Opacity from which on a Gaussian between a lamp and a view that shows it has no business there."""
+
+
+def _discs(photographs: Photographs, centre, radius):
+    """Where a sphere is seen: view, its middle (u, v), radius in pixels, distance, off-axis cosine."""
+    _, height, width = photographs.weight.shape
+    focal = photographs.lens[:2].mean()
+    for view, pose in enumerate(photographs.cam_from_world):
+        cam = pose[:, :3] @ centre + pose[:, 3]
+        if cam[2] <= radius:
+            continue
+        u, v = photographs.lens[:2] * cam[:2] / cam[2] + photographs.lens[2:]
+        distance = float(np.linalg.norm(cam))
+        cosine = float(cam[2] / distance)
+        size = radius * focal / cam[2] / cosine  # off axis a sphere's image is this long at most
+        if -size < u < width + size and -size < v < height + size:
+            yield view, u, v, size, distance, cosine
+
+
+def _around(photographs: Photographs, u: float, v: float, reach: float):
+    """The picture's rows and columns within `reach` of a point, and each pixel's distance from it."""
+    _, height, width = photographs.weight.shape
+    rows = slice(max(0, int(v - reach)), min(height, int(v + reach) + 2))
+    columns = slice(max(0, int(u - reach)), min(width, int(u + reach) + 2))
+    y, x = np.mgrid[rows, columns] + 0.5
+    return rows, columns, np.hypot(x - u, y - v)
+
+
+def measured(sightings: Sightings, photographs: Photographs) -> Lamps:
+    """Each lamp's mean radiance: its power above what surrounds it, over its own solid angle.
+
+    The median of the views that show it whole and unclipped; of a lamp that is always clipped the brightest.
+    """
+    focal = photographs.lens[:2].mean()
+    radiances, clipped = [], []
+    for centre, radius, shown in zip(sightings.centres, sightings.radii, sightings.shown, strict=True):
+        sure, bounds, partial = [], [], []
+        for view, u, v, size, distance, cosine in _discs(photographs, centre, radius):
+            if not shown[view]:
+                continue
+            reach = GLOW * size + SOFT
+            rows, columns, away = _around(photographs, u, v, reach + 3)
+            known = photographs.weight[view, rows, columns] > 0
+            picture = photographs.radiance[view, rows, columns]
+            disc, ring = away < reach, (away >= reach) & known
+            inner = (away < max(0.7 * size, 0.7)) & known
+            if inner.any():
+                partial.append(picture[inner].mean(0))
+            if (disc & known).sum() < WHOLE * np.pi * reach**2 or not ring.any():
+                continue
+            behind = np.median(picture[ring], axis=0)
+            pixel = cosine**3 / focal**2  # its solid angle
+            power = ((picture - behind) * (disc & known)[..., None]).sum((0, 1)) * pixel
+            solid = 2 * np.pi * (1 - np.sqrt(1 - min(radius / distance, 0.99) ** 2))
+            cut = (photographs.clipped[view, rows, columns] & disc).sum() > CLIPPED * disc.sum()
+            (bounds if cut else sure).append(power / solid + behind)
+        if sure:
+            radiances.append(np.median(sure, axis=0))
+        else:
+            radiances.append(np.max(bounds or partial, axis=0))
+        clipped.append(not sure)
+    return Lamps(
+        sightings.centres,
+        sightings.radii,
+        np.maximum(np.array(radiances).reshape(-1, 3), 0),
+        np.array(clipped, bool),
+    )
+
+
+def without(photographs: Photographs, lamps: Lamps) -> Photographs:
+    """The photographs with every lamp cut out of every view that might show it."""
+    weight = photographs.weight.copy()
+    for centre, radius in zip(lamps.centres, lamps.radii, strict=True):
+        for view, u, v, size, *_ in _discs(photographs, centre, radius):
+            reach = GLOW * size + SOFT
+            rows, columns, away = _around(photographs, u, v, reach)
+            weight[view, rows, columns][away < reach] = 0
+    return replace(photographs, weight=weight)
+
+
+def put_back(gaussians: Gaussians, lamps: Lamps, sightings: Sightings, photographs: Photographs) -> Gaussians:
+    """The fitted room with the lamps as its last Gaussians, and nothing between them and the views that show them."""
+    blocks = np.zeros(len(gaussians.means), bool)
+    eyes = camera_centres(photographs)
+    for centre, radius, shown in zip(lamps.centres, lamps.radii, sightings.shown, strict=True):
+        for eye in eyes[shown]:
+            opacity, at, distance = _on_the_way(gaussians, eye, centre)
+            blocks |= (at < distance - 2 * radius) & (opacity > IN_FRONT)
+    kept, count = ~blocks, len(lamps.radii)
+    scale = lamps.radii / np.sqrt(_covered(DENSITY))
+    fresh = np.zeros((count, *gaussians.radiance.shape[1:]))
+    fresh[:, 0] = lamps.radiance / Y00
+
+    def joined(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+        return np.concatenate([old[kept], new.astype(old.dtype)])
+
+    return Gaussians(
+        joined(gaussians.means, lamps.centres),
+        joined(gaussians.quaternions, np.tile([1.0, 0, 0, 0], (count, 1))),
+        joined(gaussians.scales, np.repeat(scale[:, None], 3, 1)),
+        joined(gaussians.density, np.full(count, DENSITY)),
+        joined(gaussians.radiance, fresh),
+    )
+
+
+def apart(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
+    """The room without the lamps, which are its last Gaussians."""
+    count = len(gaussians.means) - len(lamps.radii)
+    return Gaussians(*(getattr(gaussians, name)[:count] for name in Gaussians.__slots__))
+
+
+def lamplight(
+    lamps: Lamps,
+    gaussians: Gaussians,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    cam_points: Float[np.ndarray, "m 3"],
+    directions: Float[np.ndarray, "d 3"],
+) -> Iterator[Float[np.ndarray, "n m d 3"]]:
+    """Each lamp's radiance x solid angle at every probe of every view, per camera-frame direction (float32).
+
+    A cap of samples, each shared among the three directions around it. `gaussians` is the room without the
+    lamps: what is solid in front hides a lamp, haze does not.
+    """
+    tree = KDTree(directions)
+    ring = np.arange(SAMPLES) + 0.5
+    turn = np.pi * (1 + 5**0.5) * ring
+    for centre, radius, radiance in zip(lamps.centres, lamps.radii, lamps.radiance, strict=True):
+        out = np.zeros((len(cam_from_world), len(cam_points), len(directions), 3), np.float32)
+        for view, pose in enumerate(cam_from_world):
+            middle = (cam_points.mean(0) - pose[:, 3]) @ pose[:, :3]
+            opacity, at, far = _on_the_way(gaussians, middle, centre)
+            passing = float(np.prod(1 - opacity[at < far - 2 * radius]))
+            passing = min(max((passing - HAZE[0]) / (HAZE[1] - HAZE[0]), 0.0), 1.0)
+            if passing == 0:
+                continue
+            towards = pose[:, :3] @ centre + pose[:, 3] - cam_points
+            distance = np.linalg.norm(towards, axis=1)
+            sine = np.minimum(radius / distance, 0.99)
+            rim = np.sqrt(1 - sine**2)
+            first, second = tangents(towards / distance[:, None])
+            up = 1 - ring / SAMPLES * (1 - rim[:, None])  # m s: even in area
+            flat = np.sqrt(1 - up**2)
+            rays = (
+                up[..., None] * (towards / distance[:, None])[:, None]
+                + (flat * np.cos(turn))[..., None] * first[:, None]
+                + (flat * np.sin(turn))[..., None] * second[:, None]
+            )
+            cells = tree.query(rays.reshape(-1, 3), k=3)[1]
+            shares = np.linalg.solve(np.swapaxes(directions[cells], 1, 2), rays.reshape(-1, 3, 1))[..., 0]
+            shares = np.maximum(shares, 0)
+            shares /= shares.sum(1, keepdims=True)
+            solid = 2 * np.pi * (1 - rim) / SAMPLES * passing
+            power = (shares.reshape(len(solid), -1) * solid[:, None]).astype(np.float32)
+            for probe, (where, share) in enumerate(zip(cells.reshape(len(solid), -1), power, strict=True)):
+                out[view, probe] = np.bincount(where, share, len(directions))[:, None] * radiance
+        yield out
+
+
+def _covered(density: float) -> float:
+    """What the kernels' profile (1 - q/8)^8 covers of the plane, in units of pi scale^2."""
+    q = (np.arange(4000) + 0.5) / 500
+    return float((-np.expm1(-density * (1 - q / 8) ** 8)).sum() / 500)
+
+
+def _on_the_way(
+    gaussians: Gaussians, eye: np.ndarray, point: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Opacity of every Gaussian on the ray from an eye to a point, how far along it stands, and the point's distance."""
+    ray = point - eye
+    distance = float(np.linalg.norm(ray))
+    ray = ray / distance
+    away = gaussians.means - eye
+    at = away @ ray
+    # Only those that may reach the ray are worth the exact answer.
+    off = (away**2).sum(1) - at**2
+    near = np.nonzero((at > 0) & (at < distance) & (off < 8 * gaussians.scales.max(1) ** 2))[0]
+    turn = np.swapaxes(rotations(gaussians.quaternions[near].astype(np.float64)), 1, 2)
+    whiten = turn / gaussians.scales[near][..., None]
+    start = np.einsum("kij,kj->ki", whiten, -away[near])
+    along = whiten @ ray
+    at[near] = -(start * along).sum(1) / (along**2).sum(1)
+    q = ((start + along * at[near][:, None]) ** 2).sum(1)
+    opacity = np.zeros(len(at))
+    opacity[near] = -np.expm1(-gaussians.density[near] * np.maximum(1 - q / 8, 0) ** 8)
+    return np.where(at > 0, opacity, 0), at, distance

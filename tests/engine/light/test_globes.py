@@ -1,0 +1,96 @@
+"""Lamps apart from the fit: as bright as they were photographed, whole, and where nothing stands in front."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.geometry import fibonacci_sphere
+from engine.light.gaussians import Y00
+from engine.light.globes import apart, lamplight, measured, put_back, without
+from engine.light.lamps import find_lamps
+from engine.light.photographs import Photographs
+from engine.light.probes import incident_energy
+from engine.types import Gaussians, Lamps
+from tests.engine.light import clouds
+from tests.engine.light.test_lamps import LAMPS, RADIUS, views
+
+NOWHERE = np.eye(3, 4)[None]
+
+
+def dim_or_clipped(clipped: bool) -> Photographs:
+    photographs = views(16, 0)
+    return photographs if clipped else replace(photographs, clipped=np.zeros_like(photographs.clipped))
+
+
+def lamp(at: tuple[float, float, float], radius: float) -> Lamps:
+    return Lamps(np.array([at]), np.array([radius]), np.array([[9.0, 6.0, 3.0]]), np.array([False]))
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+def test_a_lamps_power_is_what_the_photographs_count(clipped: bool):
+    photographs = dim_or_clipped(clipped)
+    found = measured(find_lamps(photographs), photographs)
+    assert (found.clipped == clipped).all()
+    # Painted as discs of one radiance, which off axis cover a little less than a sphere does.
+    power = found.radiance * found.radii[:, None] ** 2
+    np.testing.assert_allclose(power, 20 * RADIUS**2, rtol=0.15)
+
+
+def test_every_view_of_a_lamp_is_cut_out_and_little_else():
+    photographs = views(16, 0)
+    cut = without(photographs, measured(find_lamps(photographs), photographs))
+    assert not ((cut.weight > 0) & (photographs.radiance[..., 0] > 10)).any()
+    assert (cut.weight > 0).sum() > 0.95 * (photographs.weight > 0).sum()
+
+
+def test_lamps_are_the_last_gaussians_and_nothing_hides_them():
+    photographs = views(16, 0)
+    sightings = find_lamps(photographs)
+    lamps = measured(sightings, photographs)
+    fog = 0.7 * LAMPS[:1]  # before the first lamp for a camera at the origin
+    room = Gaussians(
+        np.concatenate([fog, [[0.0, 0, 5.0]]]), np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.25),
+        np.full(2, 1.0), np.full((2, 1, 3), 0.1 / Y00),
+    )  # fmt: skip
+    joined = put_back(room, lamps, sightings, photographs)
+    assert len(joined.means) == 1 + 3
+    np.testing.assert_allclose(joined.means[0], [0, 0, 5.0])
+    np.testing.assert_allclose(joined.means[1:], lamps.centres)
+    np.testing.assert_allclose(apart(joined, lamps).means, joined.means[:1])
+
+
+def test_the_gaussian_of_a_lamp_sends_what_the_sphere_does():
+    bulb = lamp((0.3, -0.2, 1.4), 0.08)
+    sightings = find_lamps(views(4, 9))
+    none = replace(sightings, shown=np.zeros((1, 4), bool), centres=bulb.centres, radii=bulb.radii)
+    room = put_back(clouds.shell(0.0), bulb, none, views(4, 9))
+    directions = fibonacci_sphere(500)
+    energy, _ = incident_energy(room, NOWHERE, np.zeros((1, 3)), directions, 48, False)
+    exact = next(lamplight(bulb, clouds.shell(0.0), NOWHERE, np.zeros((1, 3)), directions))
+    np.testing.assert_allclose(energy[0, 0].sum(0), exact[0, 0].sum(0), rtol=0.04)
+
+
+def test_lamplight_is_radiance_times_solid_angle_from_the_right_place():
+    bulb, directions = lamp((0.4, 0.1, 1.0), 0.1), fibonacci_sphere(800)
+    points = np.array([[0.0, 0, 0], [0.2, 0, 0.3]])
+    energy = next(lamplight(bulb, clouds.shell(0.0), NOWHERE, points, directions))
+    for point, cells in zip(points, energy[0], strict=True):
+        towards = bulb.centres[0] - point
+        distance = np.linalg.norm(towards)
+        solid = 2 * np.pi * (1 - np.sqrt(1 - (0.1 / distance) ** 2))
+        np.testing.assert_allclose(cells.sum(0), bulb.radiance[0] * solid, rtol=1e-4)
+        middle = cells[:, 0] @ directions
+        assert middle / np.linalg.norm(middle) @ towards / distance > np.cos(np.radians(0.3))
+
+
+@pytest.mark.parametrize(("density", "share"), [(0.2, 1.0), (0.7, 0.7), (9.0, 0.0)])
+def test_what_is_solid_hides_a_lamp_and_haze_does_not(density: float, share: float):
+    bulb, directions = lamp((0.0, 0.0, 1.5), 0.05), fibonacci_sphere(300)
+    wall = Gaussians(
+        np.array([[0.0, 0, 0.8], [0.0, 0, 2.5]]), np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.1),
+        np.array([density, 50.0]), np.zeros((2, 1, 3)),
+    )  # fmt: skip
+    energy = next(lamplight(bulb, wall, NOWHERE, np.zeros((1, 3)), directions))
+    bare = next(lamplight(bulb, clouds.shell(0.0), NOWHERE, np.zeros((1, 3)), directions))
+    assert energy.sum() / bare.sum() == pytest.approx(share, abs=0.1)

@@ -1,0 +1,141 @@
+"""Horizons from photographs: a wall that the depth does not know, found by the shadow it throws.
+
+Own pictures again: what is tested is the search, its thrift, and the bookkeeping.
+"""
+
+import numpy as np
+import pytest
+
+from engine.geometry import rays
+from engine.progress import Progress
+from engine.surface import newton
+from engine.surface.horizons import LEVELS, RINGS, beside, compass, overruled
+from engine.surface.pixels import SurfaceParams, as_photographed, ask, subject
+from engine.surface.transport import Responses, Sight, blocks, direction_cells, predict
+from engine.surface.visibility import SECTORS, Occlusion
+from engine.types import Camera, Frames
+from tests.engine.surface.test_pixels import light_of_lamps
+
+CAMERA = Camera(24, 16, 60.0, 60.0, 12.0, 8.0)
+MASK = np.zeros((16, 24), bool)
+MASK[3:13, 4:20] = True
+COUNT, VIEWS, CELLS = int(MASK.sum()), 32, 500
+PARAMS = SurfaceParams(directions=CELLS, bounce=False)
+NOTHING = Occlusion(
+    np.zeros(COUNT + 1, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(COUNT, np.float32)
+)
+
+
+def facing(occlusion: Occlusion | None) -> Sight:
+    r = rays(CAMERA)[MASK]
+    return Sight(r / r[:, 2:] * 0.5, -r, occlusion)
+
+
+def walled(first: int, last: int, level: int) -> np.ndarray:
+    levels = np.zeros((COUNT, SECTORS), np.int8)
+    levels[:, first:last] = level
+    return levels
+
+
+def inner() -> np.ndarray:
+    """Pixels that are not on the rim."""
+    rows, columns = np.argwhere(MASK).T
+    return (rows > 3) & (rows < 12) & (columns > 4) & (columns < 19)
+
+
+def photographs_under(levels: np.ndarray, rng: np.random.Generator):
+    """A plane that looks at the camera, under the horizons given; its subject, light and true state."""
+    light = light_of_lamps(rng, VIEWS, CELLS)
+    normals = np.tile([0.0, 0.0, -1.0], (COUNT, 1))
+    albedo, roughness = np.tile([0.5, 0.4, 0.3], (COUNT, 1)), np.full(COUNT, 0.5)
+    parts = blocks(MASK)
+    sight = overruled(facing(NOTHING), levels, normals, parts, light.directions, beside(MASK))
+    responses = Responses(light, np.zeros((COUNT, 3 * VIEWS), np.float32), True, False, "cpu")
+    radiance = np.zeros((VIEWS, *MASK.shape, 3), np.float32)
+    for pixels, answer in predict(responses, sight, parts, normals, albedo, roughness):
+        rows = np.argwhere(MASK)[pixels]
+        radiance[:, rows[:, 0], rows[:, 1]] = answer.transpose(1, 0, 2)
+    radiance *= 1 + rng.normal(0, 0.01, radiance.shape).astype(np.float32)
+    blank = np.zeros(radiance.shape[:3], bool)
+    frames = Frames(tuple(map(str, range(VIEWS))), radiance, blank, blank, (1e-6, 1e-6))
+    who = subject(frames, MASK, CAMERA, np.arange(VIEWS), PARAMS)
+    state = newton.begin(normals, albedo, roughness)
+    return (
+        who,
+        light,
+        newton.respread(state, who.responses(light, PARAMS, "cpu"), facing(NOTHING), parts, who.seen),
+    )
+
+
+def test_sectors_and_rings_part_the_sphere_around_the_viewing_ray():
+    directions, view = direction_cells(4000), np.array([0.2, -0.1, -1.0]) / np.linalg.norm([0.2, -0.1, -1.0])
+    sector, ring = compass(directions, view)
+    assert sorted(np.unique(sector)) == list(range(SECTORS))
+    assert np.bincount(sector).std() < 0.05 * len(directions) / SECTORS
+    angle = np.arccos(directions @ view)
+    assert (angle[ring == 0] <= RINGS[0]).all()
+    assert (angle[ring == LEVELS - 2] > RINGS[-1]).all()
+
+
+def test_a_level_hides_its_rings_and_zero_leaves_the_depth_its_say():
+    directions, sight = direction_cells(CELLS), facing(NOTHING)
+    known = Occlusion(
+        np.arange(COUNT + 1), np.zeros(COUNT, np.int32), np.full(COUNT, 7, np.int32), sight.points[:, 0]
+    )
+    normals, parts, aside = np.tile([0.0, 0.0, -1.0], (COUNT, 1)), blocks(MASK), beside(MASK)
+    assert overruled(facing(known), walled(0, 0, 0), normals, parts, directions, aside).occlusion is known
+    found = overruled(facing(known), walled(2, 5, 3), normals, parts, directions, aside).occlusion
+    assert found is not None
+    for pixels in parts:
+        view = sight.views[pixels].mean(0)
+        sector, ring = compass(directions, view / np.linalg.norm(view))
+        ruled = (sector >= 2) & (sector < 5)
+        wanted = np.where(ruled, ring >= 3, np.arange(CELLS) == 0)
+        _, hidden, source = found.of(pixels[:1])
+        np.testing.assert_array_equal(hidden, np.nonzero(wanted)[0])
+        stands = aside[pixels[0]][sector]
+        stands[0] = 7  # what the depth has in the way is what was photographed there
+        np.testing.assert_array_equal(source, stands[hidden])
+    up = -directions[:, 2]
+    assert found.share[0] == pytest.approx(
+        np.maximum(up[found.direction[: found.start[1]]], 0).sum() / np.maximum(up, 0).sum(), abs=1e-3
+    )
+
+
+def test_a_wall_that_the_depth_does_not_know_is_found_by_its_shadow():
+    wall = walled(3, 7, 3)
+    foot = np.argwhere(MASK)[:, 1] > 13
+    wall[~foot] = 0
+    who, light, state = photographs_under(wall, np.random.default_rng(0))
+    found = ask(who, state, light, facing(NOTHING), PARAMS, Progress())
+    right = np.abs(found.level - np.where(wall == 0, LEVELS - 1, wall)) <= 1
+    right |= (found.level == 0) & (wall == 0)
+    # Three of the four sectors: no lamp crossed the horizon in the first.
+    assert right[foot & inner()][:, 3:7].mean() > 0.7
+    assert right[inner()].mean() > 0.8
+    assert np.median(np.abs(found.albedo - [0.5, 0.4, 0.3])[foot & inner()]) < 0.02
+    seen = as_photographed(who, found, facing(NOTHING), light.directions)
+    after = newton.respread(found, who.responses(light, PARAMS, "cpu"), seen, blocks(MASK), who.seen)
+    assert np.median(after.spread[foot & inner()]) < 0.5 * np.median(state.spread[foot & inner()])
+
+
+def test_where_nothing_is_hidden_hardly_a_horizon_leaves_the_depth():
+    who, light, state = photographs_under(walled(0, 0, 0), np.random.default_rng(1))
+    found = ask(who, state, light, facing(NOTHING), PARAMS, Progress())
+    assert (found.level != 0).mean() < 0.1
+
+
+def test_horizons_can_be_left_to_the_depth():
+    who, light, state = photographs_under(walled(3, 7, 3), np.random.default_rng(2))
+    params = SurfaceParams(directions=CELLS, bounce=False, horizons=False)
+    assert not ask(who, state, light, facing(NOTHING), params, Progress()).level.any()
+
+
+def test_beside_is_a_pixel_of_the_object_that_way():
+    aside = beside(MASK)
+    row, column = np.argwhere(MASK).T
+    turn = 2 * np.pi * ((np.arange(SECTORS) + 0.5) / SECTORS - 0.5)
+    moved = column[aside] - column[:, None], row[aside] - row[:, None]
+    assert (moved[0] * np.cos(turn) + moved[1] * np.sin(turn) >= 0).all()
+    middle = (row == 8) & (column == 12)
+    assert np.hypot(*(m[middle] for m in moved)).min() > 3
