@@ -68,7 +68,7 @@ class Parts:
         weights = self.incident.lattice.weights(point).astype(np.float32)
         gain = gain.astype(np.float32)
         out = np.zeros((len(gain), *self.incident.energy.shape[1:]), np.float32)
-        colours = np.tile(gain[self.of_lamps], (1, out.shape[2] // 3))[:, None]
+        colours = np.tile(gain[self.of_lamps], (1, self.incident.energy.shape[2] // 3))[:, None]
         for k in np.nonzero(weights)[0]:
             _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain, out)
             out[self.of_lamps] += weights[k] * colours * self.lamps[:, k]
