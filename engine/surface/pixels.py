@@ -184,7 +184,9 @@ def ask(
     for i, block in enumerate(parts):
         progress.step(i / len(parts), "asking the neighbours")
         pixels = block[~seen.edge[block]]
-        energy = horizons.by_channel(responses.energy(sight, pixels))
+        if not len(pixels):
+            continue
+        energy = horizons.by_channel(responses.energy(sight, block))
         least = np.full(len(pixels), np.inf)
         for turn, other in enumerate((everybody, everybody, *others)):
             # First what it holds, then what the depth has, then the neighbours.
