@@ -36,7 +36,7 @@ class Emptiness:
     sure: Float[np.ndarray, "n h w"]
     centres: Float[np.ndarray, "n 3"]
     radii: Float[np.ndarray, " n"]
-    votes: int = 1  # views that must look through a place for it to be free
+    votes: int  # views that must look through a place for it to be free
 
 
 @njit(**_FLAGS)

@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 from engine.geometry import tangents
 from engine.light.gaussians import Y00, rotations
 from engine.light.lamps import Sightings
-from engine.light.photographs import Photographs, camera_centres
+from engine.light.photographs import Photographs, around, camera_centres
 from engine.types import Gaussians, Lamps
 
 GLOW = 1.3
@@ -43,11 +43,9 @@ def _discs(photographs: Photographs, centre, radius):
     """Where a sphere is seen: view, its middle (u, v), radius in pixels, distance, off-axis cosine."""
     _, height, width = photographs.weight.shape
     focal = photographs.lens[:2].mean()
-    for view, pose in enumerate(photographs.cam_from_world):
-        cam = pose[:, :3] @ centre + pose[:, 3]
+    for view, ((u, v), cam) in enumerate(zip(*photographs.image_of(centre), strict=True)):
         if cam[2] <= radius:
             continue
-        u, v = photographs.lens[:2] * cam[:2] / cam[2] + photographs.lens[2:]
         distance = float(np.linalg.norm(cam))
         cosine = float(cam[2] / distance)
         size = radius * focal / cam[2] / cosine  # off axis a sphere's image is this long at most
@@ -55,63 +53,59 @@ def _discs(photographs: Photographs, centre, radius):
             yield view, u, v, size, distance, cosine
 
 
-def _around(photographs: Photographs, u: float, v: float, reach: float):
-    """The picture's rows and columns within `reach` of a point, and each pixel's distance from it."""
-    _, height, width = photographs.weight.shape
-    rows = slice(max(0, int(v - reach)), min(height, int(v + reach) + 2))
-    columns = slice(max(0, int(u - reach)), min(width, int(u + reach) + 2))
-    y, x = np.mgrid[rows, columns] + 0.5
-    return rows, columns, np.hypot(x - u, y - v)
-
-
-def measured(sightings: Sightings, photographs: Photographs) -> Lamps:
+def measured(sightings: Sightings, photographs: Photographs) -> tuple[Sightings, Lamps]:
     """Each lamp's mean radiance: its power above what surrounds it, over its own solid angle.
 
-    The median of the views that show it whole and unclipped; of a lamp that is always clipped the brightest.
+    The median of the views that show it whole and unclipped; of a lamp that is nowhere whole its middle alone; of
+    one that is always clipped the brightest, a lower bound. What no view shows a pixel of is no lamp.
     """
+    _, height, width = photographs.weight.shape
     focal = photographs.lens[:2].mean()
-    radiances, clipped = [], []
-    for centre, radius, shown in zip(sightings.centres, sightings.radii, sightings.shown, strict=True):
-        sure, bounds, partial = [], [], []
+    radiances, clipped, kept = [], [], []
+    for lamp, (centre, radius, shown) in enumerate(
+        zip(sightings.centres, sightings.radii, sightings.shown, strict=True)
+    ):
+        whole, middle = ([], []), ([], [])  # unclipped views, clipped ones
         for view, u, v, size, distance, cosine in _discs(photographs, centre, radius):
             if not shown[view]:
                 continue
             reach = GLOW * size + SOFT
-            rows, columns, away = _around(photographs, u, v, reach + 3)
+            rows, columns, away = around(height, width, u, v, reach + 3)
             known = photographs.weight[view, rows, columns] > 0
             picture = photographs.radiance[view, rows, columns]
             disc, ring = away < reach, (away >= reach) & known
             inner = (away < max(0.7 * size, 0.7)) & known
+            cut = photographs.clipped[view, rows, columns] & known
             if inner.any():
-                partial.append(picture[inner].mean(0))
+                middle[bool(cut[inner].any())].append(picture[inner].mean(0))
             if (disc & known).sum() < WHOLE * np.pi * reach**2 or not ring.any():
                 continue
             behind = np.median(picture[ring], axis=0)
             pixel = cosine**3 / focal**2  # its solid angle
             power = ((picture - behind) * (disc & known)[..., None]).sum((0, 1)) * pixel
             solid = 2 * np.pi * (1 - np.sqrt(1 - min(radius / distance, 0.99) ** 2))
-            cut = (photographs.clipped[view, rows, columns] & disc).sum() > CLIPPED * disc.sum()
-            (bounds if cut else sure).append(power / solid + behind)
-        if sure:
-            radiances.append(np.median(sure, axis=0))
-        else:
-            radiances.append(np.max(bounds or partial, axis=0))
+            whole[bool((cut & disc).sum() > CLIPPED * disc.sum())].append(power / solid + behind)
+        counted = whole if any(whole) else middle
+        if not any(counted):
+            continue
+        sure, bounds = counted
+        radiances.append(np.median(sure, axis=0) if sure else np.max(bounds, axis=0))
         clipped.append(not sure)
-    return Lamps(
-        sightings.centres,
-        sightings.radii,
-        np.maximum(np.array(radiances).reshape(-1, 3), 0),
-        np.array(clipped, bool),
-    )
+        kept.append(lamp)
+    kept = np.array(kept, int)
+    seen = Sightings(sightings.centres[kept], sightings.radii[kept], sightings.shown[kept])
+    radiance = np.maximum(np.array(radiances).reshape(-1, 3), 0)
+    return seen, Lamps(seen.centres, seen.radii, radiance, np.array(clipped, bool))
 
 
 def without(photographs: Photographs, lamps: Lamps) -> Photographs:
     """The photographs with every lamp cut out of every view that might show it."""
     weight = photographs.weight.copy()
+    _, height, width = weight.shape
     for centre, radius in zip(lamps.centres, lamps.radii, strict=True):
         for view, u, v, size, *_ in _discs(photographs, centre, radius):
             reach = GLOW * size + SOFT
-            rows, columns, away = _around(photographs, u, v, reach)
+            rows, columns, away = around(height, width, u, v, reach)
             weight[view, rows, columns][away < reach] = 0
     return replace(photographs, weight=weight)
 

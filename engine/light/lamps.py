@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import label
 
 from engine.images import luminance
-from engine.light.photographs import Photographs, camera_centres
+from engine.light.photographs import Photographs, around, camera_centres
 
 BRIGHT = 6.0
 """A spot's luminance, at least, in units of the background's mean."""
@@ -121,11 +121,8 @@ def _stands_out(
     """Whether what surrounds a circle is dark: a piece of a window or of its reflection has bright neighbours."""
     u, v, radius = circle
     reach = 1.3 * radius + 4.5
-    rows = slice(max(0, int(v - reach)), int(v + reach) + 2)
-    columns = slice(max(0, int(u - reach)), int(u + reach) + 2)
+    rows, columns, away = around(level.shape[0], level.shape[1], u, v, reach)
     level, known = level[rows, columns], known[rows, columns]
-    y, x = np.mgrid[: level.shape[0], : level.shape[1]] + 0.5
-    away = np.hypot(x + columns.start - u, y + rows.start - v)
     inside = known & (away < max(0.7 * radius, 0.8))
     ring = known & (away > reach - 3) & (away < reach)
     if not (inside.any() and ring.any()):
@@ -194,14 +191,11 @@ def _votes(
     """Which spot of each view shows a lamp at `point`; its radius; how many views show it dark instead; and
     how far, in the spots' radii, its image lies from the spots' centres on average."""
     count, height, width = photographs.weight.shape
-    poses = photographs.cam_from_world
-    cam = poses[:, :, :3] @ point + poses[:, :, 3]
-    z = np.where(cam[:, 2] > 0, cam[:, 2], np.nan)
-    at = photographs.lens[:2] * cam[:, :2] / z[:, None] + photographs.lens[2:]
+    at, cam = photographs.image_of(point)
     focal = photographs.lens[:2].mean()
-    off = np.linalg.norm(spots.centre - at[spots.view], axis=1)
-    size = spots.radius * z[spots.view] / focal
-    hit = free & (off < ASTRAY + 0.5 * spots.radius)  # NaN compares false
+    off = np.linalg.norm(spots.centre - at[spots.view], axis=1)  # NaN behind the camera, which compares false
+    size = spots.radius * cam[spots.view, 2] / focal
+    hit = free & (off < ASTRAY + 0.5 * spots.radius)
     if not hit.any():
         return np.full(count, -1), 0.0, 0, 0.0
     radius = float(np.median(size[hit]))

@@ -30,6 +30,24 @@ class Photographs:
         _, height, width = self.weight.shape
         return Pinhole(self.cam_from_world[view], self.lens, width, height)
 
+    def image_of(
+        self, point: Float[np.ndarray, " 3"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 3"]]:
+        """Where a world point falls in every view (u, v; NaN behind the camera), and where it is in its frame."""
+        cam = self.cam_from_world[:, :, :3] @ point + self.cam_from_world[:, :, 3]
+        z = np.where(cam[:, 2] > 0, cam[:, 2], np.nan)
+        return self.lens[:2] * cam[:, :2] / z[:, None] + self.lens[2:], cam
+
+
+def around(
+    height: int, width: int, u: float, v: float, reach: float
+) -> tuple[slice, slice, Float[np.ndarray, "a b"]]:
+    """A picture's rows and columns within `reach` of a place, and each of those pixels' distance from it."""
+    rows = slice(max(0, int(v - reach)), min(height, int(v + reach) + 2))
+    columns = slice(max(0, int(u - reach)), min(width, int(u + reach) + 2))
+    y, x = np.mgrid[rows, columns] + 0.5
+    return rows, columns, np.hypot(x - u, y - v)
+
 
 def pinhole_of(camera: Camera, width: int) -> tuple[Float[np.ndarray, " 4"], int, int]:
     """Lens (fx fy cx cy), width and height of the ideal pinhole, `width` for the camera's own width.

@@ -13,11 +13,8 @@ from engine.light.carve import Emptiness, emptiness_of, floating, intruding
 from engine.light.gaussians import Y00
 from engine.light.photographs import Photographs
 from engine.light.rasterise import Run
-from engine.light.sweep import sweep
+from engine.light.sweep import FEW_POINTS, sweep
 from engine.types import Gaussians
-
-FEW_POINTS = 30
-"""SfM points from which on the sweep has something to lean on."""
 
 
 def _candidates(

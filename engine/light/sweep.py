@@ -19,6 +19,7 @@ from engine.light.rasterise import Run
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 # A misfit in log radiance that texture must exceed before it outweighs the prior by one e-fold of depth.
 _PULL = 0.01
+FEW_POINTS = 30  # from so many SfM points on, a sweep has something to lean on
 _CAP = 0.5  # misfit beyond which two views simply do not show the same thing
 
 
@@ -69,7 +70,7 @@ def depth_range(centres: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "m 
     From the SfM points' distances if there are enough of them, else from how far the camera travelled: a room
     is neither much nearer than the path is long nor beyond where its parallax could be seen.
     """
-    if len(points) >= 30:
+    if len(points) >= FEW_POINTS:
         distance = np.linalg.norm(points[None] - centres[:, None], axis=-1)
         near, far = np.quantile(distance, [0.005, 0.98])
         return float(near) * 0.7, float(far) * 1.5
@@ -134,7 +135,7 @@ def _prior(
     """Depth expected before looking: that of the nearest SfM points in the picture, or the fallback."""
     n, height, width = photographs.weight.shape
     prior = np.full((n, height, width), fallback)
-    if len(points) < 30:
+    if len(points) < FEW_POINTS:
         return prior
     for i in range(n):
         cam = points @ photographs.cam_from_world[i, :, :3].T + photographs.cam_from_world[i, :, 3]

@@ -85,7 +85,7 @@ def fit(
         progress.step(0.0, "depth of the room")
         sharp = resample(frames, masks, poses, used, poses.camera.width)
         sightings = find_lamps(sharp)
-        lamps = measured(sightings, sharp)
+        sightings, lamps = measured(sightings, sharp)
 
         def room(width: int) -> Photographs:
             return without(resample(frames, masks, poses, used, width), lamps)

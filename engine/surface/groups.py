@@ -75,11 +75,7 @@ def clipped_groups(
     seen, cut = np.zeros(len(group)), np.zeros(len(group))
     height, width = frames.clipped.shape[1:]
     for view in np.nonzero(poses.registered)[0]:
-        grown = (
-            frames.clipped[view]
-            if not frames.clipped[view].any()
-            else np.asarray(binary_dilation(frames.clipped[view], np.ones((3, 3), bool)))
-        )
+        grown = np.asarray(binary_dilation(frames.clipped[view], np.ones((3, 3), bool)))
         inside, (u, v) = _pixels_of(poses.camera, poses.cam_from_world[view], gaussians.means, width, height)
         shown = masks.background[view][v, u]
         seen[inside] += shown

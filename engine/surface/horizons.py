@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.surface.brdf import rows
 from engine.surface.newton import ALBEDO, CAUCHY, ROUGHNESS_PRIOR
-from engine.surface.observations import Observations
+from engine.surface.observations import Observations, aside
 from engine.surface.transport import Responses, Sight
 from engine.surface.visibility import SECTORS, Occlusion
 
@@ -48,16 +48,11 @@ def compass(
 
 def beside(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p s"]:
     """For every pixel and sector the pixel (in mask order) a little that way, itself at the object's edge."""
-    index = np.pad(np.full(mask.shape, -1), BESIDE, constant_values=-1)
-    index[BESIDE:-BESIDE, BESIDE:-BESIDE][mask] = np.arange(mask.sum())
-    v, u = np.nonzero(index >= 0)
     turn = 2 * np.pi * ((np.arange(SECTORS) + 0.5) / SECTORS - 0.5)
-    found = np.repeat(np.arange(len(v))[:, None], SECTORS, 1)
+    found = np.repeat(np.arange(mask.sum())[:, None], SECTORS, 1)
     for reach in range(1, BESIDE + 1):
-        other = index[
-            v[:, None] + np.round(reach * np.sin(turn)).astype(int),
-            u[:, None] + np.round(reach * np.cos(turn)).astype(int),
-        ]
+        steps = np.round(reach * np.stack([np.sin(turn), np.cos(turn)], 1)).astype(int)
+        other = aside(mask, steps)
         found = np.where(other >= 0, other, found)
     return found
 
@@ -68,26 +63,28 @@ def overruled(
     normals: Float[np.ndarray, "p 3"],
     parts: list[Int[np.ndarray, " _"]],
     directions: Float[np.ndarray, "d 3"],
-    aside: Int[np.ndarray, "p s"],
+    beside: Int[np.ndarray, "p s"],
 ) -> Sight:
-    """The sight with every sector's level in force; `aside` from `beside`."""
+    """The sight with every sector's level in force; `beside` from the function."""
     known = sight.occlusion
     if known is None or not level.any():
         return sight
     sectors, rings = (np.empty((len(parts), len(directions)), np.int32) for _ in range(2))
     owner = np.empty(len(level), np.int64)
     for i, pixels in enumerate(parts):
-        sectors[i], rings[i] = compass(directions, _middle(sight, pixels))
+        sectors[i], rings[i] = compass(directions, sight.middle(pixels))
         owner[pixels] = i
     counts = np.zeros(len(level), np.int64)
     nothing = np.zeros(0, np.int32)
-    tables = known.start, known.direction, known.source, level, owner, sectors, rings, aside
     share = np.zeros(len(level), np.float32)
-    lean = np.ascontiguousarray(normals.astype(np.float32) @ directions.astype(np.float32).T)
-    _merge(*tables, lean, counts, nothing, nothing, share, False)
+    tables = (
+        known.start, known.direction, known.source, level, owner, sectors, rings, beside,
+        normals.astype(np.float32), directions.astype(np.float32),
+    )  # fmt: skip
+    _merge(*tables, counts, nothing, nothing, share, False)
     start = np.concatenate([[0], np.cumsum(counts)])
     direction, source = np.empty(start[-1], np.int32), np.empty(start[-1], np.int32)
-    _merge(*tables, lean, start[:-1], direction, source, share, True)
+    _merge(*tables, start[:-1], direction, source, share, True)
     return Sight(sight.points, sight.views, Occlusion(start, direction, source, share))
 
 
@@ -96,16 +93,12 @@ def by_channel(x: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
     return np.ascontiguousarray(x.reshape(len(x), -1, 3).transpose(0, 2, 1).reshape(len(x), -1))
 
 
-def _middle(sight, pixels):
-    middle = sight.views[pixels].mean(0)
-    return middle / np.linalg.norm(middle)
-
-
 @numba.njit(parallel=True, cache=True)
 @no_type_check
 def _merge(
-    start, direction, source, level, owner, sectors, rings, aside, lean, at, out_d, out_s, share, fill
-):
+    start, direction, source, level, owner, sectors, rings, beside, normals, directions, at, out_d, out_s, share,
+    fill,
+):  # fmt: skip
     """Count (in `at`) or write (from `at` on) every pixel's hidden directions."""
     count = sectors.shape[1]
     for p in numba.prange(level.shape[0]):
@@ -117,13 +110,17 @@ def _merge(
         for d in range(count):
             own = level[p, sector[d]]
             hides = behind[d] != -2 if own == 0 else ring[d] >= own
-            whole += max(lean[p, d], np.float32(0))
+            cosine = np.float32(0)
+            for axis in range(3):
+                cosine += normals[p, axis] * directions[d, axis]
+            cosine = max(cosine, np.float32(0))
+            whole += cosine
             if not hides:
                 continue
-            lost += max(lean[p, d], np.float32(0))
+            lost += cosine
             if fill:
                 out_d[at[p] + n] = d
-                out_s[at[p] + n] = behind[d] if behind[d] != -2 else aside[p, sector[d]]
+                out_s[at[p] + n] = behind[d] if behind[d] != -2 else beside[p, sector[d]]
             n += 1
         share[p] = lost / max(whole, np.float32(1e-9))
         if not fill:
@@ -138,20 +135,21 @@ def explain(
     roughness: Float[np.ndarray, " p"],
     level: Int[np.ndarray, "p s"],
     energy: Float[np.ndarray, "d v"],
+    around: tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]],
     seen: Observations,
     spread: Float[np.ndarray, " p"],
     usual: float,
-    aside: Int[np.ndarray, "every s"],
+    beside: Int[np.ndarray, "every s"],
     sweeps: int = SWEEPS,
 ) -> tuple[Int[np.ndarray, "p s"], Float[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """The levels that explain the photographs of a block's pixels best, their misfit, and albedo.
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
-    of the depth; `seen` and `spread` belong to the given pixels alone, `usual` is the object's median spread; all
-    light and photographs are `by_channel`. Misfits compare between normals, roughnesses and levels of one pixel.
+    of the depth; `energy` and `around` (the compass) belong to the block, `seen` and `spread` to the given pixels;
+    `usual` is the object's median spread; all light and photographs are `by_channel`. Misfits compare between
+    normals, roughnesses and levels of one pixel.
     """
-    directions = responses.incident.directions
-    sector, ring = compass(directions, _middle(sight, pixels))
+    directions, (sector, ring) = responses.incident.directions, around
     everything = np.ones((len(pixels), len(directions)), np.uint8)
     diffuse, specular = rows(
         normals,
@@ -171,7 +169,7 @@ def explain(
     away = ((roughness - ROUGHNESS_PRIOR[0]) / ROUGHNESS_PRIOR[1]) ** 2
     return _descend(
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
-        energy, responses.cell, start, direction, source, aside[pixels], responses.photographed,
+        energy, responses.cell, start, direction, source, beside[pixels], responses.photographed,
         responses.bounce, seen.radiance, seen.weight, seen.eps,
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), level, sweeps,
     )  # fmt: skip
@@ -221,7 +219,7 @@ def _misfit(sent, radiance, weight, eps, square, albedo):
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _descend(
-    diffuse, specular, order, sector, ring, energy, cell, start, direction, source, aside, photographed,
+    diffuse, specular, order, sector, ring, energy, cell, start, direction, source, beside, photographed,
     bounce, radiance, weight, eps, squares, dearest, away, level, sweeps,
 ):  # fmt: skip
     count, across, size = diffuse.shape[0], energy.shape[0], energy.shape[1]
@@ -260,24 +258,24 @@ def _descend(
                 own[0, v] += a * light
                 own[1, v] += b * light
         for s in range(SECTORS):
-            before = photographed[aside[p, s]]
-            lost_a, lost_b = np.float32(0), np.float32(0)
-            for l in range(LEVELS - 1, 0, -1):
-                if l < LEVELS - 1:
-                    lost_a += wall[s, l, 0]
-                    lost_b += wall[s, l, 1]
-                for j in range(l):
-                    for v in range(size):
-                        sends[s, l, 0, v] += room[s, j, 0, v]
-                        sends[s, l, 1, v] += room[s, j, 1, v]
-                if bounce:
-                    for v in range(size):
-                        sends[s, l, 0, v] += lost_a * before[v]
-                        sends[s, l, 1, v] += lost_b * before[v]
-            for j in range(rings):
+            before = photographed[beside[p, s]]
+            for l in range(1, LEVELS):
                 for v in range(size):
-                    sends[s, 0, 0, v] += room[s, j, 0, v]
-                    sends[s, 0, 1, v] += room[s, j, 1, v]
+                    for k in range(2):
+                        nearer = sends[s, l - 1, k, v] if l > 1 else np.float32(0)
+                        sends[s, l, k, v] = nearer + room[s, l - 1, k, v]
+            for v in range(size):
+                sends[s, 0, 0, v] += sends[s, LEVELS - 1, 0, v]
+                sends[s, 0, 1, v] += sends[s, LEVELS - 1, 1, v]
+            if not bounce:
+                continue
+            lost_a, lost_b = np.float32(0), np.float32(0)
+            for l in range(LEVELS - 2, 0, -1):
+                lost_a += wall[s, l, 0]
+                lost_b += wall[s, l, 1]
+                for v in range(size):
+                    sends[s, l, 0, v] += lost_a * before[v]
+                    sends[s, l, 1, v] += lost_b * before[v]
         own = found[p]
         total = np.zeros((2, size), np.float32)
         departures = 0

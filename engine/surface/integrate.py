@@ -15,6 +15,7 @@ from scipy.sparse.linalg import cg
 from engine.errors import SurfaceError
 from engine.geometry import unproject
 from engine.progress import Progress
+from engine.surface.observations import numbered
 from engine.types import Camera
 
 
@@ -41,8 +42,7 @@ def integrate(
     height, width = mask.shape
     u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     xy = unproject(camera, np.stack([u, v], -1))
-    index = np.full(mask.shape, -1)
-    index[mask] = np.arange(mask.sum())
+    index = numbered(mask)
     nq = np.minimum(normals[..., 0] * xy[..., 0] + normals[..., 1] * xy[..., 1] + normals[..., 2], -1e-2)
     count = int(mask.sum())
 

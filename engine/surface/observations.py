@@ -16,6 +16,21 @@ FLOOR_SHARE = 0.02
 """eps as a share of the pixel's median radiance over the views."""
 
 
+def numbered(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
+    """The pixels of a mask in row order; -1 off it."""
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(mask.sum())
+    return index
+
+
+def aside(mask: Bool[np.ndarray, "h w"], steps: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "p k"]:
+    """For every pixel of a mask the ones that stand so many rows and columns off, in row order; -1 off it."""
+    margin = int(np.abs(steps).max())
+    padded = np.pad(numbered(mask), margin, constant_values=-1)
+    v, u = np.nonzero(padded >= 0)
+    return padded[v[:, None] + steps[:, 0], u[:, None] + steps[:, 1]]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
     """`p` object pixels in `n` fitted views; the view-and-channel axis `v` = 3 n is view-major."""

@@ -13,7 +13,7 @@ from engine.geometry import rays, resized
 from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.integrate import integrate
-from engine.surface.observations import Observations, observe
+from engine.surface.observations import Observations, aside, numbered, observe
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
@@ -142,8 +142,8 @@ def as_photographed(
     who: Subject, state: newton.State, sight: Sight, directions: Float[np.ndarray, "d 3"]
 ) -> Sight:
     """The depth's sight with every horizon that the photographs put elsewhere."""
-    parts, aside = blocks(who.mask), horizons.beside(who.mask)
-    return horizons.overruled(sight, state.level, state.normals, parts, directions, aside)
+    beside = horizons.beside(who.mask)
+    return horizons.overruled(sight, state.level, state.normals, blocks(who.mask), directions, beside)
 
 
 REACH = (1, 3)
@@ -169,7 +169,7 @@ def ask(
     Gauss-Newton finds the bottom of the valley it stands in; what its neighbours found may lie in a deeper one.
     The object's rim holds some background, which horizons would explain as well: it keeps what it has.
     """
-    parts, aside = blocks(who.mask), horizons.beside(who.mask)
+    parts, beside = blocks(who.mask), horizons.beside(who.mask)
     count = light.energy.shape[2] // 3
     every = np.arange(0, count, -(-count // ASKED_VIEWS))
     everybody = np.arange(len(state.normals))
@@ -187,6 +187,7 @@ def ask(
         if not len(pixels):
             continue
         energy = horizons.by_channel(responses.energy(sight, block))
+        around = horizons.compass(light.directions, sight.middle(block))
         least = np.full(len(pixels), np.inf)
         for turn, other in enumerate((everybody, everybody, *others)):
             # First what it holds, then what the depth has, then the neighbours.
@@ -199,8 +200,8 @@ def ask(
             normals = newton.facing(state.normals[theirs], sight.views[mine])
             level = state.level[theirs] if turn != 1 else np.zeros_like(state.level[theirs])
             level, misfit, albedo = horizons.explain(
-                responses, sight, mine, normals, state.roughness[theirs], level, energy, seen.part(mine),
-                state.spread[mine], usual, aside, sweeps,
+                responses, sight, mine, normals, state.roughness[theirs], level, energy, around,
+                seen.part(mine), state.spread[mine], usual, beside, sweeps,
             )  # fmt: skip
             better = misfit < least[of] * (CONVINCED if turn > 1 else 1)
             won = mine[better]
@@ -212,17 +213,9 @@ def ask(
 
 def neighbours(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p k"]:
     """The pixels (in mask order) that each pixel asks; itself where the object ends."""
-    index = np.full(mask.shape, -1)
-    index[mask] = np.arange(mask.sum())
-    padded = np.pad(index, max(REACH), constant_values=-1)
-    v, u = np.nonzero(padded >= 0)
-    own = np.arange(mask.sum())
-    found = []
-    for reach in REACH:
-        for dv, du in ((0, reach), (0, -reach), (reach, 0), (-reach, 0)):
-            other = padded[v + dv, u + du]
-            found.append(np.where(other >= 0, other, own))
-    return np.stack(found, 1)
+    steps = [step for r in REACH for step in ((0, r), (0, -r), (r, 0), (-r, 0))]
+    others = aside(mask, np.array(steps))
+    return np.where(others >= 0, others, np.arange(len(others))[:, None])
 
 
 def depth_of(
@@ -253,10 +246,8 @@ def finer(
     state: newton.State, small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]
 ) -> newton.State:
     """A state of `halved` pixels as a start for the full ones: each takes the nearest one's."""
-    index = np.full(small.shape, 0)
-    index[small] = np.arange(small.sum())
     nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
-    index = index[tuple(nearest)]  # pyright: ignore[reportArgumentType]
+    index = numbered(small)[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     v, u = np.nonzero(mask)
     take = index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
     return newton.begin(state.normals[take], state.albedo[take], state.roughness[take], state.level[take])

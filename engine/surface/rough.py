@@ -13,6 +13,7 @@ from scipy.ndimage import binary_erosion
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.distance import Distance, find_distance
+from engine.surface.observations import numbered
 from engine.surface.pixels import (
     Subject,
     SurfaceParams,
@@ -138,8 +139,7 @@ def voters(
 ) -> tuple[Int[np.ndarray, " p"], Sample]:
     """A random part of the pixels, away from the rim where there is enough of it: their indices, and what they
     know in all views or in some, given by their places among the subject's."""
-    index = np.full(who.mask.shape, -1)
-    index[who.mask] = np.arange(who.mask.sum())
+    index = numbered(who.mask)
     inner = index[np.asarray(binary_erosion(who.mask, np.ones((5, 5), bool)), bool)]
     if len(inner) < 50:
         inner = index[who.mask]

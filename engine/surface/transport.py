@@ -120,6 +120,11 @@ class Sight:
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
     occlusion: Occlusion | None  # None: nothing hides anything
 
+    def middle(self, pixels: Int[np.ndarray, " k"]) -> Float[np.ndarray, " 3"]:
+        """The mean direction to the camera of a few pixels, unit."""
+        middle = self.views[pixels].mean(0)
+        return middle / np.linalg.norm(middle)
+
     def at(self, scale: float) -> "Sight":
         """The same with the object so many times as far away: what hides what does not change."""
         return Sight(self.points * scale, self.views, self.occlusion)

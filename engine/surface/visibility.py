@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
+from engine.surface.observations import numbered
 
 TEAR = 0.3
 """Relative step in z between neighbours beyond which the surface is taken to be torn. Most objects are solid:
@@ -55,8 +56,7 @@ def depth_mesh(
 ) -> tuple[Float[np.ndarray, "p 3"], Int[np.ndarray, "t 3"]]:
     """Vertices (mask order) and triangles of a depth map, torn where neighbours' z differs by more than
     `tear` (relative) beyond what their pixel spacing explains."""
-    index = np.full(mask.shape, -1)
-    index[mask] = np.arange(mask.sum())
+    index = numbered(mask)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     triangles = np.concatenate(
         [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
@@ -89,8 +89,6 @@ def occlusion(
         o3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
         o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
     )
-    index = np.full(mask.shape, -1)
-    index[mask] = np.arange(mask.sum())
     flat_normals = normals[mask]
     footprint = _footprint(points, mask)
     origins = vertices + flat_normals * footprint[:, None] * 0.5

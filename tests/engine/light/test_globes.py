@@ -30,24 +30,49 @@ def lamp(at: tuple[float, float, float], radius: float) -> Lamps:
 @pytest.mark.parametrize("clipped", [False, True])
 def test_a_lamps_power_is_what_the_photographs_count(clipped: bool):
     photographs = dim_or_clipped(clipped)
-    found = measured(find_lamps(photographs), photographs)
+    _, found = measured(find_lamps(photographs), photographs)
     assert (found.clipped == clipped).all()
     # Painted as discs of one radiance, which off axis cover a little less than a sphere does.
     power = found.radiance * found.radii[:, None] ** 2
     np.testing.assert_allclose(power, 20 * RADIUS**2, rtol=0.15)
 
 
+def test_a_lamp_that_no_view_shows_a_pixel_of_is_none():
+    photographs = views(16, 0)
+    sightings = find_lamps(photographs)
+    hidden = replace(sightings, shown=sightings.shown & (np.arange(len(sightings.radii)) > 0)[:, None])
+    kept, lamps = measured(hidden, photographs)
+    np.testing.assert_array_equal(kept.centres, sightings.centres[1:])
+    assert len(lamps.radii) == len(lamps.radiance) == len(lamps.clipped) == len(sightings.radii) - 1
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+def test_a_lamp_nowhere_whole_is_as_bright_as_its_middle(clipped: bool):
+    photographs = dim_or_clipped(clipped)
+    sightings = find_lamps(photographs)
+    # Half the picture unknown a pixel beside each lamp's middle: none is whole, all show some of it.
+    weight = photographs.weight.copy()
+    _, height, width = weight.shape
+    for centre in sightings.centres:
+        at, _ = photographs.image_of(centre)
+        for view, (u, v) in enumerate(at):
+            if np.isfinite(u) and 0 <= u < width and 0 <= v < height:
+                weight[view, int(v), int(u) + 1 : int(u) + 8] = 0
+    _, lamps = measured(sightings, replace(photographs, weight=weight))
+    assert (lamps.clipped == clipped).all()
+    np.testing.assert_allclose(lamps.radiance, 20, rtol=0.15)
+
+
 def test_every_view_of_a_lamp_is_cut_out_and_little_else():
     photographs = views(16, 0)
-    cut = without(photographs, measured(find_lamps(photographs), photographs))
+    cut = without(photographs, measured(find_lamps(photographs), photographs)[1])
     assert not ((cut.weight > 0) & (photographs.radiance[..., 0] > 10)).any()
     assert (cut.weight > 0).sum() > 0.95 * (photographs.weight > 0).sum()
 
 
 def test_lamps_are_the_last_gaussians_and_nothing_hides_them():
     photographs = views(16, 0)
-    sightings = find_lamps(photographs)
-    lamps = measured(sightings, photographs)
+    sightings, lamps = measured(find_lamps(photographs), photographs)
     fog = 0.7 * LAMPS[:1]  # before the first lamp for a camera at the origin
     room = Gaussians(
         np.concatenate([fog, [[0.0, 0, 5.0]]]), np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.25),
