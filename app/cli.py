@@ -16,9 +16,11 @@ from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import PRESETS
 from hardware.errors import HardwareError
 
+MOST_EV = 12.0  # of a bracket's exposures from its middle
+
 
 def main(argv: Sequence[str] | None = None) -> int:
-    args = _parser().parse_args(argv)
+    args = _parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
     try:
         return args.run(args)
     except (Cancelled, KeyboardInterrupt):
@@ -73,9 +75,17 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     simulate.set_defaults(run=commands.run_simulate)
 
+    _add_capture(add("capture", help="photograph an object pose by pose with a rig and a camera"))
+    _add_rig(add("rig", help="list ports and cameras; ask, home, move or stop a rig"))
+
     export = add("export", help="write the results as EXR, PNG, PLY, GLB, COLMAP and transforms.json")
     _add_session(export)
     export.add_argument("--to", type=Path, required=True, help="folder to write to")
+    export.add_argument(
+        "--normals",
+        choices=("opengl", "directx"),
+        help="green of the PNG normal maps up, or down; as processed",
+    )
     export.set_defaults(run=commands.run_export)
 
     report = add("report", help="write one self-contained HTML page about the results")
@@ -95,7 +105,73 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--preset", choices=PRESETS, default=None)
     demo.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     demo.set_defaults(run=commands.run_demo)
+
+    gui = add("gui", help="open the window")
+    gui.add_argument("session", type=Path, nargs="?", help="a session to open")
+    gui.set_defaults(run=commands.run_gui)
     return parser
+
+
+def _add_capture(capture: argparse.ArgumentParser) -> None:
+    _add_session(capture)
+    capture.add_argument(
+        "--rig", metavar="URL", help="as virtual:, grbl:///dev/ttyUSB0, manual:; see docs/capture.md"
+    )
+    capture.add_argument("--camera", metavar="URL", help="as virtual:, gphoto2:, folder:/path")
+    capture.add_argument("--plan", type=Path, metavar="FILE", help="CSV with the line pan_deg,tilt_deg first")
+    capture.add_argument(
+        "--poses", type=int, metavar="N", help="so many poses, spread over what the rig can reach"
+    )
+    capture.add_argument(
+        "--resume", action="store_true", help="go on with a capture; --rig and --camera may differ"
+    )
+    capture.add_argument(
+        "--bracket", type=_stops, metavar="EV,EV,...", help="exposures of a pose; -3,0,3 if left out"
+    )
+    capture.add_argument(
+        "--shutter", type=_seconds, metavar="S", help="at 0 EV, as 1/60 or 0.5; as the camera has it"
+    )
+    capture.add_argument("--iso", type=int, help="as the camera has it if left out")
+    capture.add_argument(
+        "--aperture", type=float, metavar="F", help="f-number; as the camera has it if left out"
+    )
+    capture.add_argument(
+        "--settle", type=float, metavar="S", help="seconds from standing still to the first exposure"
+    )
+    capture.add_argument(
+        "--geometry", type=Path, metavar="FILE", help="TOML that says where the rig's axes are"
+    )
+    capture.add_argument(
+        "--at-zero",
+        action="store_true",
+        help="on --resume: a rig that cannot find its zero was put there by hand",
+    )
+    capture.add_argument(
+        "--any-format", action="store_true", help="keep photographs that process cannot use, as JPEG"
+    )
+    capture.add_argument(
+        "--helpful-first",
+        action="store_true",
+        help="take next what shows most of the room that no shot has shown; else in the plan's order",
+    )
+    capture.set_defaults(run=commands.run_capture)
+
+
+def _add_rig(rig: argparse.ArgumentParser) -> None:
+    rig.set_defaults(run=commands.run_rig)
+    add = rig.add_subparsers(dest="order", required=True, metavar="ORDER").add_parser
+    add("list", help="ports and cameras that are plugged in")
+    for name, text in (
+        ("status", "what it is and where it stands; cameras too"),
+        ("home", "find the zero of every axis"),
+        ("move", "go to angles"),
+        ("stop", "stop at once"),
+    ):
+        order = add(name, help=text)
+        order.add_argument("url", metavar="URL", help="as grbl:///dev/ttyUSB0")
+        if name == "move":
+            order.add_argument("--pan", type=float, metavar="DEG", help="stays as it is if left out")
+            order.add_argument("--tilt", type=float, metavar="DEG", help="stays as it is if left out")
 
 
 def _add_session(parser: argparse.ArgumentParser) -> None:
@@ -113,6 +189,40 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         metavar="STAGE.PARAM=VALUE",
         help="as in surface.directions=2048",
     )
+
+
+def _joined(words: Sequence[str]) -> list[str]:
+    """`--bracket -3,0,3` as one word: argparse takes what begins with a minus for an option."""
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1] == "--bracket" and word.startswith("-"):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _stops(text: str) -> tuple[float, ...]:
+    try:
+        stops = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        stops = ()
+    if not stops or len(set(stops)) < len(stops) or not all(abs(stop) <= MOST_EV for stop in stops):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: give different exposures in EV from -{MOST_EV:g} to {MOST_EV:g} with commas, as in -3,0,3"
+        )
+    return stops
+
+
+def _seconds(text: str) -> float:
+    top, slash, bottom = text.partition("/")
+    try:
+        seconds = float(top) / float(bottom if slash else 1)
+    except (ValueError, ZeroDivisionError):
+        seconds = 0.0
+    if not 0 < seconds < 3600:
+        raise argparse.ArgumentTypeError(f"{text!r} is no shutter time; write it as in 1/60 or 0.5")
+    return seconds
 
 
 def _bracket(text: str) -> int | None:

@@ -85,11 +85,24 @@ def run_simulate(args: Namespace) -> int:
     return 0
 
 
+def run_capture(args: Namespace) -> int:
+    from app import capture_command
+
+    return capture_command.run(args)
+
+
+def run_rig(args: Namespace) -> int:
+    from app import rigs
+
+    return rigs.run(args)
+
+
 def run_export(args: Namespace) -> int:
     from app import results
     from engine import export
 
-    export.copy(results.finished(args.session, "export").folder, args.to)
+    green = export.GREEN[args.normals] if args.normals else None
+    export.copy(results.finished(args.session, "export").folder, args.to, green)
     print(f"{args.to}: exported from {args.session}")
     return 0
 
@@ -113,3 +126,9 @@ def run_demo(args: Namespace) -> int:
     from app import demo
 
     return demo.run(args.to, args.preset, args.device)
+
+
+def run_gui(args: Namespace) -> int:
+    from app.views import application
+
+    return application.run(args.session)

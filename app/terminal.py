@@ -76,6 +76,10 @@ class Display:
         else:
             self._line(f"{self._name}: done in {seconds:.1f} s")
 
+    def say(self, text: str) -> None:
+        """A line that stays, above the bars."""
+        self._line(text)
+
     def _line(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 

@@ -8,7 +8,7 @@ whole, by one rename, or not at all.
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -61,20 +61,37 @@ def write(
     place(to, fill)
 
 
-def copy(exported: Path, to: Path) -> None:
+def copy(exported: Path, to: Path, green: str | None = None, files: Collection[str] | None = None) -> None:
     """Copy a finished export to folder `to`, whole or not at all; an earlier export there is replaced.
 
+    Args:
+        green: "up" (OpenGL) or "down" (DirectX) in the PNG normal maps; None: as they are.
+        files: names to copy; None: all. The index, which tells units and frames, always comes along.
+
     Raises:
-        ExportError: `exported` is no export, `to` holds other files, the disk is full, or `to` is closed.
+        ExportError: `exported` is no export or holds no such file, `green` is unknown, `to` holds other files,
+            the disk is full, or `to` is closed.
     """
     names = _listed(exported)
     if names is None:
         raise ExportError(f"{exported}: holds no {INDEX}; run the export stage first")
+    strangers = sorted(set(files or ()) - set(names))
+    if strangers:
+        raise ExportError(f"{exported}: holds no {strangers[0]}; choose among {', '.join(names)}")
+    index = json.loads((exported / INDEX).read_text())
+    index["files"] = wanted = [name for name in names if files is None or name in files]
+    turned = green is not None and index["png"]["normal"]["green"] != green
+    if green is not None and turned:
+        index["png"]["normal"] = {"green": pictures.checked(green)}
 
     def fill(folder: Path) -> None:
-        for name in [*names, INDEX]:
+        for name in wanted:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(exported / name, folder / name)
+            if green is not None and turned and name in pictures.NORMALS:
+                (folder / name).write_bytes(pictures.with_green((exported / name).read_bytes(), green))
+            else:
+                shutil.copyfile(exported / name, folder / name)
+        (folder / INDEX).write_text(json.dumps(index, indent=2) + "\n")
 
     place(to, fill)
 

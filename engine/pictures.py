@@ -4,11 +4,15 @@ Normals are drawn as the camera sees them: red right, blue towards the viewer, g
 down (DirectX). Depth keeps sample 0 for "no answer".
 """
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
 from engine import png
+from engine.errors import ExportError
 from engine.types import Surface
+
+NORMALS = ("normal.png", "normal_16.png")
 
 
 def draw(
@@ -19,10 +23,7 @@ def draw(
     sign = 1.0 if green == "up" else -1.0
     shown = surface.normal * [1.0, -sign, -1.0] * 0.5 + 0.5
     normal = png.to_16_bit(np.where(mask[..., None], shown, [0.5, 0.5, 1.0]))
-    normal_text = {
-        "Description": "normals as seen by the camera: red right, blue towards the viewer, green "
-        + ("up (OpenGL, Blender)" if sign > 0 else "down (DirectX)"),
-    }
+    normal_text = _normal_text(green)
     known = mask & (surface.depth > 0)
     near, far = (
         (float(surface.depth[known].min()), float(surface.depth[known].max())) if known.any() else (0.0, 0.0)
@@ -66,3 +67,37 @@ def draw(
         "photograph": {"radiance_shown_white": white},
     }
     return pictures, facts
+
+
+def with_green(data: bytes, green: str) -> bytes:
+    """A normal map's file with its green channel turned round, which makes it point `green`: "up" or "down".
+
+    Raises:
+        ExportError: the file is damaged.
+    """
+    samples = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if samples is None or samples.ndim != 3 or samples.shape[2] != 3:
+        raise ExportError(
+            "a normal map of the finished export is damaged; remove its folder and process again"
+        )
+    turned = np.ascontiguousarray(samples[..., ::-1])
+    full = 65535 if turned.dtype == np.uint16 else 255
+    turned[..., 1] = full - turned[..., 1]
+    return png.encode(turned, "data", _normal_text(checked(green)))
+
+
+def checked(green: str) -> str:
+    """
+    Raises:
+        ExportError: neither "up" nor "down".
+    """
+    if green not in ("up", "down"):
+        raise ExportError(f"green of normal maps is {green!r}; choose up (OpenGL) or down (DirectX)")
+    return green
+
+
+def _normal_text(green: str) -> dict[str, str]:
+    return {
+        "Description": "normals as seen by the camera: red right, blue towards the viewer, green "
+        + ("up (OpenGL, Blender)" if green == "up" else "down (DirectX)"),
+    }

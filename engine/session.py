@@ -138,6 +138,13 @@ def create(
     return Session(folder, facts)
 
 
+def describe(session: Session, camera: Mapping[str, Any]) -> Session:
+    """The session with what its first photographs told of the camera, as in `create`."""
+    facts = {**session.facts, "camera": dict(camera)}
+    write_atomic(session.folder / "session.json", json.dumps(facts, indent=1).encode())
+    return Session(session.folder, facts)
+
+
 def open_session(folder: Path) -> Session:
     """Read a session.
 
@@ -173,25 +180,37 @@ def add_shot(
     files: Sequence[Path],
     exposures: Sequence[Mapping[str, Any]],
     rig: Mapping[str, Any] | None = None,
+    names: Sequence[str] | None = None,
+    taken_over: Sequence[str] | None = None,
 ) -> Shot:
     """Copy one view's files into the session; it exists once its `shot.json` does.
 
     A folder without `shot.json`, left by a crash, is overwritten.
+
+    Args:
+        names: what the files are called in the session; None: e0, e1, ... or radiance, with their suffix.
+        taken_over: the files lie on the session's disk, have just been found to have these sha256, and are moved
+            instead of copied; when that fails they are gone.
 
     Raises:
         SessionError: the disk refuses; the session stays as it was.
     """
     number = 1 + max((int(p.parent.name) for p in (session.folder / "shots").glob("*/shot.json")), default=-1)
     folder = session.folder / "shots" / f"{number:04d}"
+    if names is None:
+        stems = ["radiance" if session.kind == "linear" else f"e{index}" for index in range(len(files))]
+        names = [stem + source.suffix.lower() for stem, source in zip(stems, files, strict=True)]
     entries = []
     with told(folder):
         shutil.rmtree(folder, ignore_errors=True)
         try:
             folder.mkdir()
-            for index, (source, facts) in enumerate(zip(files, exposures, strict=True)):
-                stem = "radiance" if session.kind == "linear" else f"e{index}"
-                target = folder / f"{stem}{source.suffix.lower()}"
-                digest = _copy(source, target)
+            known = taken_over or [""] * len(files)
+            for source, called, facts, sha256 in zip(files, names, exposures, known, strict=True):
+                target = folder / called
+                if sha256:
+                    _move(source, target)
+                digest = sha256 or _copy(source, target)
                 entry = {"name": target.name, "sha256": digest, "bytes": target.stat().st_size}
                 entries.append({**entry, "source": source.name, **facts})
             sync_folder(folder)
@@ -201,13 +220,13 @@ def add_shot(
             raise
     shot = {"name": name, "files": entries, "rig": dict(rig) if rig else None}
     write_atomic(folder / "shot.json", json.dumps(shot, indent=1).encode())
-    return _shot(folder / "shot.json")
+    return read_shot(folder / "shot.json")
 
 
 def _copy(source: Path, target: Path) -> str:
-    """Copy bytes, return their sha256."""
+    """Copy bytes, return their sha256; what is there already stays."""
     digest = hashlib.sha256()
-    with source.open("rb") as reader, target.open("wb") as writer:
+    with source.open("rb") as reader, target.open("xb") as writer:
         while block := reader.read(1 << 22):
             digest.update(block)
             writer.write(block)
@@ -216,16 +235,30 @@ def _copy(source: Path, target: Path) -> str:
     return digest.hexdigest()
 
 
+def _move(source: Path, target: Path) -> None:
+    """Rename and sync; what is there already stays."""
+    if target.exists():
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    source.rename(target)
+    with target.open("rb") as file:
+        os.fsync(file.fileno())
+
+
 def shots(session: Session) -> tuple[Shot, ...]:
     """All finished shots in the order they were taken.
 
     Raises:
         SessionError: a `shot.json` is damaged, or a file it names is gone or of another size.
     """
-    return tuple(_shot(path) for path in sorted((session.folder / "shots").glob("*/shot.json")))
+    return tuple(read_shot(path) for path in sorted((session.folder / "shots").glob("*/shot.json")))
 
 
-def _shot(path: Path) -> Shot:
+def read_shot(path: Path) -> Shot:
+    """The shot that a `shot.json` describes.
+
+    Raises:
+        SessionError: as `shots`.
+    """
     try:
         shot = json.loads(path.read_bytes())
         entries = shot["files"]

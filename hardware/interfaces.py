@@ -143,6 +143,7 @@ class CameraFeatures:
     apertures: tuple[float, ...]
     suffix: str  # of its files, ".dng", ".cr3", ".jpg", ...; "" if that is only known by looking
     sets_exposure: bool  # False: brackets are set on the camera's body (a watched folder)
+    file_bytes: int | None = None  # of one photograph, about; None: as its kind of file usually has
 
 
 @dataclass(frozen=True, slots=True)

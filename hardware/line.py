@@ -8,6 +8,7 @@ import contextlib
 import errno
 import os
 import stat
+import termios
 import threading
 import time
 from collections.abc import Callable
@@ -19,6 +20,8 @@ from hardware.errors import AbsentError, AccessError, BusyError, DisconnectedErr
 
 LONGEST_LINE = 4096  # bytes without a line end: noise, which is dropped
 _SLICE_S = 0.05  # how soon a wait notices that the line was closed
+# What pyserial lets through when a port is gone; termios.error is no OSError.
+_BROKEN = (OSError, serial.SerialException, termios.error, TypeError)
 
 
 class Line:
@@ -46,7 +49,7 @@ class Line:
             try:
                 self._serial.write(message)
                 self._serial.flush()
-            except (OSError, serial.SerialException, TypeError) as error:
+            except _BROKEN as error:
                 raise self._gone(error) from error
 
     def read_line(self, deadline: float) -> bytes:
@@ -70,15 +73,20 @@ class Line:
             try:
                 self._serial.timeout = min(left, _SLICE_S)
                 self._buffer += self._serial.read(self._serial.in_waiting or 1)
-            except (OSError, serial.SerialException, TypeError) as error:
+            except _BROKEN as error:
                 raise self._gone(error) from error
+
+    @property
+    def unfinished(self) -> bytes:
+        """What has come of a line whose end has not."""
+        return bytes(self._buffer)
 
     def drop_input(self) -> None:
         """Forget what has arrived: it answers nothing that is asked from now on."""
         try:
             while self._serial.in_waiting:
                 self._serial.read(self._serial.in_waiting)
-        except (OSError, serial.SerialException, TypeError) as error:
+        except _BROKEN as error:
             raise self._gone(error) from error
         self._buffer.clear()
 
@@ -100,7 +108,7 @@ def _open(port: str, baud: int) -> serial.Serial:
             raise AbsentError(f"{port}: is not a serial port; see `roomlight rig list`")
         made = serial.Serial(baudrate=baud, timeout=_SLICE_S, write_timeout=2.0, exclusive=True)
         made.port = port
-        made.dtr = None  # pyserial leaves the pin alone
+        made.dtr = None  # pyright: ignore[reportAttributeAccessIssue]  (pyserial then leaves the pin alone)
         made.open()
     except PermissionError as error:
         raise _not_ours(port) from error

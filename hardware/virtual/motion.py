@@ -9,16 +9,21 @@ carries the tilt stage, which carries camera and object.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from hardware import plan
 from hardware.errors import StudioError
+from hardware.interfaces import Angles, Geometry
 
 REPORT_NOISE_DEG = 0.02  # what an encoder and some backlash leave
+PITCHES_DEG = {"turntable": 8.0, "gimbal": 0.0}  # how far down the camera at rest looks, by kind of rig
 PIVOT_M = 0.25  # the rig turns about a point this far before the camera, between camera and object
 WANDER_M = 0.28  # how far hands move the rig from the room's centre
+
+PIVOT = np.array([0.03, 0.06, PIVOT_M])  # camera frame: no bracket centres the lens perfectly
 
 # A level camera that looks along world +x: its axes in world coordinates, as columns.
 _LEVEL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
@@ -72,49 +77,69 @@ def handheld(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
 
 def turntable(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
     """Camera and object on one table that turns about a vertical axis through a full circle."""
-    pan = 360.0 * np.arange(views) / views
-    return _rig("turntable", pan, np.zeros(views), centre, seed, pitch_deg=8.0)
+    return _logged("turntable", plan.turntable(views), centre, seed)
 
 
 def gimbal(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
     """Rows of pan angles at tilts from floor to ceiling, back and forth, thinner towards the poles."""
-    rows = max(2, round(np.sqrt(views / 2.2)))
-    tilts = np.linspace(-70, 70, rows)
-    weight = np.cos(np.radians(tilts))
-    ends = np.round(np.cumsum(weight) / weight.sum() * views).astype(int)
-    pan, tilt = [], []
-    for row, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
-        angles = 360.0 * (np.arange(end - begin) + 0.5 * (row % 2)) / max(1, end - begin)
-        pan += list(angles if row % 2 == 0 else angles[::-1])
-        tilt += [tilts[row]] * (end - begin)
-    return _rig("gimbal", np.array(pan), np.array(tilt), centre, seed, pitch_deg=0.0)
+    return _logged("gimbal", plan.gimbal(views), centre, seed)
 
 
-def _rig(kind: str, pan_deg: np.ndarray, tilt_deg: np.ndarray, centre: np.ndarray, seed: int,
-         pitch_deg: float) -> Journey:  # fmt: skip
-    """Poses of a pan-tilt rig whose pivot stands at `centre`; the camera at rest looks `pitch_deg` down."""
+def geometry_of(kind: str) -> Geometry:
+    """Where the axes of the virtual rig called `kind` are.
+
+    Raises:
+        StudioError: no such rig.
+    """
+    tilt_point = PIVOT + [0, -0.02, 0.015]
+    return Geometry(
+        _triple(_rest(kind).T @ np.array([0.0, 0, 1])), _triple(PIVOT), (1.0, 0.0, 0.0), _triple(tilt_point)
+    )
+
+
+def pose_of(
+    kind: str, centre: Float[np.ndarray, "3"], pan_deg: float, tilt_deg: float
+) -> Float[np.ndarray, "3 4"]:
+    """world_from_cam of the virtual rig called `kind`, whose pivot stands at `centre`.
+
+    Raises:
+        StudioError: no such rig.
+    """
+    rest, geometry = _rest(kind), geometry_of(kind)
+    pose = np.column_stack([rest, centre - rest @ PIVOT])
+    for axis, point, angle in (
+        (geometry.pan_axis, geometry.pan_point, pan_deg),
+        (geometry.tilt_axis, geometry.tilt_point, tilt_deg),
+    ):
+        pose = _after(pose, turn(np.array(axis), np.array(point), np.radians(angle)))
+    return pose
+
+
+def _rest(kind: str) -> Float[np.ndarray, "3 3"]:
+    """How the camera looks at pan = tilt = 0, its axes in the world as columns."""
+    if kind not in PITCHES_DEG:
+        raise StudioError(f"there is no virtual rig called {kind!r}; choose one of {', '.join(PITCHES_DEG)}")
+    return _LEVEL @ turn(np.array([-1.0, 0, 0]), np.zeros(3), np.radians(PITCHES_DEG[kind]))[:, :3]
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _logged(kind: str, places: plan.Plan, centre: np.ndarray, seed: int) -> Journey:
+    """A journey with a rig, and what its encoders would say of it."""
     rng = np.random.default_rng(seed)
-    home = _LEVEL @ turn(np.array([-1.0, 0, 0]), np.zeros(3), np.radians(pitch_deg))[:, :3]
-    pivot = np.array([0.03, 0.06, PIVOT_M])  # camera frame: no bracket centres the lens perfectly
-    home_pose = np.column_stack([home, centre - home @ pivot])
-    geometry = {
-        "pan_axis": home.T @ np.array([0.0, 0, 1]),
-        "pan_point": pivot,
-        "tilt_axis": np.array([1.0, 0, 0]),
-        "tilt_point": pivot + [0, -0.02, 0.015],
-    }
     poses, reports = [], []
-    for pan, tilt in zip(pan_deg, tilt_deg, strict=True):
-        pose = _after(home_pose, turn(geometry["pan_axis"], geometry["pan_point"], np.radians(pan)))
-        poses.append(_after(pose, turn(geometry["tilt_axis"], geometry["tilt_point"], np.radians(tilt))))
+    for place in places:
+        angles = place.angles or Angles(0.0)
+        poses.append(pose_of(kind, centre, angles.pan_deg, angles.tilt_deg))
         noise = rng.normal(0, REPORT_NOISE_DEG, 2)
-        reported = (
-            round(float(pan + noise[0]), 4),
-            round(float(tilt + noise[1]), 4) if kind == "gimbal" else 0.0,
-        )
-        reports.append({"kind": kind, "pan_deg": reported[0], "tilt_deg": reported[1]})
-    logged = {name: [float(v) for v in value] for name, value in geometry.items()}
-    return Journey(np.stack(poses), tuple(reports), logged)
+        pan = round(float(angles.pan_deg + noise[0]), 4)
+        tilt = round(float(angles.tilt_deg + noise[1]), 4) if kind == "gimbal" else 0.0
+        reports.append({"kind": kind, "pan_deg": pan, "tilt_deg": tilt})
+    geometry = {name: list(value) for name, value in asdict(geometry_of(kind)).items()}
+    return Journey(np.stack(poses), tuple(reports), geometry)
 
 
 def _after(a_from_b: np.ndarray, b_from_c: np.ndarray) -> np.ndarray:

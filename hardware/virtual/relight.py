@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hardware.virtual import tracer
 from hardware.virtual.bake import Atlas
@@ -71,26 +71,39 @@ class Relighter:
         self.size = (touched.shape[1], touched.shape[0])
 
     def look(
-        self, cams_from_world: Float[np.ndarray, "n 3 4"], effort: Effort, seed: int, progress: Progress
-    ) -> Float[np.ndarray, "n p 3"]:
-        """Radiance of the touched pixels in each view, row by row; all views share one set of samples."""
-        total = np.zeros((len(cams_from_world), len(self.rows), 3), np.float32)
+        self, cams_from_world: Float[np.ndarray, "n 3 4"], effort: Effort, seed: int, progress: Progress,
+        pixels: Int[np.ndarray, " p"] | None = None,
+    ) -> Float[np.ndarray, "n p 3"]:  # fmt: skip
+        """Radiance of the touched pixels (or those of them given by index) in each view; all views share one set of samples."""
+        chosen = np.arange(len(self.rows)) if pixels is None else pixels
+        total = np.zeros((len(cams_from_world), len(chosen), 3), np.float32)
         kinds = [("diffuse", 0, effort.diffuse), ("glossy", 0, effort.glossy)]
         kinds += [("aimed", lamp, count) for lamp, count in enumerate(effort.aimed)]
         kinds = [kind for kind in kinds if kind[2] > 0]
         cost = np.cumsum([0] + [count for *_, count in kinds])
         for job, (kind, lamp, count) in enumerate(kinds):
             step = max(1, LANES // count)
-            for begin in range(0, len(self.rows), step):
-                pixels = np.arange(begin, min(begin + step, len(self.rows)))
+            for begin in range(0, len(chosen), step):
+                part = slice(begin, min(begin + step, len(chosen)))
                 salt = (seed * 64 + job) % 2**19 * 4096
-                batch = _Batch(self, pixels, count, salt)
+                batch = _Batch(self, chosen[part], count, salt)
                 carry = batch.aiming(lamp, effort) if kind == "aimed" else batch.following(kind, effort)
                 for view, cam_from_world in enumerate(cams_from_world):
-                    total[view, pixels] += carry(cam_from_world, view)
-                    share = (begin + len(pixels) * (view + 1) / len(cams_from_world)) / len(self.rows)
+                    total[view, part] += carry(cam_from_world, view)
+                    share = (begin + (part.stop - begin) * (view + 1) / len(cams_from_world)) / len(chosen)
                     progress((cost[job] + share * count) / cost[-1])
         return total
+
+    def noise(
+        self, cams_from_world: Float[np.ndarray, "n 3 4"], effort: Effort, seed: int, progress: Progress
+    ) -> Float[np.ndarray, " p"]:
+        """Standard deviation of each touched pixel, relative to its mean over the views: two pictures tell."""
+        first = self.look(cams_from_world, effort, seed, lambda share: progress(0.5 * share)).mean(-1)
+        second = self.look(cams_from_world, effort, seed + 1, lambda share: progress(0.5 + 0.5 * share)).mean(
+            -1
+        )
+        level = np.maximum((first + second).mean(0) / 2, 1e-9)
+        return np.sqrt(np.square(first - second).mean(0) / 2) / level
 
 
 class _Batch:
@@ -122,6 +135,8 @@ class _Batch:
         import drjit as dr
 
         hit: Any = dr.compress(self.at.is_valid())
+        if dr.width(hit) == 0:  # pixels that only look past the body
+            return lambda cam_from_world, view: np.zeros((self.width // self.count, 3), np.float32)
         vertices = self._vertices(
             dr.gather(mi.SurfaceInteraction3f, self.at, hit), hit, mi.Color3f(1 / self.count)
         )
@@ -188,6 +203,8 @@ class _Batch:
         dr.eval(ray, weight, density, finding, first, good)
 
         active: Any = dr.compress(good)
+        if dr.width(active) == 0:
+            return _Exits(ray, weight, density, finding, first), []
         onward, sets = dr.gather(mi.Ray3f, ray, active), []
         for bounce in range(1, DEPTH + 1):
             at = self.body.ray_intersect(onward)

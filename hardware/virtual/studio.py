@@ -17,8 +17,10 @@ from jaxtyping import Float
 from hardware.errors import StudioError
 from hardware.virtual import bake, motion, objects, relight, render, rooms, samples, tracer, truth
 
-VERSION = 2  # raise when the rendered values would change
-SAMPLES = 512  # paths per object pixel that follow the reflectance; `samples.plan` adds those aimed at lamps
+VERSION = 3  # raise when the rendered values would change
+NOISE = 0.015  # of an object pixel over the views, relative to its mean; average over the pixels
+PILOT_VIEWS = 6
+PLAIN_SAMPLES = 512  # a pixel and view, where Mitsuba has no vectorised variant
 
 Progress = Callable[[float, str], None]
 
@@ -96,7 +98,7 @@ class Studio:
     def _object_pixels(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
         """Path-traced radiance [n p 3] of the touched pixels; read from the cache when it is there."""
         facts = [VERSION, bake.digest(self.room), self.body.name, poses.round(9).tolist(), self.order.width,
-                 self.order.height, self.order.seed, SAMPLES]  # fmt: skip
+                 self.order.height, self.order.seed, NOISE]  # fmt: skip
         key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
         path = self.cache / f"{self.room.name}-{self.body.name}-{key}.npz"
         if path.exists():
@@ -112,15 +114,37 @@ class Studio:
         note = f"path-tracing the object in {len(poses)} views"
         seed, device = self.order.seed, self.order.device
         if tracer.is_vectorised(tracer.load(device)):
-            lit = relight.Relighter(self.room, self.atlas, self.body, touched, device)
-            effort = samples.plan(self.room, SAMPLES)
-            return lit.look(poses, effort, seed, lambda share: progress(share, note))
+            return self._relit(poses, touched, lambda share: progress(share, note))
         front = render.Foreground(self.room, self.atlas, self.body, touched, device)
         pixels = []
         for i, pose in enumerate(poses):
             progress(i / len(poses), note)
-            pixels.append(front.look(pose, SAMPLES, seed + 7919 * (i + 1)))
+            pixels.append(front.look(pose, PLAIN_SAMPLES, seed + 7919 * (i + 1)))
         return np.stack(pixels)
+
+    def _relit(
+        self, poses: np.ndarray, touched: np.ndarray, progress: Callable[[float], None]
+    ) -> Float[np.ndarray, "n p 3"]:
+        """Each pixel by as many samples as it needs; those that say how many are used for nothing else (no bias)."""
+        lit = relight.Relighter(self.room, self.atlas, self.body, touched, self.order.device)
+        some = poses[:: max(1, len(poses) // PILOT_VIEWS)]
+        pilot = samples.plan(self.room, samples.PILOT)
+        seeds = 16 * self.order.seed  # sixteen sets of numbers, no two alike
+        noise = lit.noise(some, pilot, seeds + 14, lambda share: progress(0.1 * share))
+        counts = samples.needed(noise, touched, NOISE)
+        radiance = np.zeros((len(poses), len(counts), 3), np.float32)
+        done, total = 0, counts.sum()
+        for count in np.unique(counts):
+            mine = np.flatnonzero(counts == count)
+            cost = int(count) * len(mine)
+
+            def tell(share: float, done: int = done, cost: int = cost) -> None:
+                progress(0.1 + 0.9 * (done + share * cost) / total)
+
+            effort = samples.plan(self.room, int(count))
+            radiance[:, mine] = lit.look(poses, effort, seeds + int(count).bit_length(), tell, mine)
+            done += cost
+        return radiance
 
 
 def build(order: Order, cache: Path, progress: Progress) -> Studio:

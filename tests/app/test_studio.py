@@ -8,7 +8,7 @@ import pytest
 from app.cli import main
 from engine import session as sessions
 from engine.truth import read_truth
-from hardware.virtual import rooms, studio
+from hardware.virtual import rooms, samples
 from tests.app.calls import digest, refused
 
 
@@ -17,7 +17,9 @@ def cheap(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Big texels, few paths, and a cache of this file's own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rooms, "TEXEL_M", 0.08)
-        patch.setattr(studio, "SAMPLES", 4)
+        patch.setattr(samples, "PILOT", 4)
+        patch.setattr(samples, "FEWEST", 4)
+        patch.setattr(samples, "MOST", 8)
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
 

@@ -242,6 +242,55 @@ def test_a_copy_of_an_export_is_the_same_files(exported, tmp_path):
         export.copy(tmp_path, tmp_path / "elsewhere")
 
 
+@pytest.mark.parametrize(
+    ("made", "turned", "green"), [("opengl", "directx", "down"), ("directx", "opengl", "up")]
+)
+def test_a_copy_turns_green_as_if_it_had_been_made_so(tmp_path, made, turned, green):
+    write(tmp_path / "made", ExportParams(normal_png=made))
+    write(tmp_path / "wanted", ExportParams(normal_png=turned))
+    export.copy(tmp_path / "made", tmp_path / "copied", green)
+    inside = ball().mask
+    for name in ("normal.png", "normal_16.png"):
+        got, wanted = (
+            cv2.imread(str(tmp_path / place / name), cv2.IMREAD_UNCHANGED).astype(int)
+            for place in ("copied", "wanted")
+        )
+        # Halves are rounded the other way when a channel is turned round.
+        assert abs(got - wanted).max() <= 1
+        assert (got[inside] != cv2.imread(str(tmp_path / "made" / name), cv2.IMREAD_UNCHANGED)[inside]).any()
+        assert Image.open(tmp_path / "copied" / name).text == Image.open(tmp_path / "wanted" / name).text
+    assert json.loads((tmp_path / "copied" / "export.json").read_text())["png"]["normal"] == {"green": green}
+    for name in ("albedo.png", "maps.exr", "surface.glb"):
+        assert (tmp_path / "copied" / name).read_bytes() == (tmp_path / "made" / name).read_bytes()
+
+
+def test_a_copy_with_green_as_it_is_changes_nothing(exported, tmp_path):
+    export.copy(exported, tmp_path / "there", "up")
+    for name in (*json.loads((exported / "export.json").read_text())["files"], "export.json"):
+        assert (tmp_path / "there" / name).read_bytes() == (exported / name).read_bytes()
+
+
+def test_a_copy_of_some_files_lists_those_and_can_be_replaced(exported, tmp_path):
+    export.copy(exported, tmp_path / "there", files={"normal.png", "colmap/cameras.txt"})
+    there = {
+        str(path.relative_to(tmp_path / "there"))
+        for path in (tmp_path / "there").rglob("*")
+        if path.is_file()
+    }
+    assert there == {"normal.png", "colmap/cameras.txt", "export.json"}
+    export.copy(exported, tmp_path / "there", files={"albedo.png"})
+    assert not (tmp_path / "there" / "normal.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("wish", "told"), [({"green": "left"}, "choose up"), ({"files": {"a.obj"}}, "holds no a.obj")]
+)
+def test_a_copy_that_cannot_be_meant_writes_nothing(exported, tmp_path, wish, told):
+    with pytest.raises(ExportError, match=told):
+        export.copy(exported, tmp_path / "there", **wish)
+    assert not (tmp_path / "there").exists()
+
+
 def test_the_same_result_gives_the_same_bytes(exported, tmp_path):
     write(tmp_path / "again")
     for name in json.loads((exported / "export.json").read_text())["files"]:

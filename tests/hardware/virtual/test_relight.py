@@ -157,3 +157,38 @@ def test_effort_has_samples_for_every_lamp():
         effort = samples.plan(room, count)
         assert len(effort.aimed) == 3
         assert all(n > 0 and n & (n - 1) == 0 for n in (effort.diffuse, effort.glossy, *effort.aimed))
+
+
+def test_counts_go_where_the_noise_is_and_reach_the_target():
+    touched = np.ones((40, 40), bool)
+    noise = np.full(touched.shape, 0.02)
+    noise[:, 20:] = 0.16
+    counts = samples.needed(noise[touched], touched, 0.015).reshape(40, 40)
+    assert (counts & (counts - 1) == 0).all()
+    assert counts[:, 25:].min() > 2 * counts[:, :15].max()
+    left = noise * (counts / samples.PILOT) ** -samples.FALL
+    assert 0.7 < left.mean() / 0.015 < 1.2
+
+
+def test_the_stated_noise_is_that_of_independent_pictures(mi):
+    room, atlas = nook()
+    body = cup(0.5)
+    mask = truth.maps(body, 24, 18)["mask"]
+    lit = relight.Relighter(room, atlas, body, mask, "cpu")
+    effort = samples.Effort(16, 16, (16, 16, 16))
+    stated = np.sqrt(np.square([lit.noise(POSES, effort, 2 * s, lambda _: None) for s in range(6)]).mean(0))
+    pictures = np.stack([lit.look(POSES, effort, 100 + s, lambda _: None).mean(-1) for s in range(12)])
+    found = np.sqrt(pictures.var(0, ddof=1).mean(0)) / pictures.mean((0, 1))
+    assert 0.8 < stated.mean() / found.mean() < 1.25
+
+
+def test_some_of_the_pixels_are_as_bright_as_among_all(mi):
+    room, atlas = nook()
+    body = cup(0.5)
+    mask = truth.maps(body, 24, 18)["mask"]
+    lit = relight.Relighter(room, atlas, body, mask, "cpu")
+    effort = samples.Effort(256, 256, (64, 64, 64))
+    some = np.arange(mask.sum())[::3]
+    whole, part = lit.look(POSES, effort, 3, lambda _: None), lit.look(POSES, effort, 4, lambda _: None, some)
+    assert abs(part.mean() / whole[:, some].mean() - 1) < 0.01
+    np.testing.assert_allclose(part.mean((0, 2)), whole[:, some].mean((0, 2)), rtol=0.2)

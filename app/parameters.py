@@ -1,0 +1,334 @@
+"""What every parameter of the stages means to a person: its name in words, unit, sense, and sensible range.
+
+The one table of it; `tests/app/test_parameters.py` holds it against the stages' parameter dataclasses. Values,
+defaults and presets are the engine's and are not repeated here. The range is what the window offers; what
+`params.toml` holds beyond it is shown and kept.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from app.words import QT_TRANSLATE_NOOP
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """One parameter; texts are translated in the context "parameters"."""
+
+    label: str
+    unit: str  # "" for counts and plain numbers
+    sense: str  # the tooltip
+    low: float = 0.0
+    high: float = 1e6
+    nothing: str = ""  # what the lowest value, or no value, stands for; "" where it stands for itself
+    choices: tuple[str, ...] = ()
+    advanced: bool = True  # folded away unless asked for
+
+
+PX, SHARE, DEGREE = (
+    QT_TRANSLATE_NOOP("parameters", "px"),
+    QT_TRANSLATE_NOOP("parameters", "share"),
+    QT_TRANSLATE_NOOP("parameters", "°"),
+)
+VIEWS = QT_TRANSLATE_NOOP("parameters", "views")
+SCENE = QT_TRANSLATE_NOOP("parameters", "scene units")
+
+# fmt: off
+_TABLE: tuple[tuple[str, Meaning], ...] = (
+    ("hdr.long_edge_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Longest edge"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Larger photographs are averaged down by a whole factor."),
+        64, 16384, advanced=False)),
+    ("hdr.saturation_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Saturated above"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "Sensor sites above this share of the way from black to white count as saturated."),
+        0.5, 1)),
+    ("hdr.dark_sigmas", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Dark below"), QT_TRANSLATE_NOOP("parameters", "noise floors"),
+        QT_TRANSLATE_NOOP("parameters", "Pixels whose luminance is less than so many noise floors count as dark."),
+        0, 100)),
+    ("hdr.ratio_tolerance", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Exposure mismatch"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "A view is called suspect when its exposure steps differ by more between pixels and file facts."),
+        0, 1)),
+    ("hdr.hopeless_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Hopeless above"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "A view is refused when more of it than this is clipped, or dark, in every exposure."),
+        0, 1)),
+    ("hdr.learning_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views to learn the sensor from"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "How many views tell the sensor's noise and the usual exposure steps."),
+        1, 1000)),
+
+    ("segment.margin_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Margin around the object"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Kept clear of room pixels around the object, for lens blur and demosaicing."),
+        0, 200, advanced=False)),
+    ("segment.smoothness", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Smooth outline"), "",
+        QT_TRANSLATE_NOOP("parameters", "Most that a link between like neighbours may cost, in units of pull: higher gives a smoother outline."),
+        0, 100, advanced=False)),
+    ("segment.fewest_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Fewest views"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "With fewer views the change from view to view tells nothing, and the stage refuses."),
+        2, 1000)),
+    ("segment.most_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Most views"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "Views looked at, evenly chosen; more add time, not certainty."),
+        2, 10000)),
+    ("segment.search_edge_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Longest edge of first guesses"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Size at which first guesses of the object are compared."),
+        32, 4096)),
+    ("segment.search_rounds", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Search rounds"), "",
+        QT_TRANSLATE_NOOP("parameters", "Rounds of learning what object and room look like, and cutting, on the small size."),
+        1, 50)),
+    ("segment.refine_rounds", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Refining rounds"), "",
+        QT_TRANSLATE_NOOP("parameters", "The same at full size."),
+        0, 50)),
+    ("segment.rank", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Patterns of light"), "",
+        QT_TRANSLATE_NOOP("parameters", "Patterns of light that explain the object's shading."),
+        1, 64)),
+    ("segment.pull", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Pull of one pixel"), "",
+        QT_TRANSLATE_NOOP("parameters", "Most that one pixel's own evidence weighs."),
+        0, 100)),
+    ("segment.evidence", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Evidence that counts"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "Share of a pixel's log odds that counts; neighbours' odds are not independent."),
+        0, 1)),
+    ("segment.border_penalty", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Penalty at the border"), "",
+        QT_TRANSLATE_NOOP("parameters", "Against guesses that run along the border of the picture."),
+        0, 1000)),
+    ("segment.least_score", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Least score"), QT_TRANSLATE_NOOP("parameters", "log"),
+        QT_TRANSLATE_NOOP("parameters", "How much more has to change across the outline than within and outside, or nothing is found."),
+        0, 100)),
+    ("segment.same_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Same guess above"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "A guess that shares so much with an earlier answer is not followed up."),
+        0, 1)),
+    ("segment.speck_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Specks below"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "Islands and holes smaller than this share of the picture are noise."),
+        0, 0.1)),
+
+    ("poses.focal_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Focal length, first guess"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Refined from the photographs. 0: 1.2 times the longer side."),
+        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "1.2 x longer side"), advanced=False)),
+    ("poses.board", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Board of known size"), "",
+        QT_TRANSLATE_NOOP("parameters", 'Fixes the scale: "charuco COLUMNSxROWS SQUARE_M MARKER_M DICTIONARY" or "aruco SIDE_M DICTIONARY".'),
+        nothing=QT_TRANSLATE_NOOP("parameters", "none"), advanced=False)),
+    ("poses.least_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views to be placed, at least"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "The stage refuses when fewer of the views could be placed."),
+        0, 1)),
+    ("poses.trusted_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Matches that must agree"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "A view's pose is dropped when fewer of its matches agree with it."),
+        0, 1)),
+    ("poses.seed", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Seed"), "",
+        QT_TRANSLATE_NOOP("parameters", "Start of the random numbers used in matching."),
+        0, 2**31 - 1)),
+    ("poses.features.maximum", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Features of a view, at most"), "",
+        QT_TRANSLATE_NOOP("parameters", "The coarsest are kept, which are the best located."),
+        100, 100000)),
+    ("poses.features.enlarge_below_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Enlarge photographs below"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Photographs whose longer side is shorter are enlarged by a whole factor before features are sought."),
+        0, 16384)),
+    ("poses.features.enlarge_most", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Enlarge at most"), QT_TRANSLATE_NOOP("parameters", "times"),
+        QT_TRANSLATE_NOOP("parameters", "Largest factor of that."),
+        1, 8)),
+    ("poses.features.peak_threshold", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Least contrast of a feature"), "",
+        QT_TRANSLATE_NOOP("parameters", "Of the normalised picture; lower finds more features, and worse ones."),
+        0, 1)),
+    ("poses.features.margin", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Margin without features"), QT_TRANSLATE_NOOP("parameters", "of the longer side"),
+        QT_TRANSLATE_NOOP("parameters", "Kept free of features around the object, which moves with the camera."),
+        0, 0.5)),
+    ("poses.features.neighbours", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views to compare with"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "Each view is compared with so many others, beside those taken just before and after it."),
+        1, 10000)),
+    ("poses.features.exhaustive_below", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Compare all pairs below"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "With fewer views every pair is compared."),
+        0, 10000)),
+    ("poses.mapping.match_ratio", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Match ratio"), "",
+        QT_TRANSLATE_NOOP("parameters", "Best over second best distance of two features (Lowe); lower is stricter."),
+        0.1, 1)),
+    ("poses.mapping.epipolar_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Epipolar distance"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Matches of two views lie this close to each other's epipolar lines."),
+        0.1, 100)),
+    ("poses.mapping.reprojection_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Reprojection error"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Observations further than this from their point are dropped."),
+        0.1, 100)),
+    ("poses.mapping.first_angle_deg", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Angle of the first two views"), DEGREE,
+        QT_TRANSLATE_NOOP("parameters", "Least triangulation angle between the two views that start a model."),
+        0, 90)),
+    ("poses.mapping.point_angle_deg", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Angle of a point"), DEGREE,
+        QT_TRANSLATE_NOOP("parameters", "Least triangulation angle of a point that is kept."),
+        0, 90)),
+    ("poses.mapping.placed_inliers", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Points to place a view"), "",
+        QT_TRANSLATE_NOOP("parameters", "Points a view must see to be placed."),
+        6, 10000)),
+    ("poses.mapping.retry_inliers", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Points in the second attempt"), "",
+        QT_TRANSLATE_NOOP("parameters", "The same when the model is complete and views are left over."),
+        6, 10000)),
+
+    ("light.budget", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Gaussians, at most"), "",
+        QT_TRANSLATE_NOOP("parameters", "How many 3D Gaussians make up the room's light."),
+        100, 1_000_000, advanced=False)),
+    ("light.width", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Widest training picture"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Width of the largest pictures the light is fitted to."),
+        32, 8192, advanced=False)),
+    ("light.passes", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Passes per size"), "",
+        QT_TRANSLATE_NOOP("parameters", "Passes over all views at each picture size, coarse to fine, each twice as wide as the last."),
+        advanced=False)),
+    ("light.holdout", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Hold out every n-th view"), "",
+        QT_TRANSLATE_NOOP("parameters", "Every so many-th view only judges the fit. 0: none."),
+        0, 1000, nothing=QT_TRANSLATE_NOOP("parameters", "none"))),
+    ("light.keep_out", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Clear around the cameras"), SCENE,
+        QT_TRANSLATE_NOOP("parameters", "Radius around each camera's place without Gaussians. Automatic: derived from the poses."),
+        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
+    ("light.hollow", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Weight of gaps"), QT_TRANSLATE_NOOP("parameters", "log radiance"),
+        QT_TRANSLATE_NOOP("parameters", "Weight of what passes through all Gaussians: higher closes gaps in the walls."),
+        0, 100)),
+
+    ("surface.directions", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Directions of light"), "",
+        QT_TRANSLATE_NOOP("parameters", "Cells on the sphere of incident directions: more resolve smaller lights, and take time in proportion."),
+        64, 65536, advanced=False)),
+    ("surface.object_distance", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Distance of the object"), SCENE,
+        QT_TRANSLATE_NOOP("parameters", "From camera to object along the optical axis, where it is known. 0: found from the near light."),
+        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "found"), advanced=False)),
+    ("surface.rough_rounds", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Rough rounds"), "",
+        QT_TRANSLATE_NOOP("parameters", "At half resolution: solve, integrate, see, refine the light; how often."),
+        0, 50, advanced=False)),
+    ("surface.rounds", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Full rounds"), "",
+        QT_TRANSLATE_NOOP("parameters", "On all pixels: solve, integrate, see; how often."),
+        1, 50, advanced=False)),
+    ("surface.passes", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Passes of a round"), "",
+        QT_TRANSLATE_NOOP("parameters", "Gauss-Newton evaluations in each round."),
+        1, 100, advanced=False)),
+    ("surface.full_diffuse", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Disney's diffuse lobe"), "",
+        QT_TRANSLATE_NOOP("parameters", "With retro-reflection, as renderers have it. Off: Lambert, as in the paper."),
+        advanced=False)),
+    ("surface.visibility", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Shadows of itself"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let the object shadow itself."), advanced=False)),
+    ("surface.horizons", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Horizons from photographs"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let the photographs overrule what the depth says hides the room."), advanced=False)),
+    ("surface.bounce", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),
+    ("surface.relight", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Refine the light"), "",
+        QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),
+    ("surface.relight_groups", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Groups of emitters"), "",
+        QT_TRANSLATE_NOOP("parameters", "Groups whose brightness is refined, besides the lamps."),
+        0, 1000)),
+    ("surface.relight_prior", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Trust in the light"), QT_TRANSLATE_NOOP("parameters", "log brightness"),
+        QT_TRANSLATE_NOOP("parameters", "How far a group's log brightness may be off before the photographs have to argue it."),
+        0, 10)),
+    ("surface.model_error", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Misfit of a good model"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "Relative misfit expected even where everything is right; it bounds how sharply a pixel is judged."),
+        0, 1)),
+    ("surface.probes_across", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Probes across"), "",
+        QT_TRANSLATE_NOOP("parameters", "Points along each image axis of the object's box at which the light is gathered."),
+        1, 20)),
+    ("surface.probes_deep", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Probes deep"), "",
+        QT_TRANSLATE_NOOP("parameters", "The same along the viewing axis."),
+        1, 20)),
+    ("surface.probe_face_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Face of a probe"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Resolution of one face of each probe's cube."),
+        8, 1024)),
+    ("surface.candidates", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Normals tried first"), "",
+        QT_TRANSLATE_NOOP("parameters", "Normals tried at each pixel by the global search that starts the solve."),
+        10, 10000)),
+    ("surface.held_out", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views kept out"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "Views kept out of the fit and rendered again, to judge it."),
+        0, 1000)),
+
+    ("export.normal_png", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Green of normal maps"), "",
+        QT_TRANSLATE_NOOP("parameters", "opengl: green up (Blender, glTF). directx: green down (Unreal)."),
+        choices=("opengl", "directx"), advanced=False)),
+    ("export.cut_footprints", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Cut the mesh above"), QT_TRANSLATE_NOOP("parameters", "pixel widths"),
+        QT_TRANSLATE_NOOP("parameters", "A step in depth that neither normal explains, in widths of a pixel; both limits must be passed."),
+        0, 1000, advanced=False)),
+    ("export.cut_share", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Cut the mesh above"), QT_TRANSLATE_NOOP("parameters", "of the step predicted"),
+        QT_TRANSLATE_NOOP("parameters", "The same step as a share of the one that the normal predicts."),
+        0, 1000, advanced=False)),
+)
+# fmt: on
+
+MEANINGS: Mapping[str, Meaning] = dict(_TABLE)
+
+STAGES: Mapping[str, tuple[str, str]] = {
+    # stage -> its title and what it does, translated in the context "parameters"
+    "hdr": (
+        QT_TRANSLATE_NOOP("parameters", "Photographs"),
+        QT_TRANSLATE_NOOP("parameters", "Merge brackets to linear radiance"),
+    ),
+    "segment": (
+        QT_TRANSLATE_NOOP("parameters", "Object"),
+        QT_TRANSLATE_NOOP("parameters", "Tell the object from the room"),
+    ),
+    "poses": (
+        QT_TRANSLATE_NOOP("parameters", "Poses"),
+        QT_TRANSLATE_NOOP("parameters", "Find where the camera was"),
+    ),
+    "light": (
+        QT_TRANSLATE_NOOP("parameters", "Light"),
+        QT_TRANSLATE_NOOP("parameters", "Rebuild the room's light as Gaussians"),
+    ),
+    "surface": (
+        QT_TRANSLATE_NOOP("parameters", "Surface"),
+        QT_TRANSLATE_NOOP("parameters", "Solve normals, albedo, roughness, depth"),
+    ),
+    "export": (
+        QT_TRANSLATE_NOOP("parameters", "Files"),
+        QT_TRANSLATE_NOOP("parameters", "Write maps, meshes and the light"),
+    ),
+}

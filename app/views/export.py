@@ -1,0 +1,300 @@
+"""The Export page: every format with its content, frame and units; where to, and which way green points."""
+
+from pathlib import Path
+
+from PySide6.QtCore import QCoreApplication, Qt, QUrl
+from PySide6.QtGui import QAction, QDesktopServices
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QFileDialog,
+    QFrame,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QPushButton,
+    QRadioButton,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app import exports
+from app.enquiries import Answer
+from app.exports import FORMATS, GREEN, Export, Format
+from app.jobs import Job, JobState, JobStatus
+from app.plan import read_plan
+from app.state import trouble
+from app.views import theme
+from app.views.bridge import Bridge
+from app.views.pages import Shell
+from app.views.trouble import show_trouble
+from engine.errors import ExportError
+
+KEY = Qt.ItemDataRole.UserRole
+
+
+class ExportPage(QWidget):
+    """What a finished session gives to other programs."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.title = self.tr("Export")
+        self._bridge = Bridge(self)
+        self._shell: Shell | None = None
+        self._folder: Path | None = None
+        self._export: Export | None = None
+        self._job: Job | None = None
+        self._newest = 0
+        self._build()
+        self._show()
+
+    def use(self, shell: Shell) -> None:
+        self._shell = shell
+        self.show_session(shell.state.session.value)
+
+    def show_session(self, folder: Path | None) -> None:
+        if folder != self._folder or folder is None:
+            self._export = None
+            self.to.setText(str(folder.parent / f"{folder.stem}-export") if folder is not None else "")
+        self._folder = folder
+        self.state.setText(self.tr("looking…") if folder is not None else self.tr("No session is open"))
+        self._show()
+        if folder is None or self._shell is None:
+            return
+        self._newest += 1
+        take, number = self._bridge.queued(self._take), self._newest
+        self._shell.enquiries.ask("plan", lambda answer: take(number, *_found(answer)), session=str(folder))
+
+    def showEvent(self, event) -> None:
+        super().showEvent(event)
+        self.show_session(self._folder)
+
+    def _take(self, number: int, export: Export | None, why: str) -> None:
+        if number != self._newest:
+            return
+        self._export = export
+        self.state.setText(why)
+        if export is not None:
+            self.greens[export.green].setChecked(True)
+            length = (
+                ""
+                if export.length != "unknown"
+                else self.tr("; the unit of length is unknown: nothing fixed the scale")
+            )
+            self.state.setText(self.tr("up to date") + length)
+        self._show()
+
+    def _build(self) -> None:
+        heading = QLabel(self.tr("Export"))
+        heading.setObjectName("heading")
+        self.state = QLabel()
+        self.state.setObjectName("dim")
+        self.process = QPushButton(self.tr("Go to P&rocess"))
+        self.process.setAccessibleName(self.tr("Go to the Process page"))
+        self.process.clicked.connect(self._go_to_process)
+        top = QHBoxLayout()
+        top.addWidget(heading)
+        top.addSpacing(6)
+        top.addWidget(self.state, 1)
+        top.addWidget(self.process)
+
+        self.table = QTreeWidget()
+        self.table.setAccessibleName(self.tr("Formats"))
+        self.table.setFrameShape(QFrame.Shape.NoFrame)
+        self.table.setRootIsDecorated(False)
+        self.table.setAlternatingRowColors(True)
+        self.table.setWordWrap(True)
+        self.table.setHeaderLabels(
+            [
+                self.tr("Format"),
+                self.tr("Content"),
+                self.tr("Frame"),
+                self.tr("Values and units"),
+                self.tr("Size"),
+            ]
+        )
+        for column, width in enumerate((140, 318, 244, 300, 64)):
+            self.table.header().resizeSection(column, width)
+        self.table.header().setStretchLastSection(False)
+        self.table.header().setSectionResizeMode(3, QHeaderView.ResizeMode.Stretch)
+        self._lines = [_line(entry) for entry in FORMATS]
+        self.table.addTopLevelItems(self._lines)
+        self.table.itemChanged.connect(lambda item, column: self._enable())
+
+        self.greens: dict[str, QRadioButton] = {}
+        group = QButtonGroup(self)
+        greens = QHBoxLayout()
+        greens.addWidget(QLabel(self.tr("Normal maps")))
+        for key, text in GREEN.items():
+            button = QRadioButton(_translated(text))
+            button.setAccessibleName(_translated(text))
+            group.addButton(button)
+            greens.addSpacing(10)
+            greens.addWidget(button)
+            self.greens[key] = button
+        self.greens["up"].setChecked(True)
+        greens.addStretch()
+
+        self.to = QLineEdit()
+        self.to.setAccessibleName(self.tr("Folder to write to"))
+        self.to.textChanged.connect(self._enable)
+        to = QLabel(self.tr("&Folder"))
+        to.setBuddy(self.to)
+        browse = QPushButton(self.tr("&Browse…"))
+        browse.setAccessibleName(self.tr("Browse for the folder to write to"))
+        browse.clicked.connect(self._browse)
+        self.open = QPushButton(self.tr("&Open folder"))
+        self.open.setAccessibleName(self.tr("Open the folder written to"))
+        self.open.clicked.connect(self._open)
+        self.report = QPushButton(self.tr("&Report…"))
+        self.report.setAccessibleName(self.tr("Write the report and open it"))
+        self.report.setToolTip(self.tr("One self-contained HTML page about the results"))
+        self.report.clicked.connect(self._report)
+        self.go = QPushButton(self.tr("E&xport"))
+        self.go.setObjectName("primary")
+        self.go.setAccessibleName(self.tr("Export"))
+        self.action = QAction(self.tr("Export"), self)
+        self.action.setShortcut("Ctrl+Return")
+        self.action.triggered.connect(self._start)
+        self.addAction(self.action)
+        self.go.clicked.connect(self.action.trigger)
+        self.bar = QProgressBar()
+        self.bar.setRange(0, 0)
+        self.bar.setTextVisible(False)
+        self.bar.setAccessibleName(self.tr("Export under way"))
+        self.bar.hide()
+        bottom = QHBoxLayout()
+        for part in (to, self.to, browse, self.open, self.report, self.go):
+            bottom.addWidget(part, 1 if part is self.to else 0)
+
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(16, 10, 12, 10)
+        layout.setSpacing(10)
+        layout.addLayout(top)
+        layout.addWidget(self.table, 1)
+        layout.addLayout(greens)
+        layout.addLayout(bottom)
+        layout.addWidget(self.bar)
+
+    def keys(self) -> frozenset[str]:
+        """The formats that are ticked."""
+        return frozenset(
+            line.data(0, KEY) for line in self._lines if line.checkState(0) == Qt.CheckState.Checked
+        )
+
+    def green(self) -> str:
+        """ "up" or "down"."""
+        return next(key for key, button in self.greens.items() if button.isChecked())
+
+    def _show(self) -> None:
+        there = {offer.format.key: offer for offer in self._export.offers} if self._export is not None else {}
+        length = self._export.length if self._export is not None else ""
+        unit = length if length not in ("", "unknown") else self.tr("scene units")
+        for item, entry in zip(self._lines, FORMATS, strict=True):
+            item.setText(3, _translated(entry.unit).replace("{length}", unit))
+            item.setText(4, exports.told_bytes(there[entry.key].bytes) if entry.key in there else "")
+            item.setToolTip(0, ", ".join(entry.files))
+            item.setDisabled(bool(there) and entry.key not in there)
+        self._enable()
+
+    def _enable(self) -> None:
+        running = self._job is not None and self._job.status.active
+        ready = self._export is not None and not running
+        self.go.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
+        self.action.setEnabled(self.go.isEnabled())
+        self.report.setEnabled(self._folder is not None and not running)
+        self.process.setVisible(self._folder is not None and self._export is None)
+        self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())
+        self.bar.setVisible(running)
+
+    def _go_to_process(self) -> None:
+        if self._shell is not None:
+            self._shell.wishes.show_page.emit("process")
+
+    def _browse(self) -> None:
+        said = QFileDialog.getExistingDirectory(
+            self, self.tr("Folder to write to"), str(Path(self.to.text() or ".").parent)
+        )
+        if said:
+            self.to.setText(said)
+
+    def _open(self) -> None:
+        QDesktopServices.openUrl(QUrl.fromLocalFile(self.to.text().strip()))
+
+    def _start(self) -> None:
+        if self._folder is None or self._export is None or self._shell is None:
+            return
+        to = Path(self.to.text().strip()).expanduser()
+        request = exports.request(self._folder, to, self._export, self.keys(), self.green())
+        self._run(Job(self.tr("Export"), "export", request))
+
+    def _report(self) -> None:
+        if self._folder is not None:
+            self._run(Job(self.tr("Report"), "report", {"session": str(self._folder)}))
+
+    def _run(self, job: Job) -> None:
+        if self._shell is None:
+            return
+        self._job = job
+        job.listen(self._bridge.latest(self._see))
+        self._shell.board.start(job)
+        self._enable()
+
+    def _see(self, status: JobStatus) -> None:
+        self._enable()
+        if self._shell is None:
+            return
+        if status.state is JobState.DONE and "to" in status.result:
+            self._shell.wishes.say.emit(self.tr("Exported to {0}").format(status.result["to"]))
+        elif status.state is JobState.DONE:
+            page = str(status.result["page"])
+            self._shell.wishes.say.emit(self.tr("Report written: {0}").format(page))
+            QDesktopServices.openUrl(QUrl.fromLocalFile(page))
+        elif status.state is JobState.FAILED:
+            show_trouble(self, trouble(status.message, status.details))
+
+    def changeEvent(self, event) -> None:
+        super().changeEvent(event)
+        if event.type() == event.Type.PaletteChange and hasattr(self, "table"):
+            self._dim()
+
+    def _dim(self) -> None:
+        dim = theme.colour(theme.colours(self).dim)
+        for item in self._lines:
+            for column in (2, 3, 4):
+                item.setForeground(column, dim)
+
+
+def _found(answer: Answer) -> tuple[Export | None, str]:
+    """The session's finished export, or why there is none; in the reader thread, it reads the disk."""
+    translate = QCoreApplication.translate
+    if answer.content is None:
+        return None, answer.trouble.what if answer.trouble is not None else ""
+    row = next(row for row in read_plan(answer.content).rows if row.name == "export")
+    if not row.done:
+        return None, translate(
+            "ExportPage", "The results are not there, or older than the settings: process first."
+        )
+    try:
+        return exports.read(Path(row.folder)), ""
+    except ExportError as error:
+        return None, str(error)
+
+
+def _line(entry: Format) -> QTreeWidgetItem:
+    item = QTreeWidgetItem(
+        [_translated(entry.title), _translated(entry.content), _translated(entry.frame), "", ""]
+    )
+    item.setData(0, KEY, entry.key)
+    item.setCheckState(0, Qt.CheckState.Checked)
+    item.setTextAlignment(4, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+    for column in (1, 2):
+        item.setToolTip(column, item.text(column))
+    return item
+
+
+def _translated(text: str) -> str:
+    return QCoreApplication.translate("exports", text)

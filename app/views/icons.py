@@ -1,0 +1,60 @@
+"""Line icons in the colours of the theme, drawn from paths on a 24 x 24 grid; our own drawings."""
+
+from PySide6.QtCore import QByteArray, QSize, Qt
+from PySide6.QtGui import QIcon, QPainter, QPixmap
+from PySide6.QtSvg import QSvgRenderer
+
+PATHS = {
+    "start": "M4 11 L12 4 L20 11 V20 H14.5 V14 H9.5 V20 H4 Z",
+    "capture": "M3 8 H7 L9 5 H15 L17 8 H21 V19 H3 Z M12 9.5 a4 4 0 1 0 .01 0 Z",
+    "process": "M4 6 H14 M4 12 H20 M4 18 H11 M17 3.5 V8.5 M17 15.5 L21 18 L17 20.5 Z",
+    "mask": "M12 3 C7 3 4 6.5 4 11.5 C4 17 8 21 12 21 C16 21 20 17 20 11.5 C20 6.5 17 3 12 3 Z M6 18 L18 6",
+    "view3d": "M12 3 L20 7.5 V16.5 L12 21 L4 16.5 V7.5 Z M4 7.5 L12 12 L20 7.5 M12 12 V21",
+    "maps": "M4 4 H20 V20 H4 Z M12 4 V20 M4 12 H20 M15 8 h2 M7 16 h2",
+    "charts": "M4 4 V20 H20 M7 15 L11 10 L14.5 13 L19.5 6.5",
+    "relight": "M12 8 a4 4 0 1 0 .01 0 Z M12 2.5 V5 M12 19 V21.5 M2.5 12 H5 M19 12 H21.5 M5.3 5.3 L7 7 M17 17 L18.7 18.7"
+    " M5.3 18.7 L7 17 M17 7 L18.7 5.3",
+    "export": "M12 15 V4 M8 8 L12 4 L16 8 M5 13 V20 H19 V13",
+    "import": "M12 4 V15 M8 11 L12 15 L16 11 M5 13 V20 H19 V13",
+    "open": "M3 19 V5 H9 L11 7.5 H19 V10 M3 19 L6 10 H22 L19 19 Z",
+    "done": "M5 12.5 L10 17.5 L19.5 7",
+    "stale": "M12 4 a8 8 0 1 0 .01 0 Z M12 7.5 V12 L15 14",
+    "running": "M7 5 L19 12 L7 19 Z",
+    "failed": "M6 6 L18 18 M18 6 L6 18",
+    "reset": "M5 5 V10 H10 M5.6 9.6 A7.5 7.5 0 1 1 4.6 13",
+    "up": "M6 15 L12 9 L18 15",
+    "down": "M6 9 L12 15 L18 9",
+    "remove": "M6 6 L18 18 M18 6 L6 18",
+    "more": "M5 12 h.01 M12 12 h.01 M19 12 h.01",
+    "disk": "M4 13 V19 H20 V13 M4 13 L7 5 H17 L20 13 Z M16.5 16 h.01",
+    "chip": "M7 7 H17 V17 H7 Z M10 3.5 V7 M14 3.5 V7 M10 17 V20.5 M14 17 V20.5 M3.5 10 H7 M3.5 14 H7 M17 10 H20.5"
+    " M17 14 H20.5",
+    "warning": "M12 4 L21.5 20 H2.5 Z M12 10 V14.5 M12 17 v.01",
+}
+
+SCALES = (1.0, 2.0, 3.0)
+
+
+def icon(name: str, colour: str, size: int = 24, on: str | None = None) -> QIcon:
+    """The icon in `colour`, sharp at every scale of the screen; `on` is its colour while checked."""
+    made = QIcon()
+    for scale in SCALES:
+        made.addPixmap(pixmap(name, colour, size, scale))
+        if on is not None:
+            made.addPixmap(pixmap(name, on, size, scale), QIcon.Mode.Normal, QIcon.State.On)
+    return made
+
+
+def pixmap(name: str, colour: str, size: int = 24, scale: float = 1.0) -> QPixmap:
+    """The icon as a picture of `size` logical pixels."""
+    drawing = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 24 24"><path d="{PATHS[name]}" fill="none"'
+        f' stroke="{colour}" stroke-width="1.7" stroke-linecap="round" stroke-linejoin="round"/></svg>'
+    )
+    picture = QPixmap(QSize(size, size) * scale)
+    picture.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(picture)
+    QSvgRenderer(QByteArray(drawing.encode())).render(painter)
+    painter.end()
+    picture.setDevicePixelRatio(scale)
+    return picture

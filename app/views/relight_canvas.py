@@ -1,0 +1,118 @@
+"""The relit object, as large as there is room for; dragging turns the light."""
+
+import numpy as np
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, QSizeF, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QWheelEvent
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from app.views.theme import colours
+
+DEGREES_PER_PIXEL = 0.4
+KEY_DEGREES = 5.0
+LARGEST = 6.0  # times the preview's size
+
+
+class RelightCanvas(QWidget):
+    """A picture, or words while there is none."""
+
+    turned = Signal(float, float)  # by yaw, pitch, degrees
+    exposed = Signal(int)  # by notches of the wheel
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._image: QImage | None = None
+        self._words = ""
+        self._corner = ""
+        self._held: QPointF | None = None
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setCursor(Qt.CursorShape.OpenHandCursor)
+        self.setMinimumSize(240, 200)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setAccessibleName(self.tr("Relit object; drag or use the arrow keys to turn the light"))
+
+    def sizeHint(self) -> QSize:
+        return QSize(640, 520)
+
+    def show_pixels(self, pixels: np.ndarray) -> None:
+        """A picture of `falsecolour`."""
+        pixels = np.ascontiguousarray(pixels)
+        height, width = pixels.shape[:2]
+        self._image = QImage(
+            pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied
+        ).copy()
+        self.update()
+
+    def show_words(self, words: str) -> None:
+        """Words in place of a picture."""
+        self._image, self._words = None, words
+        self.update()
+
+    def say(self, corner: str) -> None:
+        """A small line in the corner."""
+        if corner != self._corner:
+            self._corner = corner
+            self.update()
+
+    @property
+    def image(self) -> QImage | None:
+        return self._image
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        ours = colours(self)
+        painter.fillRect(self.rect(), QColor(ours.picture))
+        painter.setPen(QColor(ours.dim))
+        if self._image is None:
+            box = self.rect().adjusted(20, 20, -20, -20)
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, self._words)
+            return
+        size = QSizeF(self._image.size())
+        room = QSizeF(self.width() - 16, self.height() - 16)
+        fit = min(room.width() / size.width(), room.height() / size.height(), LARGEST)
+        shown = QRectF(0, 0, size.width() * fit, size.height() * fit)
+        shown.moveCenter(QRectF(self.rect()).center())
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        painter.drawImage(shown, self._image)
+        font = painter.font()
+        font.setPixelSize(11)
+        painter.setFont(font)
+        painter.drawText(
+            self.rect().adjusted(10, 6, -10, -6), Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignBottom,
+            self._corner,
+        )  # fmt: skip
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton:
+            self._held = event.position()
+            self.setCursor(Qt.CursorShape.ClosedHandCursor)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._held is not None:
+            by = event.position() - self._held
+            self._held = event.position()
+            self.turned.emit(by.x() * DEGREES_PER_PIXEL, -by.y() * DEGREES_PER_PIXEL)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        self._held = None
+        self.setCursor(Qt.CursorShape.OpenHandCursor)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        notches = round(event.angleDelta().y() / 120)
+        if notches:
+            self.exposed.emit(notches)
+        event.accept()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        ways = {
+            Qt.Key.Key_Left: (-1, 0), Qt.Key.Key_Right: (1, 0), Qt.Key.Key_Up: (0, 1), Qt.Key.Key_Down: (0, -1)
+        }  # fmt: skip
+        way = ways.get(Qt.Key(event.key()))
+        if way is None:
+            super().keyPressEvent(event)
+        else:
+            self.turned.emit(way[0] * KEY_DEGREES, way[1] * KEY_DEGREES)
+
+    def changeEvent(self, event: QEvent) -> None:
+        if event.type() == QEvent.Type.PaletteChange:
+            self.update()
+        super().changeEvent(event)

@@ -1,0 +1,90 @@
+"""Every keyboard shortcut of the window and its pages, on one sheet that opens with `?`.
+
+Nobody keeps a list by hand: the sheet reads the actions and shortcuts that exist. A QShortcut says what it does in
+its `whatsThis`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtGui import QAction, QKeySequence, QShortcut
+from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QScrollArea, QVBoxLayout, QWidget
+
+from app.views import theme
+
+
+@dataclass(frozen=True, slots=True)
+class Shortcut:
+    """One line of the sheet."""
+
+    group: str  # a menu or page
+    keys: str  # as this system writes them
+    what: str
+
+
+def collect(groups: Iterable[tuple[str, QWidget]]) -> tuple[Shortcut, ...]:
+    """What there is in each of (title, widget), once each."""
+    found: dict[tuple[str, str], Shortcut] = {}
+    for title, widget in groups:
+        for action in [*widget.actions(), *widget.findChildren(QAction)]:
+            what = action.text().replace("&", "").rstrip(".…") or action.toolTip()
+            keys = ", ".join(_told(keys) for keys in action.shortcuts())
+            if keys and what:
+                found.setdefault((keys, what), Shortcut(title, keys, what))
+        for shortcut in widget.findChildren(QShortcut):
+            keys, what = _told(shortcut.key()), shortcut.whatsThis()
+            if keys and what:
+                found.setdefault((keys, what), Shortcut(title, keys, what))
+    return tuple(found.values())
+
+
+def _told(keys: QKeySequence) -> str:
+    return keys.toString(QKeySequence.SequenceFormat.NativeText)
+
+
+class ShortcutsDialog(QDialog):
+    """The sheet."""
+
+    def __init__(self, parent: QWidget | None, shortcuts: Iterable[Shortcut]) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(self.tr("Keyboard shortcuts"))
+        self.sheet = QLabel(_table(shortcuts, theme.colours(self)))
+        self.sheet.setTextFormat(Qt.TextFormat.RichText)
+        self.sheet.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.sheet.setMargin(10)
+        scroll = QScrollArea()
+        scroll.setWidget(self.sheet)
+        scroll.setWidgetResizable(True)
+        scroll.setFrameShape(QScrollArea.Shape.NoFrame)
+        scroll.setAccessibleName(self.windowTitle())
+        box = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        box.rejected.connect(self.reject)
+        for button in box.buttons():
+            button.setAccessibleName(button.text().replace("&", ""))
+        layout = QVBoxLayout(self)
+        layout.addWidget(scroll)
+        layout.addWidget(box)
+        wide = self.sheet.sizeHint().width() + 60
+        self.resize(wide, min(640, self.sheet.sizeHint().height() + 90))
+
+
+def _table(shortcuts: Iterable[Shortcut], ours: theme.Palette) -> str:
+    rows, group = [], None
+    for shortcut in shortcuts:
+        if shortcut.group != group:
+            group = shortcut.group
+            rows.append(
+                f'<tr><td colspan="2" style="padding:12px 0 4px 0"><b style="color:{ours.text}">{group}</b></td></tr>'
+            )
+        rows.append(
+            f'<tr><td style="padding:2px 28px 2px 12px; white-space:nowrap; color:{ours.accent}">'
+            f"{_escaped(shortcut.keys)}</td><td style='padding:2px 0'>{_escaped(shortcut.what)}</td></tr>"
+        )
+    empty = QCoreApplication.translate("ShortcutsDialog", "No shortcuts.")
+    return f"<table cellspacing='0'>{''.join(rows)}</table>" if rows else empty
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -1,0 +1,197 @@
+"""Colours of the window, dark and light: neutral greys, so that a picture's colours are judged right.
+
+Pages take every colour from `colours(widget)` and ask again on `QEvent.Type.PaletteChange`, which Qt sends to
+every widget when the system or the person changes between dark and light. Colours are sRGB, "#rrggbb".
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QPalette, QPen
+from PySide6.QtWidgets import QApplication, QWidget
+
+MARKS = (Path(__file__).parent / "marks").as_posix()
+CHOSEN = "roomlight theme"  # property of the application
+Theme = Literal["system", "dark", "light"]
+
+
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """Every colour there is; text colours are readable on `window`, `panel` and `field`."""
+
+    dark: bool
+    window: str  # behind everything
+    panel: str  # raised: cards, rail, dock
+    field: str  # where one types; lists
+    picture: str  # behind photographs and maps
+    line: str  # borders, separators, grids
+    text: str
+    dim: str  # secondary text, still readable
+    disabled: str
+    accent: str  # selection, progress, focus
+    on_accent: str  # text on `accent`
+    good: str
+    warn: str
+    bad: str
+    series: tuple[str, ...]  # lines of a chart, told apart by colour-blind people too
+
+
+# Series after Okabe and Ito's set for colour-blind readers, lightened or darkened to stand on the ground.
+DARK = Palette(
+    dark=True,
+    window="#232323", panel="#2c2c2c", field="#1b1b1b", picture="#181818", line="#434343",
+    text="#e4e4e4", dim="#a6a6a6", disabled="#6d6d6d", accent="#4f9cf0", on_accent="#0c0c0c",
+    good="#67c27a", warn="#e6b04a", bad="#f27d72",
+    series=("#5ab4f0", "#f0a030", "#34c79a", "#e98bc2", "#f2e35c", "#e8743a", "#9aa7f5", "#c8c8c8"),
+)  # fmt: skip
+LIGHT = Palette(
+    dark=False,
+    window="#ededed", panel="#f7f7f7", field="#ffffff", picture="#d2d2d2", line="#c3c3c3",
+    text="#1c1c1c", dim="#5a5a5a", disabled="#9b9b9b", accent="#1763b8", on_accent="#ffffff",
+    good="#1d7434", warn="#8a5a00", bad="#b3261e",
+    series=("#0072b2", "#b36b00", "#007d5b", "#b04f8a", "#7d7200", "#c14a00", "#4a55b5", "#555555"),
+)  # fmt: skip
+
+
+def colours(widget: QWidget | None = None) -> Palette:
+    """The palette in force. One palette serves all; `widget` says who asks, and asks again when it changes."""
+    return DARK if QApplication.palette().color(QPalette.ColorRole.Window).lightness() < 128 else LIGHT
+
+
+def colour(name: str, opacity: float = 1.0) -> QColor:
+    """A colour of the palette for a painter."""
+    made = QColor(name)
+    made.setAlphaF(opacity)
+    return made
+
+
+def pen(name: str, width: float = 1.0) -> QPen:
+    return QPen(QColor(name), width)
+
+
+def install(app: QApplication, theme: Theme = "system") -> None:
+    """Dress the application, and again whenever the system changes between dark and light."""
+    app.setStyle("Fusion")
+    choose(theme)
+    app.styleHints().colorSchemeChanged.connect(lambda scheme: _dress(app))
+
+
+def choose(theme: Theme) -> None:
+    """Follow the system, or not; takes effect at once."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    app.setProperty(CHOSEN, theme)
+    wanted = {"dark": Qt.ColorScheme.Dark, "light": Qt.ColorScheme.Light}
+    # Frames and dialogs that the system draws go along, where the platform hears of it.
+    app.styleHints().setColorScheme(wanted.get(theme, Qt.ColorScheme.Unknown))
+    _dress(app)
+
+
+def _dress(app: QApplication) -> None:
+    ours = in_force(app.property(CHOSEN), app.styleHints().colorScheme())
+    app.setPalette(qt_palette(ours))
+    app.setStyleSheet(_sheet(ours))
+
+
+def in_force(theme: Theme, system: Qt.ColorScheme) -> Palette:
+    """The palette for a choice; a system that does not say gets the dark one, as picture programs have it."""
+    if theme == "system":
+        return LIGHT if system == Qt.ColorScheme.Light else DARK
+    return LIGHT if theme == "light" else DARK
+
+
+def qt_palette(ours: Palette) -> QPalette:
+    """`ours` in the roles of Qt's own widgets."""
+    role, group = QPalette.ColorRole, QPalette.ColorGroup
+    made = QPalette()
+    for name, colour in {
+        role.Window: ours.window, role.WindowText: ours.text, role.Base: ours.field,
+        role.AlternateBase: ours.panel, role.Text: ours.text, role.PlaceholderText: ours.dim,
+        role.Button: ours.panel, role.ButtonText: ours.text, role.BrightText: ours.bad,
+        role.ToolTipBase: ours.panel, role.ToolTipText: ours.text, role.Link: ours.accent,
+        role.LinkVisited: ours.accent, role.Highlight: ours.accent, role.HighlightedText: ours.on_accent,
+        role.Accent: ours.accent, role.Light: ours.line, role.Midlight: ours.line, role.Mid: ours.line,
+        role.Dark: ours.line, role.Shadow: "#000000",
+    }.items():  # fmt: skip
+        made.setColor(name, QColor(colour))
+    for name in (role.WindowText, role.Text, role.ButtonText):
+        made.setColor(group.Disabled, name, QColor(ours.disabled))
+    return made
+
+
+def _sheet(ours: Palette) -> str:
+    """What a palette cannot say. Names: QLabel#title, #heading, #dim; QFrame#card, #panel; QPushButton#primary, #stop."""
+    check = "check-on-dark.svg" if ours.dark else "check-on-light.svg"
+    return f"""
+    QLabel#title {{ font-size: 18pt; font-weight: 600; }}
+    QLabel#heading {{ font-size: 11pt; font-weight: 600; }}
+    QLabel#dim {{ color: {ours.dim}; }}
+    QFrame#panel {{ background: {ours.panel}; border: none; }}
+    QFrame#card {{ background: {ours.panel}; border: 1px solid {ours.line}; border-radius: 6px; }}
+    QFrame#card[selected="true"] {{ border: 1px solid {ours.accent}; }}
+    QPushButton {{ background: {ours.panel}; border: 1px solid {ours.line}; border-radius: 4px; padding: 4px 12px; }}
+    QPushButton:hover, QComboBox:hover {{ border-color: {ours.dim}; }}
+    QPushButton:pressed, QPushButton:checked {{ background: {ours.field}; }}
+    QPushButton:checked {{ border-color: {ours.accent}; }}
+    QPushButton:focus {{ border: 1px solid {ours.accent}; }}
+    QPushButton:disabled {{ color: {ours.disabled}; }}
+    QLineEdit, QComboBox, QAbstractSpinBox {{ background: {ours.field}; border: 1px solid {ours.line};
+        border-radius: 4px; padding: 2px 6px; min-height: 18px; selection-background-color: {ours.accent}; }}
+    QLineEdit:focus, QComboBox:focus, QAbstractSpinBox:focus {{ border-color: {ours.accent}; }}
+    QLineEdit:disabled, QComboBox:disabled, QAbstractSpinBox:disabled {{ color: {ours.disabled}; }}
+    QComboBox {{ padding-right: 18px; }}
+    QComboBox::drop-down {{ border: none; width: 18px; }}
+    QComboBox::down-arrow, QAbstractSpinBox::down-arrow {{ image: url({MARKS}/down.svg); width: 12px; height: 12px; }}
+    QAbstractSpinBox::up-arrow {{ image: url({MARKS}/up.svg); width: 12px; height: 12px; }}
+    QAbstractSpinBox {{ padding-right: 18px; }}
+    QAbstractSpinBox::up-button, QAbstractSpinBox::down-button {{ border: none; width: 18px; background: none; }}
+    QCheckBox::indicator, QRadioButton::indicator, QTreeView::indicator {{ width: 13px; height: 13px;
+        border: 1px solid {ours.disabled}; border-radius: 3px; background: {ours.field}; }}
+    QRadioButton::indicator {{ border-radius: 7px; }}
+    QCheckBox::indicator:checked, QTreeView::indicator:checked {{ background: {ours.accent};
+        border-color: {ours.accent}; image: url({MARKS}/{check}); }}
+    QRadioButton::indicator:checked {{ border: 4px solid {ours.accent}; width: 7px; height: 7px;
+        background: {ours.on_accent}; }}
+    QCheckBox::indicator:disabled, QTreeView::indicator:disabled {{ background: {ours.panel};
+        border-color: {ours.line}; }}
+    QCheckBox:focus, QRadioButton:focus {{ color: {ours.accent}; }}
+    QScrollBar {{ background: none; border: none; }}
+    QScrollBar:vertical {{ width: 11px; }}
+    QScrollBar:horizontal {{ height: 11px; }}
+    QScrollBar::handle {{ background: {ours.line}; border-radius: 4px; margin: 1px; }}
+    QScrollBar::handle:vertical {{ min-height: 26px; }}
+    QScrollBar::handle:horizontal {{ min-width: 26px; }}
+    QScrollBar::handle:hover {{ background: {ours.disabled}; }}
+    QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
+    QScrollBar::add-page, QScrollBar::sub-page {{ background: none; }}
+    QHeaderView::section {{ background: {ours.window}; color: {ours.dim}; border: none;
+        border-bottom: 1px solid {ours.line}; padding: 4px 6px; }}
+    QTreeView::item {{ padding: 4px 2px; }}
+    QTabBar::tab {{ background: none; color: {ours.dim}; border: none; border-bottom: 2px solid transparent;
+        padding: 5px 12px; }}
+    QTabBar::tab:selected {{ color: {ours.text}; border-bottom-color: {ours.accent}; }}
+    QTabBar::tab:hover {{ color: {ours.text}; }}
+    QSplitter::handle:horizontal {{ border-left: 1px solid {ours.line}; margin: 0 2px; }}
+    QSplitter::handle:vertical {{ border-top: 1px solid {ours.line}; margin: 2px 0; }}
+    QPushButton#primary {{ background: {ours.accent}; color: {ours.on_accent}; border: 1px solid {ours.accent};
+        border-radius: 4px; padding: 5px 14px; font-weight: 600; }}
+    QPushButton#tile {{ background: {ours.panel}; border: 1px solid {ours.line}; border-radius: 4px; }}
+    QPushButton#tile:hover {{ border-color: {ours.dim}; }}
+    QPushButton#tile:focus {{ border: 2px solid {ours.accent}; }}
+    QPushButton#primary:disabled {{ background: {ours.panel}; color: {ours.disabled}; border-color: {ours.line}; }}
+    QPushButton#stop {{ background: {ours.bad}; color: {ours.window}; border-radius: 4px; padding: 5px 14px;
+        font-weight: 700; }}
+    QPushButton#primary:focus, QPushButton#stop:focus {{ border: 2px solid {ours.text}; padding: 4px 13px; }}
+    QToolButton#rail {{ border: none; border-radius: 5px; color: {ours.dim}; font-size: 8pt; padding-top: 4px; }}
+    QToolButton#rail:hover {{ background: {ours.window}; }}
+    QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}
+    QToolButton#rail:focus {{ border: 1px solid {ours.accent}; }}
+    QToolTip {{ background: {ours.panel}; color: {ours.text}; border: 1px solid {ours.line}; padding: 4px; }}
+    QProgressBar {{ background: {ours.field}; border: none; border-radius: 3px; max-height: 6px; }}
+    QProgressBar::chunk {{ background: {ours.accent}; border-radius: 3px; }}
+    QDialogButtonBox {{ dialogbuttonbox-buttons-have-icons: 0; }}
+    QStatusBar {{ border-top: 1px solid {ours.line}; }}
+    QStatusBar::item {{ border: none; }}
+    """

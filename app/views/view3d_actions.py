@@ -1,0 +1,42 @@
+"""What a person can do on the 3D page, each thing with its keys; the sheet of shortcuts reads them here."""
+
+from collections.abc import Callable, Mapping
+
+from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QWidget
+
+
+def make(page: QWidget, calls: Mapping[str, Callable[[], None]]) -> dict[str, QAction]:
+    """By key; they work while the focus is anywhere on the page."""
+
+    def tr(text: str) -> str:
+        return QCoreApplication.translate("View3dPage", text)
+
+    rows = (
+        ("reset", tr("Reset"), tr("Reset the view"), ("R", "Home")),
+        ("front", tr("Front"), tr("Look from the front"), ("1",)),
+        ("back", tr("Back"), tr("Look from the back"), ("2",)),
+        ("left", tr("Left"), tr("Look from the left"), ("3",)),
+        ("right", tr("Right"), tr("Look from the right"), ("4",)),
+        ("top", tr("Top"), tr("Look from above"), ("5",)),
+        ("bottom", tr("Bottom"), tr("Look from below"), ("6",)),
+        ("object", tr("Object"), tr("Fit the object"), ("F",)),
+        ("everything", tr("Room"), tr("Fit the room"), ("Shift+F",)),
+        ("previous", tr("Previous"), tr("Previous view"), ("[",)),
+        ("next", tr("Next"), tr("Next view"), ("]",)),
+        ("photograph", tr("Photograph"), tr("Show this view's photograph"), ("P",)),
+        ("through", tr("Look through"), tr("Look from where it was taken"), ("L",)),
+        ("screenshot", tr("Screenshot…"), tr("Save a screenshot"), ("Ctrl+Shift+S",)),
+        ("close", tr("Close photograph"), tr("Close the photograph"), ("Esc",)),
+    )
+    made = {}
+    for key, text, tip, keys in rows:
+        action = QAction(tip, page)
+        action.setIconText(text)  # of its button
+        action.setShortcuts([QKeySequence(name) for name in keys])
+        action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        action.triggered.connect(lambda checked, call=calls[key]: call())
+        page.addAction(action)
+        made[key] = action
+    return made

@@ -1,0 +1,53 @@
+"""Every parameter of every stage has its row in the table, and the table has no other rows."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from app.parameters import MEANINGS, STAGES
+from engine.pipeline import presets, table
+from engine.pipeline import settings as asked
+
+
+def parameters(path: str, params: Any) -> Iterator[tuple[str, Any]]:
+    for item in dataclasses.fields(params):
+        value = getattr(params, item.name)
+        if dataclasses.is_dataclass(value):
+            yield from parameters(f"{path}.{item.name}", value)
+        else:
+            yield f"{path}.{item.name}", value
+
+
+def of_all_stages() -> dict[str, Any]:
+    return dict(entry for stage in table.stages() for entry in parameters(stage.name, stage.defaults))
+
+
+def test_the_table_and_the_stages_agree() -> None:
+    assert sorted(MEANINGS) == sorted(of_all_stages())
+    assert list(STAGES) == [stage.name for stage in table.stages()]
+
+
+def test_every_parameter_is_named_and_explained() -> None:
+    for name, meaning in MEANINGS.items():
+        assert meaning.label, name
+        assert meaning.sense.endswith("."), name
+
+
+def test_a_unit_in_a_name_is_the_unit_of_the_table() -> None:
+    for name, meaning in MEANINGS.items():
+        assert not name.endswith("_px") or meaning.unit == "px", name
+        assert not name.endswith("_deg") or meaning.unit == "°", name
+        assert not name.endswith("_share") or meaning.unit in ("share", "of the step predicted"), name
+
+
+@pytest.mark.parametrize("preset", asked.PRESETS)
+def test_defaults_and_presets_lie_within_what_the_window_offers(preset: str) -> None:
+    for stage in table.stages():
+        params = asked.resolve(stage.name, stage.defaults, presets.of_stage(stage.name)[preset], {})
+        for name, value in parameters(stage.name, params):
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                assert MEANINGS[name].low <= value <= MEANINGS[name].high, name
+            if MEANINGS[name].choices:
+                assert value in MEANINGS[name].choices, name

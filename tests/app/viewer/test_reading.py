@@ -1,0 +1,49 @@
+"""Which results of a session are shown."""
+
+from pathlib import Path
+
+import pytest
+
+from app.viewer.reading import read, stages_of
+from engine.errors import SessionError
+from tests.app.viewer import made
+
+
+def test_a_whole_run_is_read(tmp_path: Path) -> None:
+    results = read(made.session(tmp_path / "s"))
+    assert results.names == tuple(f"view{k:04d}" for k in range(5))
+    assert None not in (results.poses, results.gaussians, results.lamps, results.surface)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_what_is_not_there_yet_is_none(tmp_path: Path, count: int) -> None:
+    results = read(made.session(tmp_path / "s", stages=("hdr", "poses", "light", "surface")[:count]))
+    assert [part is not None for part in (results.poses, results.gaussians, results.surface)] == [
+        count > 1, count > 2, count > 3,
+    ]  # fmt: skip
+
+
+def test_without_a_surface_the_newest_light_and_what_it_was_made_from_are_read(tmp_path: Path) -> None:
+    folder = made.session(tmp_path / "s", stages=("hdr", "poses", "light"))
+    newer = folder / "stages" / "light" / "ffffffffffffffff"
+    newer.mkdir()
+    made.finish(newer, 99.0, {"hdr": f"{0:016x}", "poses": "gone"})
+    assert stages_of(folder) == {"hdr": folder / "stages" / "hdr" / f"{0:016x}", "light": newer}
+
+
+def test_unfinished_results_are_not_read(tmp_path: Path) -> None:
+    folder = made.session(tmp_path / "s", stages=("hdr", "poses"))
+    (folder / "stages" / "poses" / f"{1:016x}" / "record.json").write_text("{")
+    assert set(stages_of(folder)) == {"hdr"}
+
+
+def test_a_folder_that_is_no_session_is_told(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match="not a session"):
+        read(tmp_path)
+
+
+def test_damaged_results_are_told(tmp_path: Path) -> None:
+    folder = made.session(tmp_path / "s")
+    (folder / "stages" / "light" / f"{2:016x}" / "gaussians.means.npy").unlink()
+    with pytest.raises(SessionError, match="cannot be read back"):
+        read(folder)

@@ -1,0 +1,121 @@
+"""What the page knows: eye, style and chosen photograph, step by step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.viewer import orbit, showing
+from app.viewer.protocol import Contents
+from app.viewer.showing import Showing
+from tests.app.viewer.test_scene import whole
+
+CONTENTS = whole().contents
+ASPECT = 1.5
+
+
+@pytest.fixture
+def opened() -> Showing:
+    return showing.opened(Showing(), CONTENTS, ASPECT)
+
+
+def test_a_new_session_is_seen_from_home(opened: Showing) -> None:
+    assert opened.home
+    assert opened.eye.target == CONTENTS.centre
+    assert opened.eye.up == CONTENTS.up
+    away = np.linalg.norm(orbit.eye(opened.eye) - CONTENTS.centre)
+    assert away > CONTENTS.radius
+
+
+def test_the_same_session_again_leaves_the_eye_alone(opened: Showing) -> None:
+    moved = showing.moved(showing.chose(opened, 2), orbit.turned(opened.eye, 1.0, 0.2))
+    again = showing.opened(moved, replace(CONTENTS, triangles=7), ASPECT)
+    assert again.eye == moved.eye
+    assert (again.chosen, again.style, again.contents.triangles) == (2, moved.style, 7)
+
+
+def test_from_home_a_scene_that_grew_is_seen_from_its_new_home(opened: Showing) -> None:
+    larger = replace(CONTENTS, radius=9.0, room_radius=20.0)
+    assert showing.opened(opened, larger, ASPECT).eye.distance > opened.eye.distance
+
+
+def test_another_session_forgets_eye_and_choice_but_not_the_layers(opened: Showing) -> None:
+    before = showing.with_layer(showing.chose(opened, 2), "grid", True)
+    after = showing.opened(before, replace(CONTENTS, folder="/other"), ASPECT)
+    assert after.home
+    assert (after.chosen, after.style.view) == (-1, -1)
+    assert "grid" in after.style.visible
+
+
+def test_a_painted_layer_that_is_gone_falls_back_to_shaded(opened: Showing) -> None:
+    painted = showing.styled(opened, surface="relit")
+    assert showing.opened(painted, CONTENTS, ASPECT).style.surface == "shaded"
+    with_it = replace(CONTENTS, surfaces=(*CONTENTS.surfaces, "relit"))
+    assert showing.opened(painted, with_it, ASPECT).style.surface == "relit"
+
+
+def test_choosing_a_view_moves_the_surface_there(opened: Showing) -> None:
+    chosen = showing.chose(opened, 3)
+    assert (chosen.chosen, chosen.style.view, showing.standing(chosen)) == (3, 3, 3)
+
+
+@pytest.mark.parametrize("view", [-1, 4, 99])
+def test_a_view_without_a_pose_cannot_be_chosen(opened: Showing, view: int) -> None:
+    chosen = showing.chose(showing.chose(opened, 2), view)
+    assert (chosen.chosen, chosen.style.view) == (-1, 2)
+
+
+def test_stepping_goes_round_the_registered_views(opened: Showing) -> None:
+    seen, state = [], opened
+    for _ in range(5):
+        state = showing.stepped(state, 1)
+        seen.append(state.chosen)
+    assert seen == [0, 1, 2, 3, 0]
+    assert showing.stepped(opened, -1).chosen == 3
+    assert showing.stepped(Showing(), 1) == Showing()
+
+
+def test_looking_through_is_the_photographs_pose(opened: Showing) -> None:
+    seen = showing.looking_through(showing.chose(opened, 1))
+    np.testing.assert_allclose(
+        orbit.cam_from_world(seen.eye), np.reshape(CONTENTS.poses[1], (3, 4)), atol=1e-9
+    )
+    assert seen.eye.fov == pytest.approx(CONTENTS.fov)
+    assert not seen.home
+
+
+def test_the_object_is_framed_where_it_stands(opened: Showing) -> None:
+    framed = showing.framed(showing.chose(opened, 2), showing.OBJECT, ASPECT)
+    pose = np.reshape(CONTENTS.poses[2], (3, 4))
+    np.testing.assert_allclose(
+        pose[:, :3] @ framed.eye.target + pose[:, 3], [0, 0, CONTENTS.object_depth], atol=1e-9
+    )
+    assert showing.framed(opened, showing.EVERYTHING, ASPECT).eye.target == CONTENTS.room
+
+
+def test_without_a_surface_the_cameras_are_framed() -> None:
+    state = showing.opened(Showing(), replace(CONTENTS, object_depth=0.0), ASPECT)
+    assert showing.framed(state, showing.OBJECT, ASPECT).eye.target == CONTENTS.centre
+
+
+def test_layers_are_shown_and_hidden(opened: Showing) -> None:
+    hidden = showing.with_layer(opened, "lamps", False)
+    assert "lamps" not in hidden.style.visible
+    assert sorted(showing.with_layer(hidden, "lamps", True).style.visible) == sorted(opened.style.visible)
+    assert showing.with_layer(opened, "lamps", True).style.visible.count("lamps") == 1
+
+
+def test_pyramids_follow_the_registered_views() -> None:
+    points, known = showing.pyramids(CONTENTS)
+    assert points.shape == (5, 5, 3)
+    assert list(known) == [True, True, True, True, False]
+    assert showing.pyramids(Contents("", ""))[0].shape == (0, 5, 3)
+
+
+@pytest.mark.parametrize(
+    ("length", "unit", "told"),
+    [(2.0, "m", ("2", "m")), (0.5, "m", ("50", "cm")), (0.02, "m", ("2", "cm")), (0.005, "m", ("5", "mm")),
+     (0.0002, "m", ("200", "µm")), (0.5, "", ("0.5", "")), (200.0, "", ("200", ""))],
+)  # fmt: skip
+def test_lengths_are_told_in_a_fitting_unit(length: float, unit: str, told: tuple[str, str]) -> None:
+    assert showing.length_text(length, unit) == told

@@ -1,0 +1,70 @@
+"""Windows without a screen, settings and state of their own, and an engine that answers from a table."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+from app.job_queue import Board
+from app.settings import Settings
+from app.state import State
+from app.views.main_window import MainWindow
+from app.views.pages import Shell, Wishes
+from tests.app.plans import Questions
+
+
+@pytest.fixture(autouse=True)
+def own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("CONFIG", "STATE", "CACHE"):
+        monkeypatch.setenv(f"XDG_{name}_HOME", str(tmp_path / "xdg" / name.lower()))
+
+
+@pytest.fixture
+def questions() -> Questions:
+    return Questions(done=2)
+
+
+@pytest.fixture
+def shell(questions: Questions, qtbot: QtBot) -> Iterator[Shell]:
+    """What pages share, without a window."""
+    board = Board()
+    yield Shell(State(), board, Settings(), questions, Wishes())  # type: ignore[arg-type]
+    stop(board)
+
+
+@pytest.fixture
+def window(questions: Questions, qtbot: QtBot) -> Iterator[MainWindow]:
+    made = MainWindow(Settings(), questions)  # type: ignore[arg-type]
+    qtbot.addWidget(made)
+    made.show()
+    yield made
+    stop(made.shell.board)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """A session's folder as far as the window looks at it."""
+    return make_session(tmp_path / "lion.session")
+
+
+def make_session(folder: Path) -> Path:
+    (folder / "shots").mkdir(parents=True)
+    (folder / "session.json").write_text('{"schema": 1, "kind": "raw", "camera": {}, "rig": null}')
+    return folder
+
+
+def stop(board: Board) -> None:
+    """End every child that a test left running."""
+    board.hold(True)
+    for job in board.active:
+        job.kill()
+        job.wait(30)
+
+
+def until(qtbot: QtBot, what: Callable[[], object], timeout_ms: int = 30_000) -> None:
+    """Let the window live until `what` is true."""
+    qtbot.waitUntil(lambda: bool(what()), timeout=timeout_ms)

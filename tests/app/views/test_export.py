@@ -1,0 +1,168 @@
+"""The Export page offers what there is, says frames and units, and asks for exactly what was chosen."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QDesktopServices
+from pytestqt.qtbot import QtBot
+
+from app.enquiries import Answer
+from app.jobs import Job
+from app.views import export as page_module
+from app.views.export import ExportPage
+from app.views.pages import Shell
+from app.views.trouble import TroubleDialog
+from tests.app.children import job
+from tests.app.plans import Questions, content
+from tests.app.views.conftest import until
+from tests.engine.test_export import write as write_export
+
+
+class Finished(Questions):
+    """Answers that the export lies in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder, self.stages_done = folder, 6
+
+    def answer(self, place: int = 0) -> None:
+        asked, then = self.open.pop(place)
+        answer = content(None, self.stages_done, asked["session"])
+        answer["stages"][-1]["folder"] = str(self.folder)
+        then(Answer(answer))
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    to = tmp_path_factory.mktemp("export") / "out"
+    write_export(to)
+    return to
+
+
+@pytest.fixture
+def questions(exported: Path) -> Finished:
+    return Finished(exported)
+
+
+@pytest.fixture
+def requests(monkeypatch: pytest.MonkeyPatch) -> list[Mapping[str, Any]]:
+    """What jobs were asked; their children say that it is done."""
+    made: list[Mapping[str, Any]] = []
+
+    def make(name: str, task: str, request: Mapping[str, Any]) -> Job:
+        made.append({"task": task, **request})
+        result = {"page": "/s/report.html"} if task == "report" else {"to": request["to"]}
+        return job(f'emit("done", result={result!r})', name, task, request)
+
+    monkeypatch.setattr(page_module, "Job", make)
+    return made
+
+
+@pytest.fixture
+def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, Any]]) -> ExportPage:
+    shell.state.session.set(session)
+    made = ExportPage()
+    qtbot.addWidget(made)
+    made.use(shell)
+    made.resize(1100, 700)
+    made.show()
+    until(qtbot, lambda: made.go.isEnabled() or made.process.isVisible())
+    return made
+
+
+def test_every_format_is_offered_with_frame_units_and_size(page: ExportPage) -> None:
+    lines = [page.table.topLevelItem(row) for row in range(page.table.topLevelItemCount())]
+    assert len(lines) == len(page.keys()) == 13
+    for line in lines:
+        assert all(line.text(column) for column in range(5)), line.text(0)
+        assert "{" not in line.text(3)
+    assert lines[0].text(2) == "camera: x right, y down, z forward"
+    assert "metre" in lines[0].text(3)
+    assert page.state.text() == "up to date"
+    assert not page.grab().isNull()
+
+
+def test_all_formats_and_the_flip_are_asked_for(
+    page: ExportPage,
+    requests: list[Mapping[str, Any]],
+    session: Path,
+    shell: Shell,
+    qtbot: QtBot,
+    tmp_path: Path,
+) -> None:
+    said: list[str] = []
+    shell.wishes.say.connect(said.append)
+    page.to.setText(str(tmp_path / "out"))
+    page.greens["down"].click()
+    page.go.click()
+    until(qtbot, lambda: said)
+    assert requests == [
+        {
+            "task": "export",
+            "session": str(session),
+            "to": str(tmp_path / "out"),
+            "green": "down",
+            "files": None,
+        }
+    ]
+    assert str(tmp_path / "out") in said[0]
+    until(qtbot, lambda: page.go.isEnabled())
+
+
+def test_a_format_that_is_not_ticked_is_left_out(
+    page: ExportPage, requests: list[Mapping[str, Any]], qtbot: QtBot
+) -> None:
+    for row in range(page.table.topLevelItemCount()):
+        line = page.table.topLevelItem(row)
+        if line.text(0) != "glTF 2.0":
+            line.setCheckState(0, Qt.CheckState.Unchecked)
+    page.action.trigger()
+    until(qtbot, lambda: requests)
+    assert requests[0]["files"] == ["surface.glb"]
+    assert requests[0]["green"] == "up"
+
+
+def test_nothing_ticked_or_no_folder_is_nothing_to_export(page: ExportPage) -> None:
+    page.to.setText(" ")
+    assert not page.go.isEnabled()
+    page.to.setText("/s/out")
+    assert page.go.isEnabled()
+    for row in range(page.table.topLevelItemCount()):
+        page.table.topLevelItem(row).setCheckState(0, Qt.CheckState.Unchecked)
+    assert not page.go.isEnabled()
+
+
+def test_results_older_than_the_settings_send_to_the_process_page(
+    page: ExportPage, questions: Finished, session: Path, shell: Shell, qtbot: QtBot
+) -> None:
+    questions.stages_done = 5
+    page.show_session(session)
+    until(qtbot, lambda: page.process.isVisible())
+    assert not page.go.isEnabled()
+    assert "process first" in page.state.text()
+    with qtbot.waitSignal(shell.wishes.show_page) as asked:
+        page.process.click()
+    assert asked.args == ["process"]
+
+
+def test_a_refused_export_is_told(page: ExportPage, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot) -> None:
+    failing = 'emit("failed", message="/s/out: holds 3 files that no export wrote; name a new folder")'
+    monkeypatch.setattr(page_module, "Job", lambda name, task, request: job(failing, name, task, request))
+    page.go.click()
+    until(qtbot, lambda: page.findChildren(TroubleDialog))
+    (dialog,) = page.findChildren(TroubleDialog)
+    assert dialog.trouble.remedy == "name a new folder"
+    dialog.close()
+
+
+def test_the_report_is_written_and_opened(
+    page: ExportPage, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+) -> None:
+    opened = []
+    monkeypatch.setattr(QDesktopServices, "openUrl", opened.append)
+    page.report.click()
+    until(qtbot, lambda: opened)
+    assert opened[0].toLocalFile() == "/s/report.html"

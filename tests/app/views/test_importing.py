@@ -1,0 +1,95 @@
+"""The import dialog asks for what an import needs, runs it as a job, and opens what it made."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+
+from app.jobs import Job, JobState
+from app.views import importing
+from app.views.importing import ImportDialog
+from app.views.pages import Shell
+from app.views.trouble import TroubleDialog
+from tests.app.children import WILLING, job
+from tests.app.views.conftest import until
+
+
+def dialog(
+    shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, script: str, folder: Path | None
+) -> ImportDialog:
+    def make(name: str, task: str, request: Mapping[str, Any]) -> Job:
+        return job(script, name, task, request)
+
+    monkeypatch.setattr(importing, "Job", make)
+    made = ImportDialog(None, shell, folder)
+    made.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)  # qtbot closes it once more
+    qtbot.addWidget(made)
+    made.show()
+    return made
+
+
+def test_a_dropped_folder_fills_in_a_session_beside_it(
+    shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "lion").mkdir()
+    (tmp_path / "lion" / "transforms.json").write_text("{}")
+    made = dialog(shell, qtbot, monkeypatch, WILLING, tmp_path / "lion")
+    assert made.session.text() == str(tmp_path / "lion.session")
+    assert made.poses.text() == str(tmp_path / "lion" / "transforms.json")
+    assert made.go.isEnabled()
+    made.folder.setText("")
+    assert not made.go.isEnabled()
+
+
+def test_a_name_the_person_chose_stays(
+    shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made = dialog(shell, qtbot, monkeypatch, WILLING, None)
+    made.session.setFocus()
+    qtbot.keyClicks(made.session, "/s/mine")
+    made.folder.setText(str(tmp_path))
+    assert made.session.text() == "/s/mine"
+
+
+def test_a_finished_import_opens_its_session(
+    shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    opened: list[Path] = []
+    shell.wishes.open_session.connect(opened.append)
+    script = 'emit("done", result={"session": request["session"], "views": 8})'
+    made = dialog(shell, qtbot, monkeypatch, script, tmp_path)
+    made.bracket.setCurrentIndex(3)
+    made.go.click()
+    until(qtbot, lambda: opened)
+    assert opened == [tmp_path.parent / f"{tmp_path.name}.session"]
+
+
+def test_cancelling_stops_the_import_and_keeps_the_dialog(
+    shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made = dialog(shell, qtbot, monkeypatch, WILLING, tmp_path)
+    made.go.click()
+    (run,) = shell.board.active
+    assert run.request["folder"] == str(tmp_path)
+    assert not made.folder.isEnabled()
+    made.stop.click()
+    until(qtbot, lambda: run.status.state is JobState.CANCELLED)
+    until(qtbot, lambda: made.go.isEnabled())
+    assert made.isVisible()
+    made.stop.click()
+    assert not made.isVisible()
+
+
+def test_a_fault_is_told_and_can_be_put_right(
+    shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    script = 'emit("failed", message="no photographs in it; it must hold RAW files", expected=True)'
+    made = dialog(shell, qtbot, monkeypatch, script, tmp_path)
+    made.go.click()
+    until(qtbot, lambda: made.findChildren(TroubleDialog))
+    assert made.findChildren(TroubleDialog)[0].trouble.what == "no photographs in it"
+    made.findChildren(TroubleDialog)[0].close()
+    assert made.go.isEnabled()

@@ -1,0 +1,52 @@
+"""The sheet lists what there is: each key once, under where it belongs."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QKeySequence, QShortcut
+from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
+
+from app.views.main_window import MainWindow
+from app.views.pages import PAGES
+from app.views.shortcuts import ShortcutsDialog, collect
+from tests.app.views.conftest import until
+
+
+def test_actions_and_shortcuts_are_found_once(qtbot: QtBot) -> None:
+    page, window = QWidget(), QWidget()
+    qtbot.addWidget(window)
+    page.setParent(window)
+    action = QAction("&Undo…", page)
+    action.setShortcuts([QKeySequence("Ctrl+Z"), QKeySequence("Alt+Backspace")])
+    page.addAction(action)
+    brush = QShortcut(QKeySequence("B"), page)
+    brush.setWhatsThis("Brush")
+    QShortcut(QKeySequence("X"), page)  # says nothing of itself
+    QAction("Without keys", window)
+    found = collect([("Mask", page), ("Everywhere", window)])
+    assert [(s.group, s.keys, s.what) for s in found] == [
+        ("Mask", "Ctrl+Z, Alt+Backspace", "Undo"),
+        ("Mask", "B", "Brush"),
+    ]
+
+
+def test_question_mark_opens_the_sheet(window: MainWindow, qtbot: QtBot) -> None:
+    window.activateWindow()
+    qtbot.keyClick(window, Qt.Key.Key_Question)
+    until(qtbot, lambda: window.findChildren(ShortcutsDialog))
+    (dialog,) = window.findChildren(ShortcutsDialog)
+    for row in PAGES:
+        assert row.shortcut in dialog.sheet.text()
+    assert "Keyboard shortcuts" in dialog.sheet.text()
+    dialog.close()
+
+
+def test_no_two_actions_of_the_window_share_a_key(window: MainWindow) -> None:
+    keys = [keys.toString() for action in window.actions() + window.findChildren(QAction) for keys in action.shortcuts()
+            if action.shortcutContext() != Qt.ShortcutContext.WidgetShortcut]  # fmt: skip
+    owners: dict[str, set[int]] = {}
+    for action in window.findChildren(QAction):
+        for key in action.shortcuts():
+            if action.shortcutContext() != Qt.ShortcutContext.WidgetShortcut:
+                owners.setdefault(key.toString(), set()).add(id(action))
+    assert keys
+    assert {key for key, who in owners.items() if len(who) > 1} == set()

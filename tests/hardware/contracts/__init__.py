@@ -1,0 +1,1 @@
+"""What every implementation of an interface must keep; each implementation's maker is listed beside the suite."""

@@ -1,0 +1,83 @@
+"""GRBL rigs for the promises of `Motion`: the real driver, a real pseudo-terminal, the emulated controller behind it."""
+
+import contextlib
+import time
+from collections.abc import Iterator
+
+from hardware.grbl import GrblConfig, open_grbl
+from hardware.interfaces import Angles
+from hardware.virtual.grbl_firmware import GrblFirmware
+from hardware.virtual.grbl_motion import Mechanics
+from hardware.virtual.wire import Firmware, Wire
+from tests.hardware.contracts.motion import Made
+
+HURRY = 4  # times faster than real; 300 degrees of pan then take 1.3 s
+QUICK = {
+    24: 1200.0, 25: 36000.0, 26: 5, 100: 200.0, 101: 200.0, 110: 3600.0, 111: 3600.0, 120: 600.0, 121: 600.0,
+}  # fmt: skip
+SWITCHED = {**QUICK, 20: 1, 21: 1, 22: 1, 23: 3, 130: 371.0, 131: 101.0}
+PLAY = 0.4
+
+
+class Heard:
+    """A firmware, and everything that was said to it."""
+
+    def __init__(self, firmware: Firmware):
+        self.firmware = firmware
+        self.bytes = b""
+
+    def receive(self, data: bytes, now: float) -> None:
+        self.bytes += data
+        self.firmware.receive(data, now)
+
+    def advance(self, now: float) -> bytes:
+        return self.firmware.advance(now)
+
+    def orders(self) -> bytes:
+        return self.bytes.replace(b"?", b"")
+
+
+def turntable() -> contextlib.AbstractContextManager[Made]:
+    """One axis between limit switches, with play in its gears."""
+    mechanics = Mechanics(
+        (-185.0, None, None), (185.0, None, None), play=(PLAY, 0.0, 0.0), start=(-182.0, 0, 0)
+    )
+    firmware = GrblFirmware(SWITCHED, mechanics, homes=(0,))
+    facts = {"backlash_deg": (0.5, 0.0), "home_deg": (-184.0 - PLAY, 0.0)}
+    return _made(firmware, facts, Angles(-170.0), Angles(150.0), (Angles(180.1), Angles(-180.1), Angles(1e9)))
+
+
+def gimbal() -> contextlib.AbstractContextManager[Made]:
+    """Two axes between limit switches, reporting work positions."""
+    mechanics = Mechanics((-185.0, -50.0, None), (185.0, 50.0, None), start=(-182.0, -46.0, 0))
+    firmware = GrblFirmware({**SWITCHED, 10: 0}, mechanics)
+    facts = {"axes": "xy", "tilt": (-45.0, 45.0), "home_deg": (-184.0, -49.0)}
+    beyond = (Angles(0.0, 45.1), Angles(0.0, -45.1), Angles(180.1, 0.0))
+    return _made(firmware, facts, Angles(-170.0, -40.0), Angles(150.0, 20.0), beyond)
+
+
+def endless() -> contextlib.AbstractContextManager[Made]:
+    """One axis without ends or switches, as cheap turntables have."""
+    return _made(GrblFirmware(QUICK), {"pan": None, "homing": "none"}, Angles(10.0), Angles(300.0), ())
+
+
+def fluidnc() -> contextlib.AbstractContextManager[Made]:
+    """A FluidNC controller."""
+    mechanics = Mechanics((-185.0, None, None), (185.0, None, None), start=(-182.0, 0, 0))
+    firmware = GrblFirmware(SWITCHED, mechanics, fluidnc=True, homes=(0,))
+    facts = {"home_deg": (-184.0, 0.0)}
+    return _made(firmware, facts, Angles(-170.0), Angles(150.0), (Angles(180.1), Angles(-180.1)))
+
+
+@contextlib.contextmanager
+def _made(
+    firmware: GrblFirmware, facts: dict, near: Angles, far: Angles, beyond: tuple[Angles, ...]
+) -> Iterator[Made]:
+    heard = Heard(firmware)
+    wire = Wire(heard, lambda: HURRY * time.monotonic())
+    rig = open_grbl(GrblConfig(wire.port, feed_deg_min=3600.0, **facts))
+    try:
+        yield Made(rig, near, far, beyond, firmware.angles, heard.orders, wire.pull)
+    finally:
+        rig.close()
+        wire.close()
