@@ -225,7 +225,6 @@ class ChartView(QWidget):
             self._pair = canvas, canvas.addPlot(row=0, col=0), canvas.addPlot(row=1, col=0)
         canvas, above, below = self._pair
         self._stack.setCurrentWidget(canvas)
-        assert above is not None and below is not None
         above.clear()
         below.clear()
         frame = Chart("", "", "azimuth [degrees]: 0 ahead, -90 left, +90 right", "from up [degrees]", ())

@@ -102,6 +102,8 @@ def open_page(qtbot, lasting: View3dPage, session: Path) -> View3dPage:
     qtbot.waitUntil(lambda: lasting.state.contents.folder == str(session), timeout=BOUND_MS)
     lasting.turn.milliseconds = 0
     lasting.resize(900, 600)
+    lasting.activateWindow()  # shortcuts are those of the active window
+    qtbot.waitUntil(lasting.isActiveWindow, timeout=BOUND_MS)
     lasting._close_photograph()
     lasting.banner.hide()
     fresh = Style(
