@@ -83,11 +83,12 @@ def _passing(
 
 def as_light(radiance: Float[np.ndarray, "h w 3"]) -> dict[str, np.ndarray]:
     """A panorama as energy from the lattice's directions, and as a picture to stand behind the object."""
-    height, width = radiance.shape[:2]
     directions = fibonacci_sphere(LATTICE)
-    fine = min(height, 2 * ROWS)
-    # Large panoramas are averaged down first: a sun of many pixels keeps its energy.
-    small = cv2.resize(radiance.astype(np.float32), (2 * fine, fine), interpolation=cv2.INTER_AREA)
+    fine = 2 * ROWS
+    # Large panoramas are averaged down: a sun of many pixels keeps its energy. The pixels of small ones are parted, so
+    # that every direction of the lattice gets its share.
+    way = cv2.INTER_AREA if len(radiance) > fine else cv2.INTER_NEAREST
+    small = cv2.resize(radiance.astype(np.float32), (2 * fine, fine), interpolation=way)
     solid = np.sin(np.pi * (np.arange(fine) + 0.5) / fine) * (np.pi / fine) ** 2
     towards = probes.panorama_directions(fine).reshape(-1, 3)
     cells = nearest_cells(directions, 256)

@@ -38,6 +38,7 @@ class Dial:
         self._isos = offered(self._choices(self._iso), camera_values.iso)
         self._apertures = offered(self._choices(self._aperture), camera_values.f_number)
         self._jpeg_only = body.jpeg_only()
+        self._persons_shutter = self._left_shutter = ""  # as the person had it; as our last exposure left it
         self._found: dict[
             str, str
         ] = {}  # what the person had set of what we change and they would not expect
@@ -111,6 +112,8 @@ class Dial:
         ):
             if name is not None and value in choices:
                 self._set(body, name, choices[value])
+                if name == self._shutter:
+                    self._left_shutter = choices[value]
 
     def restore(self, body: Body) -> None:
         """Put back what nobody expects to have changed: drive mode and bracketing."""
@@ -135,6 +138,9 @@ class Dial:
         base = bracket.base.shutter_s
         if base is None:
             now = body.setting(self._shutter).value
+            if now != self._left_shutter:
+                self._persons_shutter = now  # else every bracket would begin where the last one ended
+            now = self._persons_shutter
             base = seconds(now)
             if base is None:
                 raise SettingsError(

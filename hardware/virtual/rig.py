@@ -29,7 +29,7 @@ PAN = (-5.0, 365.0)
 TILT = (-75.0, 75.0)
 LATE_S = 3.0  # of real time: longer than any driver waits for an answer
 _SWITCH_DEG = 2.0  # from the end of the travel to the switch behind it
-_PULL_OFF_DEG = 1.0  # from the switch to where homing leaves the rig
+_PULL_OFF_DEG = 3.0  # from the switch to where homing leaves the rig, which is within its travel
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,10 +105,18 @@ def test_the_search_for_the_distance_is_shown_in_the_runs_unit(session: Path) ->
     assert curve.y == (9.0, 2.0, 7.0)
     assert mark.x == pytest.approx((800.0,))
     assert "[mm]" in chart.x_label
-    assert chart.said.format(**chart.facts).startswith("Camera to object along the viewing axis: 800 mm \u00b1 1 %")
+    assert chart.said.format(**chart.facts).startswith(
+        "Camera to object along the viewing axis: 800 mm \u00b1 1 %"
+    )
     report = session / "stages" / "surface" / run.fingerprint / "report.json"
     content = json.loads(report.read_text())
-    content["values"]["distance"] = {"value": 0.8, "stderr": 0.0, "source": "given", "tried": [], "misfit": []}
+    content["values"]["distance"] = {
+        "value": 0.8,
+        "stderr": 0.0,
+        "source": "given",
+        "tried": [],
+        "misfit": [],
+    }
     report.write_text(json.dumps(content))
     assert "given" in charting.distance(run, shown).missing
 

@@ -50,7 +50,9 @@ def test_turned_normals_differ_by_the_turn(one: Maps) -> None:
 
 def test_differences_keep_their_sign(one: Maps) -> None:
     s = one.surface
-    other = changed(one, albedo=s.albedo + np.where(s.mask, 0.1, 0)[..., None], roughness=s.roughness - 0.2 * s.mask)
+    other = changed(
+        one, albedo=s.albedo + np.where(s.mask, 0.1, 0)[..., None], roughness=s.roughness - 0.2 * s.mask
+    )
     found = compare(one, other)
     assert found.of("albedo").summary().bias == pytest.approx(0.1, abs=1e-4)
     assert found.of("roughness").summary().bias == pytest.approx(-0.2, abs=1e-4)

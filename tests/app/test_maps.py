@@ -19,7 +19,9 @@ def shown(tmp_path: Path) -> Maps:
     return maps.load(runs.runs_of(furnace.finished(tmp_path))[0])
 
 
-def under(shown: Maps, at: tuple[int, int], view: int = 0, frame: str = "opengl") -> dict[str, readings.Reading]:
+def under(
+    shown: Maps, at: tuple[int, int], view: int = 0, frame: str = "opengl"
+) -> dict[str, readings.Reading]:
     return {reading.title: reading for reading in readings.under(shown, *at, view, frame)}
 
 

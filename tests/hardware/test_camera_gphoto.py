@@ -132,6 +132,16 @@ def test_without_a_shutter_time_it_is_the_cameras_own(body: R8, clock: Clock):
     assert [item.exposure.shutter_s for item in taken] == [1 / 250, 1 / 30, 1 / 4]
 
 
+def test_brackets_about_the_cameras_own_shutter_do_not_drift(body: R8, clock: Clock):
+    camera = made(body, clock)
+    body.set("shutterspeed", "1/60")
+    uneven = Bracket(Exposure(None), (-2.0, 0.0, 1.0))  # no `aeb` has these stops: shutters one by one
+    times = [[one.exposure.shutter_s for one in camera.expose(uneven)] for _ in range(3)]
+    assert times[0] == times[1] == times[2]
+    body.set("shutterspeed", "1/125")  # the person changed their mind
+    assert camera.expose(uneven)[1].exposure.shutter_s == 1 / 125
+
+
 def test_a_shutter_at_bulb_is_no_time(body: R8, clock: Clock):
     body.set("shutterspeed", "bulb")
     with pytest.raises(SettingsError, match="mode dial to M"):

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.viewer import orbit
 from app.viewer.orbit import Orbit
 from engine.geometry import check_rigid, inverse, transform
 
+few = settings(max_examples=40, deadline=None)
 WIDTH, HEIGHT = 800, 600
 angles = st.floats(-3.0, 3.0)
 shares = st.floats(0.05, 0.95)
@@ -34,6 +35,7 @@ def eyes(draw: st.DrawFn) -> Orbit:
     )
 
 
+@few
 @given(eyes())
 def test_the_pose_is_rigid_and_looks_at_the_target(eye: Orbit) -> None:
     pose = orbit.cam_from_world(eye)
@@ -63,6 +65,7 @@ def test_standing_views_are_where_their_names_say(view: str, place: tuple[float,
     np.testing.assert_allclose(orbit.eye(eye), place, atol=1e-12)
 
 
+@few
 @given(eyes(), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
 def test_turning_keeps_target_and_distance(eye: Orbit, right: float, up: float) -> None:
     turned = orbit.turned(eye, right, up)
@@ -70,6 +73,7 @@ def test_turning_keeps_target_and_distance(eye: Orbit, right: float, up: float) 
     assert -math.pi / 2 <= turned.elevation <= math.pi / 2
 
 
+@few
 @given(eyes())
 def test_turning_right_moves_the_eye_to_the_right_of_its_own_picture(eye: Orbit) -> None:
     level = orbit.Orbit(eye.target, eye.distance, eye.azimuth, 0.0, eye.up, eye.front, eye.fov, eye.roll)
@@ -79,12 +83,14 @@ def test_turning_right_moves_the_eye_to_the_right_of_its_own_picture(eye: Orbit)
     np.testing.assert_allclose(step / level.distance, [0, -1e-4, 0], atol=1e-7)
 
 
+@few
 @given(eyes(), st.floats(-300, 300), st.floats(-300, 300))
 def test_panning_moves_the_target_by_so_many_pixels(eye: Orbit, right: float, down: float) -> None:
     moved = orbit.project(orbit.panned(eye, right, down, HEIGHT), np.array(eye.target), WIDTH, HEIGHT)
     np.testing.assert_allclose(moved[:2], [WIDTH / 2 + right, HEIGHT / 2 + down], atol=1e-5)
 
 
+@few
 @given(eyes(), st.floats(0.3, 3.0), shares, shares)
 def test_zooming_keeps_what_is_under_the_mouse_there(eye: Orbit, factor: float, x: float, y: float) -> None:
     at = x * WIDTH, y * HEIGHT
@@ -101,6 +107,7 @@ def test_zooming_ends_at_the_limits() -> None:
     assert orbit.zoomed(eye, 1e-30).distance == orbit.FURTHEST
 
 
+@few
 @given(eyes(), shares, shares)
 def test_a_ray_goes_through_its_pixel(eye: Orbit, x: float, y: float) -> None:
     point = orbit.eye(eye) + 3.0 * orbit.ray(eye, x * WIDTH, y * HEIGHT, WIDTH, HEIGHT)
@@ -113,6 +120,7 @@ def test_what_is_behind_the_eye_has_no_pixel() -> None:
     assert np.isnan(orbit.project(Orbit((0.0, 0.0, 0.0), 1.0), np.array([0.0, 0, -3]), 80, 60)[0])
 
 
+@few
 @given(eyes(), st.floats(0.5, 3.0))
 def test_a_fitted_ball_fills_the_shorter_side(eye: Orbit, aspect: float) -> None:
     fitted = orbit.fitted(eye, (1.0, 2.0, 3.0), 0.7, aspect)
@@ -120,6 +128,7 @@ def test_a_fitted_ball_fills_the_shorter_side(eye: Orbit, aspect: float) -> None
     assert math.asin(0.7 / fitted.distance) == pytest.approx(half)
 
 
+@few
 @given(eyes(), st.floats(0.2, 9.0))
 def test_looking_through_a_pose_gives_that_pose(eye: Orbit, depth: float) -> None:
     pose = orbit.cam_from_world(eye)
@@ -135,6 +144,7 @@ def test_looking_through_a_camera_that_looks_straight_down_works() -> None:
     )
 
 
+@few
 @given(eyes(), eyes())
 def test_a_way_begins_and_ends_where_it_should(a: Orbit, b: Orbit) -> None:
     b = orbit.Orbit(b.target, b.distance, b.azimuth, b.elevation, a.up, a.front, b.fov, b.roll)
@@ -151,6 +161,7 @@ def test_a_way_goes_the_short_way_round() -> None:
     assert half.distance == pytest.approx(2.0)
 
 
+@few
 @given(eyes(), st.floats(40, 400))
 def test_a_scale_bar_is_round_and_not_too_long(eye: Orbit, longest: float) -> None:
     length, pixels = orbit.scale_bar(eye, HEIGHT, longest)
