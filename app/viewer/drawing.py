@@ -236,7 +236,7 @@ class Drawing:
         assert self.parts.scene.emitters is not None
         if self._splats is None:
             if not splats.compiled():
-                self._note("preparing splats; the first time this takes some seconds")
+                self._note("Preparing splats")
             self._splats = Splats(self.parts.scene.emitters)
         return self._splats
 

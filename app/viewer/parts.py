@@ -20,6 +20,7 @@ from engine.geometry import transform
 ELLIPSOIDS, MOVING_ELLIPSOIDS = 1500, 400
 SPARSE = (142, 150, 162)
 LEVELS = 2  # still, moving
+FLOOR = 72  # of what shines least; the ground is darker
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +159,7 @@ class Parts:
         emitters = self.scene.emitters
         assert emitters is not None
         count = min(MOVING_ELLIPSOIDS if level else ELLIPSOIDS, len(emitters))
-        colours = shades.toned(emitters.radiance[:count], self.white(style))
+        colours = _on_dark(shades.toned(emitters.radiance[:count], self.white(style)))
         # The shell where exp(-q) is 0.8: that of one half would hide the neighbours.
         halves = emitters.axes[:count] * (-np.log(0.8)) ** 0.5
         up = np.array(self.scene.contents.up)
@@ -213,7 +214,7 @@ class Parts:
         larger = 0.7 + 1.1 * share
         return Dots(
             np.asarray(emitters.gaussians.means[chosen], np.float32),
-            shades.toned(radiance, self.white(style)),
+            _on_dark(shades.toned(radiance, self.white(style))),
             (0.17 * width * larger).astype(np.float32),
             (0.95 * larger).astype(np.float32),
             (2.7 * larger).astype(np.float32),
@@ -225,3 +226,9 @@ class Parts:
         points = points[:: max(len(points) // MOVING_EMITTERS, 1)] if level else points
         same = np.full(len(points), 0.9, np.float32)
         return Dots(points, np.tile(np.array(SPARSE, np.uint8), (len(points), 1)), 0 * same, same, same)
+
+
+def _on_dark(colours: UInt8[np.ndarray, "n 3"]) -> UInt8[np.ndarray, "n 3"]:
+    """What is darker than the ground lifted above it, so that it can be seen; the rest as it is."""
+    lift = np.maximum(FLOOR - colours.max(axis=1, initial=0).astype(np.int16), 0)
+    return (colours + lift[:, None]).astype(np.uint8)

@@ -126,10 +126,10 @@ def _emitters(gaussians: Gaussians, seen_from: Float[np.ndarray, " 3"]) -> Emitt
 
 
 def _white(emitters: Emitters | None) -> float:
-    """Bright walls: nine of ten emitters are dimmer."""
+    """Half as bright again as three of four emitters: lit walls, whatever share of the room is window or night."""
     if emitters is None or len(emitters) == 0:
         return 1.0
-    return float(np.percentile(luminance(emitters.radiance), 90)) or 1.0
+    return 1.5 * float(np.percentile(luminance(emitters.radiance), 75)) or 1.0
 
 
 def _sheets(surface: Surface, camera: Camera) -> tuple[Sheet, ...]:
@@ -202,7 +202,9 @@ def _described(scene: Scene, eyes: Vectors, middle: Float[np.ndarray, " 3"]) -> 
         told |= {"centre": _vector(middle), "radius": float(np.linalg.norm(high - low) / 2) or 1.0}
     around = scene.emitters.gaussians.means if scene.emitters is not None and len(scene.emitters) else near
     if len(around):
-        low, high = np.percentile(np.asarray(around, np.float64), [2, 98], axis=0)
+        # Strays far outside, up to one in ten on any side, do not make the room larger.
+        least, low, high, most = np.percentile(np.asarray(around, np.float64), [0.5, 10, 90, 99.5], axis=0)
+        low, high = np.maximum(low - (high - low) / 8, least), np.minimum(high + (high - low) / 8, most)
         told |= {
             "room": _vector((low + high) / 2),
             "room_radius": float(np.linalg.norm(high - low) / 2) or 1.0,

@@ -90,7 +90,7 @@ class ChartView(QWidget):
         image = QImage(size * 2, QImage.Format.Format_RGB32)
         self._paint(image, scene, QRectF(image.rect()))
         buffer = QBuffer()
-        image.save(buffer, b"PNG")
+        image.save(buffer, "PNG")  # pyright: ignore[reportCallIssue, reportArgumentType] wants no bytes
         to.write_bytes(bytes(buffer.data().data()))
 
     def _paint(self, device: QPaintDevice, scene: QGraphicsScene, on: QRectF) -> None:
@@ -112,7 +112,7 @@ class ChartView(QWidget):
         plot.hideButtons()
         plot.setMouseEnabled(True, True)
         plot.invertY(chart.lying)
-        plot.getViewBox().setLimits(yMin=None)
+        plot.getViewBox().setLimits(yMin=-1e307)  # none
         plot.setLogMode(x=chart.log_x, y=chart.log_y)
         plot.showGrid(x=chart.lying or not chart.ticks, y=not chart.lying, alpha=0.18)
         small = QFont(self.font())
@@ -176,7 +176,7 @@ class ChartView(QWidget):
                 line = pg.mkPen(colour, width=2) if series.kind == "line" and len(x) > 1 else None
                 plot.plot(
                     x, y, pen=line, symbol="o", symbolSize=9, symbolBrush=colour, symbolPen=pg.mkPen(ours.field),
-                    name=series.name,
+                    name=series.name, antialias=True,
                 )  # fmt: skip
                 if len(series.labels) <= NAMED:
                     for i, (at, value, label) in enumerate(zip(x, y, series.labels, strict=False)):

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import (
-    QComboBox,
     QFileDialog,
     QFrame,
     QHBoxLayout,
@@ -19,7 +18,6 @@ from PySide6.QtWidgets import (
     QMenu,
     QPushButton,
     QStackedWidget,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -29,6 +27,7 @@ from app.charting import ERRORS, Chart
 from app.runs import Run
 from app.state import Trouble
 from app.views.background import Background
+from app.views.boxes import box_of, widened
 from app.views.errand import Errand
 from app.views.pages import Shell
 from app.views.readout import told
@@ -84,11 +83,12 @@ class ChartsPage(QWidget):
         self.heading.setObjectName("heading")
         self.said.setObjectName("dim")
         self.said.setWordWrap(True)
-        self.run_box = _box(self.tr("Run"), 24)
+        self.run_box = box_of(self.tr("Run"), 24)
         self.run_box.activated.connect(self._pick_run)
-        self.error_box = _box(self.tr("Error"), 24)
+        self.error_box = box_of(self.tr("Error"), 30)
         for key, (title, _, _) in ERRORS.items():
             self.error_box.addItem(told(title), key)
+        widened(self.error_box)
         self.error_box.currentIndexChanged.connect(lambda index: self.draw())
         self.truth = QPushButton(self.tr("&Truth…"))
         self.truth.setAccessibleName(self.tr("Choose a truth"))
@@ -102,10 +102,8 @@ class ChartsPage(QWidget):
         self.errand.done.connect(lambda task, result: self.draw())
         self.errand.failed.connect(self._tell)
         self.errand.changed.connect(self._show_buttons)
-        self.export = QToolButton()
-        self.export.setText(self.tr("Export"))
+        self.export = QPushButton(self.tr("E&xport"))
         self.export.setAccessibleName(self.tr("Export"))
-        self.export.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self._make_actions()
 
         head = QHBoxLayout()
@@ -308,6 +306,7 @@ class ChartsPage(QWidget):
                 self.run_box.addItem(name)
             chosen = runs.current(found)
             self.run_box.setCurrentIndex(0 if chosen is None else found.index(chosen))
+            widened(self.run_box)
         self._runs = found
         self._truth = self._truth or truth
         self.draw()
@@ -373,11 +372,3 @@ def said(chart: Chart) -> str:
 def _found(session: Path) -> tuple[tuple[Run, ...], Truth | None]:
     path = charting.known_truth(session)
     return runs.runs_of(session), None if path is None else charting.load_truth(path)
-
-
-def _box(name: str, letters: int) -> QComboBox:
-    box = QComboBox()
-    box.setAccessibleName(name)
-    box.setMinimumContentsLength(letters)
-    box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-    return box

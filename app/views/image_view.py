@@ -143,6 +143,7 @@ class ImageView(QWidget):
         if self._others:
             image_paint.swipe(painter, edge, room, ours, self.labels)
         if self.hasFocus():
+            painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.setPen(QPen(QColor(ours.accent), 1))
             painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
 

@@ -4,10 +4,20 @@ from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QMenu, QSlider, QToolButton, QWidget
+from PySide6.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QMenu,
+    QPushButton,
+    QSlider,
+    QToolButton,
+    QWidget,
+)
 
 from app.falsecolour import MINUS
 from app.maps import Maps
+from app.views.boxes import box_of, widened
 from app.views.map_panel import Showing
 from app.views.maps_grid import ARRANGEMENTS
 from app.views.viewport import Viewport
@@ -58,11 +68,11 @@ class MapsBar(QFrame):
             self.modes.append(button)
         self.modes[0].setChecked(True)
         row.addSpacing(8)
-        self.run_box = _box(self.tr("Run"), 20)
+        self.run_box = box_of(self.tr("Run"), 20)
         self.run_box.activated.connect(self.run_picked)
         self._labelled(row, self.tr("&Run"), self.run_box)
         row.addSpacing(4)
-        self.view_box = _box(self.tr("View"), 13)
+        self.view_box = box_of(self.tr("View"), 13)
         self.view_box.setMaxVisibleItems(24)
         self.view_box.currentIndexChanged.connect(lambda index: self.changed.emit())
         self._labelled(row, self.tr("&View"), self.view_box)
@@ -92,11 +102,8 @@ class MapsBar(QFrame):
         self.ev_label = QLabel("0.0 EV")
         self.ev_label.setMinimumWidth(self.ev_label.fontMetrics().horizontalAdvance(f"{MINUS}0.0 EV"))
         row.addWidget(self.ev_label)
-        self.display = QToolButton()
-        self.display.setText(self.tr("&Display"))
+        self.display = QPushButton(self.tr("&Display"))
         self.display.setAccessibleName(self.tr("Display"))
-        self.display.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        self.display.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         row.addWidget(self.display)
         self._make_actions(parent)
 
@@ -117,6 +124,7 @@ class MapsBar(QFrame):
         self.run_box.clear()
         self.run_box.addItems(list(names))
         self.run_box.setCurrentIndex(chosen)
+        widened(self.run_box)
 
     def offer_views(self, maps: Maps) -> None:
         """The run's views; the same one stays chosen where it is there, else the first that was held out."""
@@ -234,11 +242,3 @@ def _choices(
         action.triggered.connect(lambda checked, value=value: chosen(value))
         group.addAction(action)
     return group
-
-
-def _box(name: str, letters: int) -> QComboBox:
-    box = QComboBox()
-    box.setAccessibleName(name)
-    box.setMinimumContentsLength(letters)
-    box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-    return box

@@ -26,6 +26,7 @@ from app.maps import Maps
 from app.runs import differences
 from app.state import Trouble
 from app.views.background import Background
+from app.views.boxes import box_of, widened
 from app.views.elided import Elided
 from app.views.image_view import ImageView
 from app.views.legend import Legend
@@ -53,10 +54,7 @@ class MapsCompare(QWidget):
         self._b: Maps | None = None
         self._comparison: Comparison | None = None
 
-        self.with_run = QComboBox()
-        self.with_run.setAccessibleName(self.tr("Compare with"))
-        self.with_run.setMinimumContentsLength(28)
-        self.with_run.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.with_run = box_of(self.tr("Compare with"), 28)
         self.with_run.activated.connect(self._pick)
         self.quantity = QComboBox()
         self.quantity.setAccessibleName(self.tr("Quantity"))
@@ -159,6 +157,7 @@ class MapsCompare(QWidget):
         self.with_run.setCurrentIndex(-1 if chosen is None else chosen)
         self.with_run.setPlaceholderText(self.tr("choose a run"))
         self.with_run.blockSignals(False)
+        widened(self.with_run)
 
     def show_run(self, showing: Showing | None) -> None:
         """A."""

@@ -6,7 +6,6 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import (
     QCheckBox,
-    QComboBox,
     QFrame,
     QGridLayout,
     QHBoxLayout,
@@ -20,6 +19,7 @@ from PySide6.QtWidgets import (
 
 from app.falsecolour import MINUS
 from app.relighting import Setting
+from app.views.boxes import box_of
 
 WIDTH = 310
 TIMES = "\u00d7"
@@ -63,10 +63,7 @@ class RelightControls(QScrollArea):
             self.tr("The light around the object, logarithmic; the middle is ahead of the camera")
         )
         self._column.addWidget(self.picture)
-        self.view = QComboBox()
-        self.view.setAccessibleName(self.tr("Recovered light of view"))
-        self.view.setMinimumContentsLength(4)
-        self.view.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.view = box_of(self.tr("Recovered light of view"), 4)
         self.view.activated.connect(self.view_picked)
         self.panorama = QPushButton(self.tr("&Panorama…"))
         self.panorama.setAccessibleName(self.tr("Load a panorama"))

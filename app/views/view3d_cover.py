@@ -139,7 +139,9 @@ class Banner(QLabel):
         self.setVisible(bool(text))
         self.setText(text)
         ink = DARK.warn if warns else DARK.dim
-        self.setStyleSheet(f"background: {DARK.panel}; color: {ink}; border-radius: 4px;")
+        self.setStyleSheet(
+            f"background: {DARK.panel}; color: {ink}; border: 1px solid {DARK.line}; border-radius: 4px;"
+        )
         self.place()
 
     def place(self) -> None:

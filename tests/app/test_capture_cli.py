@@ -148,6 +148,8 @@ def _begun(folder: Path, *words: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        # Begun in the background, tests ignore Ctrl-C, and what they begin would inherit that.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     deadline = time.monotonic() + 60
     while not (folder / "shots" / "0000" / "shot.json").exists():

@@ -95,6 +95,14 @@ def test_brighter_emitters_are_larger_and_lighter(parts: Parts) -> None:
     assert dots.colours[window].min() > dots.colours[wall].max()
 
 
+def test_the_darkest_emitters_can_still_be_told_from_the_ground(parts: Parts) -> None:
+    for way in ("points", "ellipsoids"):
+        style = replace(ALL, exposure_ev=-12.0, emitters=way)
+        shown = parts.emitters(style, 0) if way == "points" else parts.ellipsoids(style, 0)["ellipsoids"]
+        assert shown is not None
+        assert shown.colours.max(axis=1).min() >= 30
+
+
 def test_exposure_moves_the_tone(parts: Parts) -> None:
     dark, light = (parts.emitters(replace(ALL, exposure_ev=ev), 0) for ev in (-3.0, 3.0))
     assert dark is not None
