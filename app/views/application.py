@@ -103,7 +103,15 @@ class Faults:
 
 def _heed_ctrl_c(window: QWidget) -> None:
     """Ctrl-C in the terminal closes the window in order; Python hears it only while its own code runs."""
-    signal.signal(signal.SIGINT, lambda number, frame: window.close())
+    asked = threading.Event()
+    signal.signal(signal.SIGINT, lambda number, frame: asked.set())
+
+    def look() -> None:
+        # Closing in the handler itself would cut into whatever the window's code was doing.
+        if asked.is_set():
+            asked.clear()
+            window.close()
+
     timer = QTimer(window)
-    timer.timeout.connect(lambda: None)
+    timer.timeout.connect(look)
     timer.start(SIGNAL_LOOK_MS)

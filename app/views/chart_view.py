@@ -133,6 +133,9 @@ class ChartView(QWidget):
         legend.setBrush(pg.mkBrush(QColor(ours.panel)))
         legend.setPen(pg.mkPen(ours.line))
         legend.setVisible(len(chart.series) > 1)
+        # Lying bars leave room below, standing ones above.
+        end, aside = (1, -8) if chart.lying else (0, 8)
+        legend.anchor((1, end), (1, end), offset=(-12, aside))
 
     def _draw(self, plot: pg.PlotItem, chart: Chart, ours: Palette) -> None:
         if chart.lying:

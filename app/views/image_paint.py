@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor, QImage, QPainter, QPen
 from app.views.theme import Palette
 
 CRISP = 3.0  # device pixels per pixel from which on pixels are drawn as squares
-WRITTEN = 60.0  # logical pixels of the screen per pixel from which on values stand in them
+WRITTEN = 48.0  # logical pixels of the screen per pixel from which on values stand in them
 
 
 def picture(

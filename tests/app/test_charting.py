@@ -18,10 +18,10 @@ from tests.app import furnace
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """Two runs; the newer took less time and has the larger error."""
+    """Two runs; the older took less time and has the larger error."""
     furnace.finished(tmp_path, "newer", 2e9)
     furnace.finished(tmp_path, "older", 1e9)
-    for name, seconds, error in (("newer", 5.0, 0.2), ("older", 10.0, 0.1)):
+    for name, seconds, error in (("newer", 10.0, 0.1), ("older", 5.0, 0.2)):
         folder = tmp_path / "stages" / "surface" / name
         record, report = (json.loads((folder / f"{part}.json").read_text()) for part in ("record", "report"))
         record["seconds"], report["values"]["held_out_error"] = seconds, error
@@ -73,7 +73,7 @@ def test_the_truth_beside_a_simulated_session_is_known(tmp_path: Path) -> None:
 def test_the_stages_times_are_stacked(session: Path) -> None:
     chart = charting.stage_times(runs.runs_of(session))
     assert {series.name: series.y for series in chart.series} == {
-        "hdr": (2.0, 2.0), "segment": (1.0, 1.0), "poses": (3.0, 3.0), "light": (4.0, 4.0), "surface": (5.0, 10.0),
+        "hdr": (2.0, 2.0), "segment": (1.0, 1.0), "poses": (3.0, 3.0), "light": (4.0, 4.0), "surface": (10.0, 5.0),
     }  # fmt: skip
     assert chart.stacked
     assert len(chart.ticks) == 2
@@ -134,20 +134,22 @@ def test_settling_and_exposures_follow_the_records(session: Path) -> None:
 
 
 def half_seen() -> Light:
-    """The lower half was never photographed; a band of the upper one, four times as bright, only clipped."""
+    """The lower half was never photographed; all within 45 degrees of up, four times as bright, only clipped."""
     seen = np.zeros((32, 64), np.float32)
     seen[:16] = 1
     clipped = np.zeros((32, 64), bool)
-    clipped[:16, :16] = True
+    clipped[:8] = True
     radiance = np.where(clipped[..., None], 4.0, 1.0) * np.ones(3, np.float32)
     return Light("view07", radiance.astype(np.float32), seen, clipped)
 
 
 def test_coverage_is_counted_by_solid_angle_and_by_energy() -> None:
     shares = half_seen().shares()
-    assert shares["guessed"] == pytest.approx((1 / 2, 8 / 22), abs=1e-6)
-    assert shares["only clipped"] == pytest.approx((1 / 8, 8 / 22), abs=1e-6)
-    assert shares["photographed"] == pytest.approx((3 / 8, 6 / 22), abs=1e-6)
+    cap = (1 - np.sqrt(0.5)) / 2  # of the sphere within 45 degrees
+    whole = 0.5 + 4 * cap + (0.5 - cap)
+    assert shares["guessed"] == pytest.approx((0.5, 0.5 / whole), abs=1e-3)
+    assert shares["only clipped"] == pytest.approx((cap, 4 * cap / whole), abs=1e-3)
+    assert shares["photographed"] == pytest.approx((0.5 - cap, (0.5 - cap) / whole), abs=1e-3)
     chart = charting.coverage(half_seen())
     assert sum(series.y[0] for series in chart.series) == pytest.approx(100)
     assert chart.image is not None
@@ -184,4 +186,4 @@ def test_a_charts_numbers_come_out_as_csv(session: Path) -> None:
     assert len(rows) == 1 + 5 * 2
     assert rows[-1][0] == "surface"
     assert rows[-1][1] == chart.ticks[1.0]
-    assert float(rows[-1][2]) == 10.0
+    assert float(rows[-1][2]) == 5.0

@@ -84,6 +84,14 @@ def test_values_carry_units_and_standard_errors(shown: Maps) -> None:
     )
 
 
+def test_maps_of_errors_are_in_the_unit_their_legend_says(shown: Maps) -> None:
+    assert maps.values(shown, "stderr_normal")[MIDDLE[1], MIDDLE[0]] == pytest.approx(np.degrees(0.02))
+    assert maps.scale_of(shown, "stderr_normal").unit == "degrees"
+    assert maps.values(shown, "residual")[MIDDLE[1], MIDDLE[0]] == pytest.approx(5)
+    assert maps.scale_of(shown, "residual").unit.startswith("%")
+    assert maps.scale_of(shown, "roughness").high == 1
+
+
 def test_a_normal_is_read_in_the_frame_it_is_shown_in(shown: Maps) -> None:
     normal = shown.surface.normal[MIDDLE[1], MIDDLE[0]]
 

@@ -82,6 +82,8 @@ def test_the_command_opens_the_session_and_ctrl_c_closes_it_in_order(tmp_path: P
     child = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "gui", str(session)], cwd=ROOT, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "QT_QPA_PLATFORM": "offscreen"}, start_new_session=True,
+        # Begun in the background, tests ignore Ctrl-C, and what they begin would inherit that.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     end = time.monotonic() + 60
     while not (settings.is_file() and str(session) in settings.read_text()):

@@ -1,12 +1,13 @@
 """The relight page: prepared once by a child, then every wish is drawn at once, the newest only."""
 
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtGui import QImage
 from pytestqt.qtbot import QtBot
 
@@ -158,6 +159,27 @@ def test_only_the_newest_wish_is_drawn(
     still(page, qtbot)
     assert len(drawn) <= 3
     assert drawn[-1].yaw_deg == 100
+
+
+def test_pictures_keep_coming_while_the_light_is_dragged(
+    page: RelightPage, qtbot: QtBot, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready(page, session, qtbot)
+    really = relighting.drawn
+
+    def slow(*args):
+        time.sleep(0.02)
+        return really(*args)
+
+    monkeypatch.setattr(relighting, "drawn", slow)
+    shown: list[int] = []
+    really_shown = page.canvas.show_pixels
+    monkeypatch.setattr(page.canvas, "show_pixels", lambda pixels: (shown.append(1), really_shown(pixels)))
+    drag = QTimer()
+    drag.timeout.connect(lambda: page.controls.turn_by(1, 0))
+    drag.start(2)
+    until(qtbot, lambda: len(shown) >= 5)
+    drag.stop()
 
 
 def test_the_light_turns_by_itself_until_the_page_is_left(
