@@ -73,7 +73,7 @@ def process(
 
 def run_simulate(args: Namespace) -> int:
     from app import studio
-    from hardware.virtual.studio import Order
+    from hardware.virtual.studio.shoot import Order
 
     width, height = args.size
     order = Order(args.room, args.object, args.views, width, height, args.motion, args.seed, args.device)
@@ -86,7 +86,7 @@ def run_simulate(args: Namespace) -> int:
 
 
 def run_capture(args: Namespace) -> int:
-    from app import capture_command
+    from app.capture import command as capture_command
 
     return capture_command.run(args)
 

@@ -1,7 +1,7 @@
 """The plan of a session as the window holds it: stages, parameters, and what an edit makes of the settings.
 
 No Qt, and none of the engine's rooms: the plan comes as plain values from the child that answers questions
-(app/answers.py). Edits are values, `Settings` before and after, which is all that undo needs.
+(app/work/answers.py). Edits are values, `Settings` before and after, which is all that undo needs.
 """
 
 import copy

@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.enquiries import Answer, Enquiries
-from app.job_queue import Board
-from app.jobs import Event, Job, JobState, JobStatus
 from app.plan import Plan, read_plan
 from app.state import Trouble, Watched
+from app.work.enquiries import Answer, Enquiries
+from app.work.jobs import Event, Job, JobState, JobStatus
+from app.work.queue import Board
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
 

@@ -74,7 +74,7 @@ def _list() -> int:
 
 
 def _cameras() -> list[tuple[str, str]]:
-    from hardware import gphoto_body
+    from hardware.camera import body as gphoto_body
 
     try:
         found = gphoto_body.detect()

@@ -16,8 +16,8 @@ from engine import session as sessions
 from engine.errors import SessionError
 from engine.progress import Progress
 from hardware.virtual import dng, sensor
-from hardware.virtual import studio as virtual
-from hardware.virtual.studio import Order
+from hardware.virtual.studio import shoot as virtual
+from hardware.virtual.studio.shoot import Order
 
 START = datetime.datetime(2024, 6, 1, 10, 0, 0)
 BETWEEN_VIEWS_S = 10.0

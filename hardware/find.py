@@ -107,7 +107,7 @@ def open_camera(
         SettingsError: the URL cannot be meant; the message says what is possible.
         HardwareError: as the driver says.
     """
-    from hardware.camera_urls import open_url
+    from hardware.camera.urls import open_url
 
     return open_url(parse(url, "camera", CAMERAS), where, tell, progress, kind)
 
@@ -159,11 +159,11 @@ def _motion(url: DeviceUrl, ask: "Ask | None") -> Motion:
 def _opened(url: DeviceUrl, ask: "Ask | None") -> Motion:
     match url.scheme:
         case "grbl":
-            from hardware.grbl import GrblConfig, open_grbl
+            from hardware.grbl.opening import GrblConfig, open_grbl
 
             return open_grbl(GrblConfig.from_query(_port(url), url.query))
         case "zaber":
-            from hardware.zaber import ZaberConfig, open_zaber
+            from hardware.zaber.opening import ZaberConfig, open_zaber
 
             return open_zaber(ZaberConfig.from_query(_port(url), url.query))
         case "virtual":

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from app import falsecolour
+from app.inspect import falsecolour
 from app.viewer.reading import stages_of
 from engine.errors import SessionError
 

@@ -108,7 +108,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Legend:
-    """What a surface layer's colours mean; `colours` is a scale of app.falsecolour."""
+    """What a surface layer's colours mean; `colours` is a scale of app.inspect.falsecolour."""
 
     colours: str
     low: float

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from app import runs
+from app.inspect import runs
 from engine import session as sessions
 from engine.pipeline import artefacts
 from engine.types import Gaussians, Lamps, Poses, Surface

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from app.falsecolour import table
+from app.inspect.falsecolour import table
 from app.viewer.protocol import Legend
 from engine.png import srgb, to_8_bit
 from engine.types import Surface

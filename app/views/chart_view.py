@@ -1,4 +1,4 @@
-"""Draws a chart of `app/charting.py` with pyqtgraph, in the colours of the theme; exports it as PNG or SVG.
+"""Draws a chart of `app/inspect/charting.py` with pyqtgraph, in the colours of the theme; exports it as PNG or SVG.
 
 pyqtgraph takes a second to load: this module is imported only once a chart is to be drawn.
 """
@@ -16,7 +16,7 @@ from PySide6.QtGui import QColor, QFont, QImage, QPaintDevice, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsScene, QStackedLayout, QWidget
 
-from app.charting import Chart, Series
+from app.inspect.charting import Chart, Series
 from app.views.theme import Palette, colours
 
 BAR = 0.72

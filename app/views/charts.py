@@ -22,9 +22,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app import charting, light_files, maps, runs
-from app.charting import ERRORS, Chart
-from app.runs import Run
+from app.inspect import charting, maps, runs
+from app.inspect.charting import ERRORS, Chart
+from app.inspect.runs import Run
+from app.relight import lights as light_files
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened

@@ -3,7 +3,7 @@
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtWidgets import QMessageBox, QWidget
 
-from app.job_queue import Board
+from app.work.queue import Board
 
 LOOK_MS = 100
 PATIENCE_MS = 20_000

@@ -9,9 +9,9 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QWidget
 
-from app.jobs import Job, JobState, JobStatus
 from app.state import Trouble, trouble
 from app.views.bridge import Bridge
+from app.work.jobs import Job, JobState, JobStatus
 
 PATIENCE_S = 3.0  # a child that is stopped has nothing to tidy up
 

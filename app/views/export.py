@@ -22,15 +22,15 @@ from PySide6.QtWidgets import (
 )
 
 from app import exports
-from app.enquiries import Answer
 from app.exports import FORMATS, GREEN, Export, Format
-from app.jobs import Job, JobState, JobStatus
 from app.plan import read_plan
 from app.state import trouble
 from app.views import theme
 from app.views.bridge import Bridge
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
+from app.work.enquiries import Answer
+from app.work.jobs import Job, JobState, JobStatus
 from engine.errors import ExportError
 
 KEY = Qt.ItemDataRole.UserRole

@@ -20,11 +20,11 @@ from PySide6.QtWidgets import (
 )
 
 from app.importing import Request, proposed, suggest_poses
-from app.jobs import Job, JobState, JobStatus
 from app.state import trouble
 from app.views.bridge import Bridge
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
+from app.work.jobs import Job, JobState, JobStatus
 
 
 class ImportDialog(QDialog):

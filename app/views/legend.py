@@ -5,8 +5,8 @@ from PySide6.QtCore import QEvent, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from app import falsecolour
-from app.falsecolour import MINUS, Scale
+from app.inspect import falsecolour
+from app.inspect.falsecolour import MINUS, Scale
 from app.views.theme import colours
 
 HEIGHT = 22

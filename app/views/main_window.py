@@ -17,9 +17,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app import queue_file
-from app.enquiries import Enquiries
-from app.job_queue import Board
 from app.settings import Settings
 from app.state import State, Trouble, place_of, trouble
 from app.views import pages, rail
@@ -30,6 +27,9 @@ from app.views.pages import PAGES, PageRow, Shell, UsesShell, Wishes
 from app.views.shortcuts import ShortcutsDialog, collect
 from app.views.status import StatusBar
 from app.views.trouble import show_trouble
+from app.work import queue_file
+from app.work.enquiries import Enquiries
+from app.work.queue import Board
 from engine.errors import RoomlightError
 from engine.session import open_session
 

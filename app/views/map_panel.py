@@ -7,8 +7,8 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
-from app import maps
-from app.maps import LAYERS, Look, Maps, Picture
+from app.inspect import maps
+from app.inspect.maps import LAYERS, Look, Maps, Picture
 from app.views.background import Background
 from app.views.image_view import ImageView
 from app.views.legend import Legend

@@ -15,10 +15,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app import maps, runs
-from app.maps import Maps
-from app.readings import under
-from app.runs import Run
+from app.inspect import maps, runs
+from app.inspect.maps import Maps
+from app.inspect.readings import under
+from app.inspect.runs import Run
 from app.state import Trouble, place_of
 from app.views.background import Background
 from app.views.map_panel import Showing

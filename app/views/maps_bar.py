@@ -15,8 +15,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.falsecolour import MINUS
-from app.maps import Maps
+from app.inspect.falsecolour import MINUS
+from app.inspect.maps import Maps
 from app.views.boxes import box_of, widened
 from app.views.map_panel import Showing
 from app.views.maps_grid import ARRANGEMENTS

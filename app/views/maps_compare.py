@@ -19,11 +19,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app import falsecolour
-from app.comparing import Comparison, compare
-from app.falsecolour import MINUS
-from app.maps import Maps
-from app.runs import differences
+from app.inspect import falsecolour
+from app.inspect.comparing import Comparison, compare
+from app.inspect.falsecolour import MINUS
+from app.inspect.maps import Maps
+from app.inspect.runs import differences
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened

@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QGridLayout, QWidget
 
-from app.maps import LAYERS
+from app.inspect.maps import LAYERS
 from app.views.background import Background
 from app.views.map_panel import MapPanel, Showing
 from app.views.viewport import Viewport

@@ -15,9 +15,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app import falsecolour, maps
-from app.jobs import Event
-from app.maps import Picture
+from app.inspect import falsecolour, maps
+from app.inspect.maps import Picture
 from app.views.background import Background
 from app.views.elided import Elided
 from app.views.errand import Errand
@@ -26,6 +25,7 @@ from app.views.legend import Legend
 from app.views.map_panel import MapPanel, Showing
 from app.views.readout import told
 from app.views.viewport import Viewport
+from app.work.jobs import Event
 
 DIMMED = 90  # of 256
 

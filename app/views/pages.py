@@ -15,10 +15,10 @@ from PySide6.QtWidgets import QWidget
 from app.words import QT_TRANSLATE_NOOP
 
 if TYPE_CHECKING:
-    from app.enquiries import Enquiries
-    from app.job_queue import Board
     from app.settings import Settings
     from app.state import State
+    from app.work.enquiries import Enquiries
+    from app.work.queue import Board
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
 )
 
 from app import plan as plans
-from app.jobs import JobState
 from app.processing import LOG_LINES, CardState, Processing, left_s
 from app.state import Device, place_of, trouble
 from app.views.bridge import Bridge
@@ -26,6 +25,7 @@ from app.views.run_bar import RunBar
 from app.views.settings_edit import SettingsEdit
 from app.views.stage_column import StageColumn, title
 from app.views.trouble import show_trouble
+from app.work.jobs import JobState
 from engine.pipeline.settings import Settings
 
 LOG_EVERY_MS = 120

@@ -18,12 +18,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.job_queue import Board
-from app.jobs import Job, JobState, JobStatus
 from app.plan import told_seconds
 from app.views import icons, theme
 from app.views.bridge import Bridge
 from app.views.stage_column import title
+from app.work.jobs import Job, JobState, JobStatus
+from app.work.queue import Board
 
 JOB = Qt.ItemDataRole.UserRole
 

@@ -6,7 +6,7 @@ from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtGui import QFontDatabase
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QWidget
 
-from app.readings import Reading
+from app.inspect.readings import Reading
 
 # Title, row, column, and its contents at the longest: the strip stands still while the mouse moves.
 CELLS = (
@@ -60,7 +60,7 @@ class Readout(QFrame):
         layout.setColumnStretch(2 * column + 1, 1)
 
     def show_readings(self, pixel: tuple[int, int] | None, readings: Sequence[Reading]) -> None:
-        """`readings` of `app/readings.py`; cells without one show a dash."""
+        """`readings` of `app/inspect/readings.py`; cells without one show a dash."""
         found = {reading.title: reading for reading in readings}
         for title, label in self._values.items():
             if title == "Pixel":

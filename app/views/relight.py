@@ -19,10 +19,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app import maps, relighting, relighting_files, runs
-from app.maps import Maps
-from app.relighting import Light, Setting, Transfer
-from app.runs import Run
+from app.inspect import maps, runs
+from app.inspect.maps import Maps
+from app.inspect.runs import Run
+from app.relight import files as relighting_files
+from app.relight import relit as relighting
+from app.relight.relit import Light, Setting, Transfer
 from app.state import Trouble
 from app.views.background import Background
 from app.views.errand import Errand

@@ -17,8 +17,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.falsecolour import MINUS
-from app.relighting import Setting
+from app.inspect.falsecolour import MINUS
+from app.relight.relit import Setting
 from app.views.boxes import box_of
 
 WIDTH = 310

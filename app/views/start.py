@@ -17,12 +17,12 @@ from PySide6.QtWidgets import (
 )
 
 from app import recent
-from app.enquiries import Answer
 from app.recent import Glance
 from app.views import icons, theme
 from app.views.bridge import Bridge
 from app.views.pages import Shell
 from app.views.session_cards import CELL, GLANCE, PHOTO, SessionCard, picture, told_state
+from app.work.enquiries import Answer
 
 THUMBNAIL_EDGE_PX = 272
 # A picture for a session that has none yet takes a child: not while the window is opening.

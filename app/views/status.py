@@ -9,11 +9,11 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QStatusBar, QToolButton, QWidget
 
 from app.exports import told_bytes
-from app.job_queue import Board
 from app.plan import told_seconds
 from app.state import State
 from app.views import icons, theme
 from app.views.bridge import Bridge
+from app.work.queue import Board
 
 DISK_EVERY_S = 5.0
 LITTLE_BYTES = 2_000_000_000

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.falsecolour import Scale
+from app.inspect.falsecolour import Scale
 from app.viewer import showing
 from app.viewer.showing import Showing
 from app.views.legend import Legend

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware import transfer
-from hardware.camera_values import nearest, told
+from hardware.camera import transfer
+from hardware.camera.values import nearest, told
 from hardware.errors import (
     BatteryError,
     DisconnectedError,

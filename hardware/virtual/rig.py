@@ -20,8 +20,8 @@ from hardware.errors import SettingsError
 from hardware.interfaces import Angles, Geometry, Motion, MotionFeatures, MotionStatus
 from hardware.manual import Handheld
 from hardware.urls import Word, number, one_of, read_words, whole
-from hardware.virtual import motion
 from hardware.virtual.faults import Faulty
+from hardware.virtual.studio import motion
 from hardware.virtual.wire import Firmware, Wire
 
 CONTROLLERS = ("grbl", "zaber", "hands")
@@ -231,9 +231,9 @@ Opener = Callable[[str], Motion]
 
 
 def _grbl(config: VirtualConfig) -> tuple[Firmware, Opener]:
-    from hardware.grbl import GrblConfig, open_grbl
-    from hardware.virtual.grbl_firmware import GrblFirmware
-    from hardware.virtual.grbl_motion import Mechanics
+    from hardware.grbl.opening import GrblConfig, open_grbl
+    from hardware.virtual.grbl.firmware import GrblFirmware
+    from hardware.virtual.grbl.motion import Mechanics
 
     two = config.kind == "gimbal"
     low, high = (
@@ -264,9 +264,9 @@ def _grbl(config: VirtualConfig) -> tuple[Firmware, Opener]:
 
 
 def _zaber(config: VirtualConfig) -> tuple[Firmware, Opener]:
-    from hardware.virtual.zaber_axis import Stage
-    from hardware.virtual.zaber_firmware import ZaberFirmware
-    from hardware.zaber import ZaberAxis, ZaberConfig, open_zaber
+    from hardware.virtual.zaber.axis import Stage
+    from hardware.virtual.zaber.firmware import ZaberFirmware
+    from hardware.zaber.opening import ZaberAxis, ZaberConfig, open_zaber
 
     two = config.kind == "gimbal"
     stages = [

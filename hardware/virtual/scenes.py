@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hardware.interfaces import Angles, Geometry
-from hardware.virtual import bake, motion, objects, render, rooms, truth
+from hardware.virtual.studio import bake, motion, objects, render, rooms, truth
 
 Progress = Callable[[float, str], None]
 Picture = Float[np.ndarray, "h w 3"]
@@ -34,7 +34,7 @@ class Scene(Protocol):
 
 
 class Studio:
-    """A room and an object as `hardware.virtual.studio` has them, one pose at a time.
+    """A room and an object as `hardware.virtual.studio.shoot` has them, one pose at a time.
 
     At 320 x 240 a pose of 64 samples takes 3.5 s of one core and leaves 6 % of noise in an object's pixel.
     """

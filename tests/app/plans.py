@@ -60,7 +60,7 @@ class Questions:
 
     def answer(self, place: int = 0) -> None:
         """Answer one of the open questions as the engine would."""
-        from app.enquiries import Answer
+        from app.work.enquiries import Answer
 
         asked, then = self.open.pop(place)
         if asked["question"] == "plan":
@@ -69,8 +69,8 @@ class Questions:
             then(Answer({"picture": None}))
 
     def fail(self, told: str) -> None:
-        from app.enquiries import Answer
         from app.state import trouble
+        from app.work.enquiries import Answer
 
         self.open.pop(0)[1](Answer(None, trouble(told)))
 

@@ -10,12 +10,12 @@ import pytest
 
 from app import plan as plans
 from app import processing
-from app.job_queue import Board
-from app.jobs import Job, JobState, JobStatus
 from app.plan import read_plan
 from app.processing import CardState, Processing, column, left_s
-from tests.app.children import WILLING, job
+from app.work.jobs import Job, JobState, JobStatus
+from app.work.queue import Board
 from tests.app.plans import Questions, content
+from tests.app.work.children import WILLING, job
 
 SESSION = Path("/s/lion.session")
 NOON = datetime.datetime(2024, 6, 1, 12, 0, 0)

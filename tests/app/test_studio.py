@@ -8,7 +8,7 @@ import pytest
 from app.cli import main
 from engine import session as sessions
 from engine.truth import read_truth
-from hardware.virtual import rooms, samples
+from hardware.virtual.studio import rooms, samples
 from tests.app.calls import digest, refused
 
 

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from engine.session import file_sha256
 from hardware.interfaces import Angles
-from tests.app.captures import faults_of, order
-from tests.app.faulty_capture import (
+from tests.app.capture.captures import faults_of, order
+from tests.app.capture.faulty import (
     capture_among_faults,
     capture_on_emulators,
     kill_until_done,

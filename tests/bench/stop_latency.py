@@ -14,9 +14,9 @@ import threading
 import time
 
 from hardware.errors import HardwareError
-from hardware.grbl import GrblConfig, open_grbl
+from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles
-from hardware.virtual.grbl_firmware import GrblFirmware
+from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.wire import Wire
 
 SETTINGS = {100: 200.0, 110: 3600.0, 120: 600.0}

@@ -19,17 +19,17 @@ from hardware.errors import (
 )
 from hardware.interfaces import Angles, Bracket, Exposure, Geometry, Motion, State
 from hardware.manual import Handheld, Manual
-from hardware.virtual import motion
-from hardware.virtual.grbl_firmware import GrblFirmware
+from hardware.virtual.grbl.firmware import GrblFirmware
+from hardware.virtual.studio import motion
 from hardware.virtual.wire import Firmware, Wire
-from hardware.virtual.zaber_firmware import ZaberFirmware
+from hardware.virtual.zaber.firmware import ZaberFirmware
 from tests.hardware.contracts.motion import PATIENCE_S, Order, wait
 
 BRACKET = Bracket(Exposure(None), (-1.0, 0.0, 1.0))
 
 
 def test_importing_it_loads_no_driver_and_no_array_library():
-    code = "import sys; import hardware.find; print([n for n in ('numpy', 'serial', 'gphoto2', 'hardware.grbl') if n in sys.modules])"
+    code = "import sys; import hardware.find; print([n for n in ('numpy', 'serial', 'gphoto2', 'hardware.grbl.opening') if n in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 

@@ -6,7 +6,7 @@ import pytest
 from hardware.errors import LimitError, SettingsError
 from hardware.interfaces import Angles, Axis, MotionFeatures
 from hardware.plan import Place, fitted, free, gimbal, ordered, read_plan, suited, turntable, yaw_only
-from hardware.virtual import motion
+from hardware.virtual.studio import motion
 
 PAN, ENDED = Axis("pan", None, None, 0.01, 30.0), Axis("pan", -180.0, 180.0, 0.01, 30.0)
 TILT = Axis("tilt", -40.0, 60.0, 0.01, 10.0)

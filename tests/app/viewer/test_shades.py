@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.falsecolour import table
+from app.inspect.falsecolour import table
 from app.viewer import shades
 from engine.png import srgb
 from tests.app.viewer import made

@@ -9,11 +9,11 @@ from pytestqt.qtbot import QtBot
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from app.job_queue import Board
 from app.settings import Settings
 from app.state import State
 from app.views.main_window import MainWindow
 from app.views.pages import Shell, Wishes
+from app.work.queue import Board
 from tests.app.plans import Questions
 
 

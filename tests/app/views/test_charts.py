@@ -11,15 +11,15 @@ from PySide6.QtCore import QPointF
 from PySide6.QtGui import QImage
 from pytestqt.qtbot import QtBot
 
-from app import runs
-from app.light_files import coverage_file
+from app.inspect import runs
+from app.relight.lights import coverage_file
 from app.views.charts import CHARTS, ChartsPage
 from app.views.pages import Shell
 from tests.app import furnace
-from tests.app.children import WILLING, job
-from tests.app.test_charting import half_seen
+from tests.app.inspect.test_charting import half_seen
 from tests.app.views.conftest import until
 from tests.app.views.test_maps import nameless
+from tests.app.work.children import WILLING, job
 
 
 @pytest.fixture

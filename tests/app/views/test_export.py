@@ -9,15 +9,15 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QDesktopServices
 from pytestqt.qtbot import QtBot
 
-from app.enquiries import Answer
-from app.jobs import Job
 from app.views import export as page_module
 from app.views.export import ExportPage
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
-from tests.app.children import job
+from app.work.enquiries import Answer
+from app.work.jobs import Job
 from tests.app.plans import Questions, content
 from tests.app.views.conftest import until
+from tests.app.work.children import job
 from tests.engine.test_export import write as write_export
 
 

@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QImage, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QApplication, QHBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from app import falsecolour
+from app.inspect import falsecolour
 from app.views.image_view import ImageView
 from app.views.viewport import CLOSEST, Viewport
 

@@ -8,13 +8,13 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from app.jobs import Job, JobState
 from app.views import importing
 from app.views.importing import ImportDialog
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
-from tests.app.children import WILLING, job
+from app.work.jobs import Job, JobState
 from tests.app.views.conftest import until
+from tests.app.work.children import WILLING, job
 
 
 def dialog(

@@ -11,8 +11,6 @@ from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
-from app import queue_file
-from app.jobs import JobState
 from app.settings import Settings
 from app.views import theme
 from app.views.importing import ImportDialog
@@ -20,10 +18,12 @@ from app.views.main_window import MainWindow
 from app.views.pages import PAGES, PageRow, load
 from app.views.process import ProcessPage
 from app.views.trouble import TroubleDialog
+from app.work import queue_file
+from app.work.jobs import JobState
 from tests.app.calls import ROOT
-from tests.app.children import WILLING, Heard, job
 from tests.app.plans import Questions
 from tests.app.views.conftest import make_session, stop, until
+from tests.app.work.children import WILLING, Heard, job
 
 HEAVY = (
     "torch", "open3d", "cv2", "pycolmap", "mitsuba", "numba", "matplotlib", "pyqtgraph", "scipy", "rawpy", "OpenEXR",
@@ -198,7 +198,7 @@ def test_a_job_that_does_not_stop_is_ended_after_patience(window: MainWindow, qt
 
 
 def test_the_queue_of_last_time_waits_for_a_word(questions: Questions, session: Path, qtbot: QtBot) -> None:
-    from app.job_queue import Board
+    from app.work.queue import Board
 
     board = Board()
     board.hold(True)

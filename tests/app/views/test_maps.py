@@ -11,13 +11,13 @@ from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QFileDialog, QWidget
 from pytestqt.qtbot import QtBot
 
-from app import maps, runs
+from app.inspect import maps, runs
 from app.views.map_panel import MapPanel
 from app.views.maps import MapsPage
 from app.views.pages import Shell
 from tests.app import furnace
-from tests.app.children import QUICK, WILLING, job
 from tests.app.views.conftest import until
+from tests.app.work.children import QUICK, WILLING, job
 
 MIDDLE = QPointF(20.5 / 40, 15.5 / 40)
 

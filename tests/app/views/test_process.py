@@ -9,16 +9,16 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from app import processing
-from app.jobs import Job, JobState
 from app.processing import CardState
 from app.views.editors import Number
 from app.views.pages import Shell
 from app.views.process import ProcessPage
 from app.views.stage_column import told
 from app.views.trouble import TroubleDialog
-from tests.app.children import WILLING, job
+from app.work.jobs import Job, JobState
 from tests.app.plans import Questions
 from tests.app.views.conftest import make_session, until
+from tests.app.work.children import WILLING, job
 
 PACED = """
 emit("stage", name="poses", number=1, count=4)

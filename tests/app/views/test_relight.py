@@ -11,16 +11,19 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtGui import QImage
 from pytestqt.qtbot import QtBot
 
-from app import light_sources, relighting, relighting_files, runs
-from app.relighting import Setting
+from app.inspect import runs
+from app.relight import files as relighting_files
+from app.relight import relit as relighting
+from app.relight import sources as light_sources
+from app.relight.relit import Setting
 from app.views.pages import Shell
 from app.views.relight import RelightPage
 from app.views.relight_controls import strength
 from tests.app import furnace
-from tests.app.children import QUICK, WILLING, job
-from tests.app.test_relighting import arrays, light_of, sky, with_lamp
+from tests.app.relight.test_relit import arrays, light_of, sky, with_lamp
 from tests.app.views.conftest import until
 from tests.app.views.test_maps import nameless
+from tests.app.work.children import QUICK, WILLING, job
 
 VIEW = 4
 

@@ -8,8 +8,8 @@ from pytestqt.qtbot import QtBot
 from app.state import Device
 from app.views.pages import Shell
 from app.views.status import StatusBar
-from tests.app.children import WILLING, job
 from tests.app.views.conftest import until
+from tests.app.work.children import WILLING, job
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from hardware import exif
+from hardware.camera import exif
+from hardware.camera.transfer import file_sha256
 from hardware.errors import (
     BatteryError,
     DisconnectedError,
@@ -24,7 +25,6 @@ from hardware.errors import (
     StoreFullError,
 )
 from hardware.interfaces import Bracket, Camera, Taken
-from hardware.transfer import file_sha256
 
 PATIENCE_S = 30.0  # for what should take a moment; only a fault ever waits this long
 

@@ -9,14 +9,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from hardware import gphoto_body
-from hardware.camera_folder import FolderCamera, FolderConfig
-from hardware.camera_gphoto import GphotoCamera, GphotoConfig, open_camera
+from hardware.camera import body as gphoto_body
+from hardware.camera.folder import FolderCamera, FolderConfig
+from hardware.camera.gphoto import GphotoCamera, GphotoConfig, open_camera
 from hardware.interfaces import Angles, Bracket, Exposure
 from hardware.virtual.camera import VirtualCamera, VirtualCameraConfig
 from hardware.virtual.scenes import Card
-from tests.hardware import photographs, ptp
-from tests.hardware.canon_r8 import R8
+from tests.hardware.camera import photographs, ptp
+from tests.hardware.camera.canon_r8 import R8
 from tests.hardware.contracts.camera import Made
 
 SIZE = (48, 32)

@@ -4,10 +4,10 @@ import contextlib
 import time
 from collections.abc import Iterator
 
-from hardware.grbl import GrblConfig, open_grbl
+from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles
-from hardware.virtual.grbl_firmware import GrblFirmware
-from hardware.virtual.grbl_motion import Mechanics
+from hardware.virtual.grbl.firmware import GrblFirmware
+from hardware.virtual.grbl.motion import Mechanics
 from hardware.virtual.wire import Firmware, Wire
 from tests.hardware.contracts.motion import Made
 

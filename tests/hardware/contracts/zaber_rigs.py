@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 
 from hardware.interfaces import Angles
 from hardware.virtual.wire import Firmware, Wire
-from hardware.virtual.zaber_axis import Stage
-from hardware.virtual.zaber_firmware import Chain, ZaberFirmware
-from hardware.zaber import ZaberAxis, ZaberConfig, open_zaber
+from hardware.virtual.zaber.axis import Stage
+from hardware.virtual.zaber.firmware import Chain, ZaberFirmware
+from hardware.zaber.opening import ZaberAxis, ZaberConfig, open_zaber
 from tests.hardware.contracts.motion import Made
 
 HURRY = 4  # times faster than real; 280 degrees of pan then take 1.3 s

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rawpy
 
-from hardware import exif
+from hardware.camera import exif
 from hardware.errors import (
     ExposureError,
     HardwareError,
@@ -18,9 +18,10 @@ from hardware.errors import (
     StudioError,
 )
 from hardware.interfaces import Angles, Bracket, Exposure
-from hardware.virtual import bake, motion, sensor, truth
+from hardware.virtual import sensor
 from hardware.virtual.camera import SHUTTERS_S, VirtualCamera, VirtualCameraConfig
 from hardware.virtual.scenes import SPHERE_M, Card, Studio
+from hardware.virtual.studio import bake, motion, truth
 from tests.hardware.contracts.camera import Order
 
 SIZE = (48, 32)
@@ -310,7 +311,7 @@ def test_the_cards_object_stays_and_its_shading_turns_with_the_lamps():
 @pytest.fixture
 def unbaked(monkeypatch):
     """Rooms with coarse paint that shine by themselves, so that nothing has to be baked."""
-    monkeypatch.setattr("hardware.virtual.rooms.TEXEL_M", 0.03)
+    monkeypatch.setattr("hardware.virtual.studio.rooms.TEXEL_M", 0.03)
     monkeypatch.setattr(
         bake,
         "bake",

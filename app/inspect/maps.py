@@ -1,0 +1,290 @@
+"""The maps of a finished run: load them, choose one as a picture with its scale, read what stands under a pixel.
+
+Arrays stay memory-mapped, so loading costs little and a read-out touches one page of the disk. Camera frame
+(x right, y down, z forward) on the pixel grid of the photographs; no Qt here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from app.inspect import falsecolour
+from app.inspect.falsecolour import Scale
+from app.inspect.runs import Run
+from app.words import QT_TRANSLATE_NOOP
+from engine.errors import SessionError
+from engine.pipeline import artefacts
+from engine.types import Frames, Poses, Renders, Surface
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec.709
+WHITE_VIEWS = 8  # that decide the one exposure of all views
+RADIANCE_UNIT = QT_TRANSLATE_NOOP("maps", "session radiance")
+DIFFERENCE = 0.3  # ends of the scale of photograph against re-rendering, relative
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """One thing that can be looked at."""
+
+    key: str
+    title: str
+    unit: str  # of its legend; the depth's is that of the run
+    colours: str = ""  # of FALSE colour scales; empty where the picture shows colours or directions
+
+
+LAYERS = {
+    layer.key: layer
+    for layer in (
+        Layer("photograph", QT_TRANSLATE_NOOP("maps", "Photograph"), RADIANCE_UNIT),
+        Layer("rerendered", QT_TRANSLATE_NOOP("maps", "Re-rendered"), RADIANCE_UNIT),
+        Layer(
+            "difference",
+            QT_TRANSLATE_NOOP("maps", "Re-rendered less photograph"),
+            QT_TRANSLATE_NOOP("maps", "% of the photograph's luminance"),
+            "signed",
+        ),
+        Layer("normal", QT_TRANSLATE_NOOP("maps", "Normal"), QT_TRANSLATE_NOOP("maps", "unit vector")),
+        Layer("albedo", QT_TRANSLATE_NOOP("maps", "Albedo"), QT_TRANSLATE_NOOP("maps", "0 to 1, linear")),
+        Layer(
+            "roughness",
+            QT_TRANSLATE_NOOP("maps", "Roughness"),
+            QT_TRANSLATE_NOOP("maps", "0 to 1, GGX alpha = r²"),
+            "viridis",
+        ),
+        Layer("depth", QT_TRANSLATE_NOOP("maps", "Depth"), "", "cividis"),
+        Layer(
+            "stderr_normal",
+            QT_TRANSLATE_NOOP("maps", "Standard error: normal"),
+            QT_TRANSLATE_NOOP("maps", "degrees"),
+            "magma",
+        ),
+        Layer(
+            "stderr_albedo",
+            QT_TRANSLATE_NOOP("maps", "Standard error: albedo"),
+            QT_TRANSLATE_NOOP("maps", "albedo"),
+            "magma",
+        ),
+        Layer(
+            "stderr_roughness",
+            QT_TRANSLATE_NOOP("maps", "Standard error: roughness"),
+            QT_TRANSLATE_NOOP("maps", "roughness"),
+            "magma",
+        ),
+        Layer(
+            "residual",
+            QT_TRANSLATE_NOOP("maps", "Misfit"),
+            QT_TRANSLATE_NOOP("maps", "% of the radiance"),
+            "viridis",
+        ),
+        Layer("flags", QT_TRANSLATE_NOOP("maps", "Flags"), ""),
+        Layer("mask", QT_TRANSLATE_NOOP("maps", "Mask"), ""),
+    )
+}
+FACTORS = {"stderr_normal": 180 / np.pi, "residual": 100.0}  # from what is stored to what is shown
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Maps:
+    """A finished run, ready to be looked at."""
+
+    run: Run
+    surface: Surface
+    names: tuple[str, ...]  # of all views
+    frames: Frames | None  # None: the photographs' results were removed
+    renders: Renders | None  # of the views kept out of the fit
+    registered: Bool[np.ndarray, " n"]
+    unit: str  # of depth, as it is shown
+    unit_factor: float  # from scene units to it
+    white: float  # radiance to show as white at 0 EV, the same for all views
+    rerendered: Path = field(default=Path())  # where re-renderings of further views lie, one file each
+
+    @property
+    def held_out(self) -> tuple[int, ...]:
+        """Views that took no part in the fit; their re-renderings are part of the result."""
+        return () if self.renders is None else self.renders.views
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What is to be shown of a run, and how."""
+
+    layer: str
+    view: int = 0
+    normal_frame: str = "opengl"
+    exposure_ev: float = 0.0
+    tone: str = "srgb"
+    mark_clipped: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A map as it is drawn: the picture at falling sizes, and its legend."""
+
+    levels: list[UInt8[np.ndarray, "h w 4"]]  # as in falsecolour
+    scale: Scale | None
+    note: str = ""  # in place of a scale: what the colours mean
+    values: Float[np.ndarray, "h w"] | None = None  # of a map of numbers, in the scale's unit
+
+
+def load(run: Run) -> Maps:
+    """Open a run's results.
+
+    Raises:
+        SessionError: the surface cannot be read back.
+    """
+    surface = artefacts.load(run.folder("surface"), "surface", Surface)
+    frames = _there(run, "hdr", "frames", Frames)
+    poses = _there(run, "poses", "poses", Poses)
+    renders = _there(run, "surface", "renders", Renders)
+    count = 0 if frames is None else len(frames.names)
+    names = () if frames is None else frames.names
+    registered = np.ones(count, bool) if poses is None else poses.registered
+    unit, factor = unit_of(None if poses is None else poses.scale)
+    white = 1.0 if frames is None else _white(frames, surface.mask)
+    return Maps(run, surface, names, frames, renders, registered, unit, factor, white, rerendered_folder(run))
+
+
+def unit_of(scale: str | None) -> tuple[str, float]:
+    """(unit, factor from scene units) of lengths as shown; `scale` as in `engine.types.Poses`."""
+    if scale in ("rig", "board"):
+        return "mm", 1000.0
+    return (
+        QT_TRANSLATE_NOOP("maps", "units of the given poses")
+        if scale == "given"
+        else QT_TRANSLATE_NOOP("maps", "scene units")
+    ), 1.0
+
+
+def rerendered_folder(run: Run) -> Path:
+    """Where re-renderings on demand are kept; may be removed at any time."""
+    return run.session / "derived" / "rerendered" / run.fingerprint
+
+
+def object_box(maps: Maps) -> tuple[int, int, int, int] | None:
+    """Left, top, right, bottom of the object, in pixels."""
+    rows, columns = (np.nonzero(maps.surface.mask.any(axis))[0] for axis in (1, 0))
+    if not len(rows):
+        return None
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def photograph(maps: Maps, view: int) -> Float[np.ndarray, "h w 3"] | None:
+    return None if maps.frames is None else maps.frames.radiance[view]
+
+
+def rendering(maps: Maps, view: int) -> Float[np.ndarray, "h w 3"] | None:
+    """The run's surface under its light in a view; None where that was not computed yet."""
+    if maps.renders is not None and view in maps.renders.views:
+        return maps.renders.radiance[maps.renders.views.index(view)]
+    try:
+        flat = np.load(maps.rerendered / f"{view:04d}.npy", allow_pickle=False)
+    except (OSError, ValueError):
+        return None
+    if flat.shape != (int(maps.surface.mask.sum()), 3):
+        return None
+    picture = np.zeros((*maps.surface.mask.shape, 3), np.float32)
+    picture[maps.surface.mask] = flat
+    return picture
+
+
+def relative_error(
+    photographed: Float[np.ndarray, "h w 3"],
+    rendered: Float[np.ndarray, "h w 3"],
+    mask: Bool[np.ndarray, "h w"],
+) -> Float[np.ndarray, "h w"]:
+    """(rendered - photographed) / photographed of luminance, as the report has it; NaN outside the mask.
+
+    The floor of the division is 1 % of the object's median.
+    """
+    error = np.full(mask.shape, np.nan, np.float32)
+    true, made = photographed[mask] @ LUMINANCE, rendered[mask] @ LUMINANCE
+    if true.size:
+        error[mask] = (made - true) / np.maximum(true, max(0.01 * float(np.median(true)), 1e-12))
+    return error
+
+
+def values(maps: Maps, key: str) -> Float[np.ndarray, "h w"]:
+    """A scalar map in the unit it is shown in."""
+    factor = maps.unit_factor if key == "depth" else FACTORS.get(key, 1.0)
+    stored = getattr(maps.surface, key)
+    return stored if factor == 1.0 else stored * np.float32(factor)
+
+
+def scale_of(maps: Maps, key: str) -> Scale:
+    """The scale of a scalar map: 0 to 1 for roughness, 0 to the 98th percentile for errors, 1 to 99 % for depth."""
+    layer = LAYERS[key]
+    inside = values(maps, key)[maps.surface.mask]
+    unit = maps.unit if key == "depth" else layer.unit
+    if key == "roughness" or not inside.size:
+        return Scale(0.0, 1.0, unit, layer.colours)
+    if key == "depth":
+        low, high = (float(x) for x in np.percentile(inside, [1, 99]))
+        return Scale(low, high if high > low else low + 1e-6, unit, layer.colours)
+    return Scale(0.0, float(np.percentile(inside, 98)) or 1.0, unit, layer.colours)
+
+
+def picture(maps: Maps, look: Look) -> Picture | None:
+    """What `look` asks for, or None where it is not there (a re-rendering nobody has computed)."""
+    if look.layer in ("photograph", "rerendered", "difference"):
+        return _light(maps, look)
+    s, mask = maps.surface, maps.surface.mask
+    if look.layer == "normal":
+        drawn, note = falsecolour.normals(s.normal, mask, look.normal_frame), FRAME_NOTES[look.normal_frame]
+    elif look.layer == "albedo":
+        drawn, note = (
+            falsecolour.colour(s.albedo, mask),
+            QT_TRANSLATE_NOOP("maps", "0 to 1, shown sRGB-encoded"),
+        )
+    elif look.layer == "flags":
+        drawn, note = falsecolour.flags(s.flags, mask), ""
+    elif look.layer == "mask":
+        drawn, note = falsecolour.plain(mask), f"{int(mask.sum())} px"
+    else:
+        scale, numbers = scale_of(maps, look.layer), values(maps, look.layer)
+        return Picture(falsecolour.halves(falsecolour.scalar(numbers, mask, scale)), scale, "", numbers)
+    return Picture(falsecolour.halves(drawn), None, note)
+
+
+def _light(maps: Maps, look: Look) -> Picture | None:
+    """A photograph, its re-rendering, or their difference."""
+    photographed, mask = photograph(maps, look.view), maps.surface.mask
+    made = None if look.layer == "photograph" else rendering(maps, look.view)
+    if photographed is None or (look.layer != "photograph" and made is None):
+        return None
+    if look.layer == "difference" and made is not None:
+        error = 100 * relative_error(photographed, made, mask)
+        scale = Scale(-100 * DIFFERENCE, 100 * DIFFERENCE, LAYERS["difference"].unit, "signed")
+        return Picture(falsecolour.halves(falsecolour.scalar(error, mask, scale)), scale, "", error)
+    if made is None:
+        clipped = maps.frames.clipped[look.view] if look.mark_clipped and maps.frames is not None else None
+        drawn = falsecolour.radiance(photographed, maps.white, look.exposure_ev, look.tone, clipped=clipped)
+    else:
+        drawn = falsecolour.radiance(made, maps.white, look.exposure_ev, look.tone, mask)
+    note = f"{RADIANCE_UNIT}, white at {maps.white * 2.0**-look.exposure_ev:.3g}"
+    return Picture(falsecolour.halves(drawn), None, note)
+
+
+FRAME_NOTES: Mapping[str, str] = {
+    "opengl": QT_TRANSLATE_NOOP("maps", "OpenGL: red right, green up, blue to the viewer"),
+    "directx": QT_TRANSLATE_NOOP("maps", "DirectX: red right, green down, blue to the viewer"),
+    "camera": QT_TRANSLATE_NOOP("maps", "camera frame: red right, green down, blue away"),
+}
+
+
+def _there(run: Run, stage: str, record: str, kind: type):
+    """A record, or None where its files are gone."""
+    try:
+        folder = run.folder(stage)
+        return artefacts.load(folder, record, kind) if (folder / f"{record}.json").is_file() else None
+    except (SessionError, KeyError):
+        return None
+
+
+def _white(frames: Frames, mask: Bool[np.ndarray, "h w"]) -> float:
+    """The 99th percentile of the object's brightest channel over some views."""
+    views = np.unique(np.linspace(0, len(frames.names) - 1, WHITE_VIEWS).astype(int))
+    inside = [frames.radiance[view][mask].max(axis=-1) for view in views] if mask.any() else []
+    return float(np.percentile(np.concatenate(inside), 99)) or 1.0 if inside else 1.0

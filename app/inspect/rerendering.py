@@ -1,0 +1,178 @@
+"""Re-render every view of a finished run: what the surface looks like under the light it was solved with.
+
+Runs in a worker child. The solver keeps only the few views it did not fit; here its light, visibility and bounced
+light are made again from the stored results, at the resolution they were solved with. What is not stored are the
+horizons at which the photographs overruled the depth; where there are such, shadows differ a little. Each view is
+kept as `derived/rerendered/FINGERPRINT/NNNN.npy` (radiance of the mask's pixels), and told when it is there.
+"""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from app.inspect import maps, runs
+from app.inspect.runs import Run
+from engine.errors import SessionError
+from engine.pipeline import artefacts
+from engine.session import told
+from engine.surface import newton
+from engine.surface.pixels import SurfaceParams, rerender, sight_of, subject
+from engine.surface.solve import DEPTH_MARGIN
+from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.transport import Incident, Lattice, Sight, direction_cells, lattice_around
+from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
+
+if TYPE_CHECKING:
+    from app.work.worker import Link
+    from engine.progress import Progress
+
+BATCH = 4  # views at a time, so that a wish for another one is soon heard
+POLITE = 5  # niceness: a capture or a solve beside it goes first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """A finished run with everything its light and surface need."""
+
+    run: Run
+    params: SurfaceParams
+    frames: Frames
+    poses: Poses
+    surface: Surface
+    room: Room
+    gain: Float[np.ndarray, "g 3"]  # of the room's groups, as the surface's shading settled them
+    distance: float  # camera to object along z, scene units
+
+
+def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
+    """Task "rerender": {session, fingerprint, view}; hears "view" {view}; tells data {view}, those at hand first."""
+    os.nice(POLITE)
+    run = find(Path(request["session"]), request["fingerprint"])
+    folder = maps.rerendered_folder(run)
+    with told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    wish = [int(request["view"])]
+    link.hear("view", lambda content: wish.append(int(content["view"])))
+    solved = open_run(run)
+    usable = [int(view) for view in np.nonzero(solved.poses.registered)[0]]
+    waiting = [view for view in usable if not (folder / f"{view:04d}.npy").is_file()]
+    for view in usable:
+        if view not in waiting:
+            link.emit("data", view=view)
+    if not waiting:
+        return {"views": usable}
+    progress = link.progress()
+    scene = Scene(solved, progress.part(0, 0.2))
+    total = len(waiting)
+    while waiting:
+        wanted, count = wish[-1], 1 if wish[-1] in waiting else BATCH
+        some = sorted(waiting, key=lambda view: abs(view - wanted))[:count]
+        done = (total - len(waiting)) / total
+        span = progress.part(0.2 + 0.8 * done, 0.2 + 0.8 * (done + len(some) / total))
+        span.step(0.0, f"view {solved.frames.names[some[0]]}")
+        for view, flat in zip(some, scene.rendered(some, span), strict=True):
+            _keep(folder / f"{view:04d}.npy", flat)
+            link.emit("data", view=view)
+        waiting = [view for view in waiting if view not in some]
+    return {"views": usable}
+
+
+def find(session: Path, fingerprint: str) -> Run:
+    """The run of that surface.
+
+    Raises:
+        SessionError: it is gone.
+    """
+    for run in runs.runs_of(session):
+        if run.fingerprint == fingerprint:
+            return run
+    raise SessionError(f"{session}: the result {fingerprint} is gone; process the session again")
+
+
+def open_run(run: Run) -> Solved:
+    """Load a run and put its light together as the solver had it.
+
+    Raises:
+        SessionError: a part of it was removed, or an older version of the method made it.
+    """
+    record, report = run.records["surface"], run.reported("surface")
+    if not (run.folder("light") / "lamps.json").is_file() or "light_gains" not in report:
+        raise SessionError(
+            f"{run.session}: this result was made by an older version, or its light was removed; process the session"
+            " again to re-render its views"
+        )
+    known = {item.name for item in dataclasses.fields(SurfaceParams)}
+    params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
+    frames = artefacts.load(run.folder("hdr"), "frames", Frames)
+    masks = artefacts.load(run.folder("segment"), "masks", Masks)
+    poses = artefacts.load(run.folder("poses"), "poses", Poses)
+    gaussians = artefacts.load(run.folder("light"), "gaussians", Gaussians)
+    lamps = artefacts.load(run.folder("light"), "lamps", Lamps)
+    surface = artefacts.load(run.folder("surface"), "surface", Surface)
+    seed = record["params"].get("seed", 0)
+    room = furnished(
+        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
+    )
+    gain = np.array(report["light_gains"], float)
+    if len(gain) != len(room.clipped) + 1:
+        raise SessionError(
+            f"{run.session}: the light's groups are no longer those of this result; process it again"
+        )
+    return Solved(run, params, frames, poses, surface, room, gain[:-1], float(report["distance"]["value"]))
+
+
+class Scene:
+    """A run's visibility, worked out once, and its pictures in any view."""
+
+    def __init__(self, solved: Solved, progress: "Progress") -> None:
+        s, surface = solved, solved.surface
+        self._solved = solved
+        self.lattice: Lattice = lattice_around(
+            s.poses.camera, surface.mask, (s.distance * (1 - DEPTH_MARGIN), s.distance * (1 + DEPTH_MARGIN)),
+            (s.params.probes_across, s.params.probes_across, s.params.probes_deep),
+        )  # fmt: skip
+        mask = surface.mask
+        self._state = newton.begin(
+            surface.normal[mask].astype(float), surface.albedo[mask].astype(float),
+            surface.roughness[mask].astype(float),
+        )  # fmt: skip
+        one = np.nonzero(s.poses.registered)[0][:1]
+        who = subject(s.frames, mask, s.poses.camera, one, s.params)
+        cells = direction_cells(s.params.directions)
+        self.sight: Sight = sight_of(who, self._state, surface.depth, cells, s.params, progress)
+
+    def light(self, views: Sequence[int], progress: "Progress") -> Incident:
+        """What arrives around the object in some views."""
+        s = self._solved
+        return light_at(
+            self.lattice,
+            s.room,
+            s.gain,
+            np.array(views),
+            s.params.directions,
+            s.params.probe_face_px,
+            progress,
+        )
+
+    def rendered(self, views: Sequence[int], progress: "Progress") -> Float[np.ndarray, "n p 3"]:
+        """Radiance of the mask's pixels in some views, float32."""
+        s = self._solved
+        pictures = rerender(
+            s.frames, s.surface.mask, self.light(views, progress), tuple(views), self._state, self.sight, s.params,
+            "cpu",
+        )  # fmt: skip
+        return pictures[:, s.surface.mask]
+
+
+def _keep(path: Path, flat: Float[np.ndarray, "p 3"]) -> None:
+    """Whole or not at all: a reader may look at any moment."""
+    beside = path.with_name(f".{path.name}.partial.npy")
+    with told(path):
+        np.save(beside, flat.astype(np.float32))
+        beside.replace(path)

@@ -1,0 +1,94 @@
+"""Which light the object received was photographed, which only clipped, and which is a guess; in a worker child.
+
+Seen from the object's middle in the session's middle view (as in the exported panorama), under the brightness that
+the surface's shading settled. "Seen" is the share of a direction whose Gaussians lie on some view's background;
+"clipped" where every view that shows it is saturated there in all exposures: its radiance is then inferred from the
+object. Panoramas as in `engine.types.Panorama`; kept as `derived/coverage/FINGERPRINT/coverage.npz`.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from app.inspect.rerendering import POLITE, find, open_run
+from app.relight.lights import coverage_file
+from engine.geometry import inverse, rays, transform
+from engine.light import probes
+from engine.light.coverage import Coverage, coverage_of, covered
+from engine.light.gaussians import Y00
+from engine.light.photographs import shown_background
+from engine.pipeline import artefacts
+from engine.pipeline.work import middle_view
+from engine.session import told
+from engine.types import Gaussians, Lamps, Masks
+
+if TYPE_CHECKING:
+    from app.work.worker import Link
+
+ROWS = 128
+WIDTH = 256  # of the small backgrounds: a lamp must not vanish in them
+
+
+def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
+    """Task "coverage": {session, fingerprint}."""
+    os.nice(POLITE)
+    run = find(Path(request["session"]), request["fingerprint"])
+    to = coverage_file(run)
+    if to.is_file():
+        return {"file": str(to)}
+    progress = link.progress()
+    progress.step(0.0, "reading the light")
+    solved = open_run(run)
+    masks = artefacts.load(run.folder("segment"), "masks", Masks)
+    view = middle_view(solved.poses)
+    cam_from_world = solved.poses.cam_from_world[view]
+    known = solved.surface.mask & (solved.surface.depth > 0)
+    ray = rays(solved.poses.camera)[known]
+    middle = np.median(ray / ray[:, 2:] * solved.surface.depth[known][:, None], axis=0)
+    origin = transform(inverse(cam_from_world), middle)
+    gaussians, lamps = solved.room.under(solved.gain)
+    whole = _joined(gaussians, lamps, artefacts.load(run.folder("light"), "gaussians", Gaussians))
+
+    progress.step(0.2, "what was photographed")
+    shown = coverage_of(masks, solved.poses, WIDTH)
+    views = np.nonzero(solved.poses.registered)[0]
+    clean = Coverage(
+        shown.cam_from_world,
+        shown.lens,
+        np.stack(
+            [
+                shown_background(masks.background[i] & ~solved.frames.clipped[i], solved.poses.camera, WIDTH)
+                for i in views
+            ]
+        ),
+    )
+    progress.step(0.5, "the light at the object")
+    radiance, seen = probes.panorama(whole, origin, cam_from_world[:, :3], ROWS, shown, fill=True)
+    progress.step(0.8, "the light at the object")
+    directions = probes.panorama_directions(ROWS)
+    distance = probes.Cube(whole, origin, cam_from_world[:, :3], 2 * ROWS).look(directions)[1]
+    hits = (origin + (directions @ cam_from_world[:, :3]) * distance[..., None]).reshape(-1, 3)
+    bare = covered(shown, hits) > covered(clean, hits)
+    with told(to):
+        to.parent.mkdir(parents=True, exist_ok=True)
+        beside = to.with_name(".coverage.partial.npz")
+        np.savez(
+            beside, radiance=radiance, seen=seen, clipped=bare.reshape(seen.shape),
+            view=np.array(solved.frames.names[view]),
+        )  # fmt: skip
+        beside.replace(to)
+    return {"file": str(to)}
+
+
+def _joined(gaussians: Gaussians, lamps: Lamps, stored: Gaussians) -> Gaussians:
+    """The room's Gaussians with its lamps behind them again, every one at its settled brightness."""
+    count = len(gaussians.means)
+    radiance = stored.radiance.copy()
+    radiance[:count] = gaussians.radiance
+    radiance[count:] = 0
+    radiance[count:, 0] = lamps.radiance / Y00
+    return replace(stored, radiance=radiance)

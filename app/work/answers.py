@@ -1,0 +1,182 @@
+"""The child that answers the window's quick questions, so that no engine room is ever loaded by the window.
+
+Questions come as `{"command": "ask", "id": 7, "question": "plan", ...}` and are answered, the urgent first, by
+`{"event": "data", "kind": "answer", "id": 7, "answer": {...}}` or with `fault`, a one-line error, in its place.
+"""
+
+import dataclasses
+import queue
+import traceback
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from app.work.worker import Link
+from engine.errors import Cancelled, RoomlightError
+
+# Lower comes first: a plan shows at once, pictures can wait.
+URGENCY = {"plan": 0, "thumbnail": 1}
+
+
+def serve(request: Mapping[str, Any], link: Link) -> None:
+    """Answer until cancelled. Request: nothing."""
+    asked: queue.PriorityQueue[tuple[int, int, Mapping[str, Any]]] = queue.PriorityQueue()
+
+    def hear(content: Mapping[str, Any]) -> None:
+        asked.put((URGENCY.get(content.get("question", ""), 0), int(content["id"]), content))
+
+    link.hear("ask", hear)
+    while not link.cancelled():
+        try:
+            _, number, content = asked.get(timeout=0.2)
+        except queue.Empty:
+            continue
+        answer_one(number, content, link)
+    raise Cancelled("no more questions")
+
+
+def answer_one(number: int, content: Mapping[str, Any], link: Link) -> None:
+    """One question; whatever goes wrong is its answer, and the next is heard all the same."""
+    answers = {"plan": plan, "thumbnail": thumbnail}
+    try:
+        answer = answers[content["question"]](content)
+    except RoomlightError as error:
+        fault = " ".join(str(error).split())
+        link.emit("data", kind="answer", id=number, fault=fault, details="")
+    except Exception as error:
+        # This loop is a runner of jobs: a question that fails must not take the others with it.
+        fault = f"a fault in Roomlight itself ({type(error).__name__}: {error}); send the details"
+        link.emit("data", kind="answer", id=number, fault=fault, details=traceback.format_exc())
+    else:
+        link.emit("data", kind="answer", id=number, answer=answer)
+
+
+def plan(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What each stage would do, with all its parameters, and the settings that decided it.
+
+    Question: session; settings (as params.toml; None: what it holds); keep (write them there first).
+    """
+    from engine import session as sessions
+    from engine.pipeline import settings as asked
+    from engine.pipeline import stages, table
+
+    session = sessions.open_session(Path(content["session"]))
+    written = sessions.read_params(session)
+    wanted = content.get("settings")
+    settings = asked.from_toml(written if wanted is None else wanted)
+    rows = table.stages()
+    steps = stages.plan(session, rows, settings)
+    if content.get("keep") and asked.to_toml(settings) != written:
+        sessions.write_params(session, asked.to_toml(settings))
+    defaults = {step.stage.name: _defaults(step.stage, settings.preset) for step in steps}
+    return {
+        "settings": asked.to_toml(settings),
+        "cuda": _cuda(),
+        "stages": [
+            {
+                "name": step.stage.name,
+                "done": step.done,
+                "given": step.given,
+                "reasons": list(step.reasons),
+                "folder": str(step.folder),
+                "took_s": _took(step.folder.parent),
+                "seeded": step.stage.seeded,
+                "inputs": list(step.stage.inputs),
+                "parameters": _parameters(step.stage.name, step.params, defaults[step.stage.name]),
+            }
+            for step in steps
+        ],
+    }
+
+
+def _defaults(stage: Any, preset: str) -> Any:
+    from engine.pipeline import settings as asked
+
+    return asked.resolve(stage.name, stage.defaults, stage.presets.get(preset, {}), {})
+
+
+def _parameters(path: str, params: Any, defaults: Any) -> list[dict[str, Any]]:
+    """Every single parameter with its dotted name, kind, value and the preset's default."""
+    hints = typing.get_type_hints(type(params))
+    found = []
+    for item in dataclasses.fields(params):
+        name, value, default = f"{path}.{item.name}", getattr(params, item.name), getattr(defaults, item.name)
+        if dataclasses.is_dataclass(value):
+            found += _parameters(name, value, default)
+        else:
+            kind = _kind(hints[item.name])
+            found.append({"name": name, "kind": kind, "value": value, "default": default})
+    return found
+
+
+def _kind(hint: Any) -> str:
+    """ "int", "float", "bool", "str", "list" of whole numbers; with "?" where it may be left to the stage."""
+    if typing.get_origin(hint) is tuple:
+        return "list"
+    args = [arg for arg in typing.get_args(hint) if arg is not type(None)]
+    return f"{args[0].__name__}?" if args else hint.__name__
+
+
+def _took(folder: Path) -> float | None:
+    """Seconds of the stage's latest finished run in this session."""
+    import json
+
+    runs = []
+    for path in folder.glob("*/record.json"):
+        try:
+            record = json.loads(path.read_bytes())
+            runs.append((float(record["finished"]), float(record["seconds"])))
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return max(runs)[1] if runs else None
+
+
+def _cuda() -> str:
+    """The name of the CUDA device; "" where torch finds none."""
+    import torch
+
+    return torch.cuda.get_device_name(0) if torch.cuda.is_available() else ""
+
+
+def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A small picture of a session, kept in `to` as PNG. Question: session, edge_px, to."""
+    import cv2
+    import numpy as np
+
+    from engine import images
+    from engine import session as sessions
+
+    session = sessions.open_session(Path(content["session"]))
+    views = sessions.shots(session)
+    if not views:
+        return {"picture": None}
+    files = views[len(views) // 2].files
+    read = images.read_radiance if session.kind == "linear" else _developed
+    radiance = read(files[len(files) // 2])
+    by = max(1, min(radiance.shape[:2]) // int(content["edge_px"]))
+    small = cv2.resize(radiance, None, fx=1 / by, fy=1 / by, interpolation=cv2.INTER_AREA)
+    middle = float(np.median(images.luminance(small))) or 1e-6
+    toned = images.tone_map(np.ascontiguousarray(small, np.float32), middle)
+    to = Path(content["to"])
+    to.parent.mkdir(parents=True, exist_ok=True)
+    coded = cv2.imencode(".png", np.ascontiguousarray(toned[..., ::-1]))[1]
+    sessions.write_atomic(to, coded.tobytes())
+    return {"picture": str(to)}
+
+
+def _developed(path: Path) -> Any:
+    """A RAW file at half size, linear, for the eye."""
+    import numpy as np
+    import rawpy
+
+    from engine.errors import RawError
+
+    try:
+        with rawpy.imread(str(path)) as raw:
+            image = raw.postprocess(
+                half_size=True, gamma=(1, 1), no_auto_bright=True, output_bps=16, use_camera_wb=True
+            )
+    except rawpy.LibRawError as error:
+        raise RawError(f"{path}: cannot be developed ({error}); look at it in another program") from error
+    return image.astype(np.float32) / 65535

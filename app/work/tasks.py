@@ -1,0 +1,92 @@
+"""What a worker child can be asked for besides answers: process, import, export, report.
+
+Each function takes the request (plain JSON values) and the link to the window; engine rooms are imported inside,
+so that a child loads what its task needs and nothing else.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from app.work.worker import Link
+
+
+def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Run the stages that are not done, as params.toml asks.
+
+    Request: session, device ("auto" | "cpu" | "cuda"), until (a stage; optional).
+    """
+    from engine import session as sessions
+    from engine.pipeline import run, stages, table
+    from engine.pipeline import settings as asked
+
+    opened = sessions.open_session(Path(request["session"]))
+    settings = asked.from_toml(sessions.read_params(opened))
+    rows = table.stages()
+    until = request.get("until")
+    planned = stages.until(stages.plan(opened, rows, settings), until)
+    waiting = [step.stage.name for step in planned if not step.done]
+    link.emit("data", kind="waiting", stages=waiting)
+
+    def begins(step: stages.Step) -> None:
+        name = step.stage.name
+        number = waiting.index(name) + 1 if name in waiting else 0
+        link.emit("stage", name=name, number=number, count=len(waiting))
+        link.log(f"{name}: {step.tell()}")
+
+    def ends(step: stages.Step, seconds: float) -> None:
+        link.emit("stage_done", name=step.stage.name, seconds=seconds)
+        link.log(f"{step.stage.name}: done in {seconds:.1f} s")
+
+    watcher = run.Watcher(
+        begins, lambda step, fraction, note: link.move(fraction, note), ends, link.cancelled
+    )
+    steps = run.process(opened, rows, settings, request.get("device", "auto"), until, watcher)
+    return {"ran": [step.stage.name for step in steps if not step.done]}
+
+
+def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Make a session of a folder of photographs.
+
+    Request: folder, session, poses (optional), mask (optional), bracket (exposures a view; None finds out).
+    """
+    from engine import importing
+    from engine import session as sessions
+
+    link.emit("stage", name="import", number=1, count=1)
+    poses, mask = request.get("poses"), request.get("mask")
+    made = importing.make_session(
+        Path(request["folder"]),
+        Path(request["session"]),
+        Path(poses) if poses else None,
+        Path(mask) if mask else None,
+        request.get("bracket"),
+        link.progress(),
+    )
+    return {"session": str(made.folder), "views": len(sessions.shots(made))}
+
+
+def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Copy the results out.
+
+    Request: session, to, green ("up" | "down": which way green of the normal PNGs points), files (names; None: all).
+    """
+    from app import results
+    from engine import export as exports
+
+    link.emit("stage", name="export", number=1, count=1)
+    finished = results.finished(Path(request["session"]), "export").folder
+    files = request.get("files")
+    exports.copy(
+        finished, Path(request["to"]), request.get("green"), None if files is None else frozenset(files)
+    )
+    return {"to": request["to"]}
+
+
+def report(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Write the HTML page. Request: session, to (optional)."""
+    from app import results
+
+    link.emit("stage", name="report", number=1, count=1)
+    to = request.get("to")
+    return {"page": str(results.write_report(Path(request["session"]), Path(to) if to else None))}

@@ -1,0 +1,240 @@
+"""Model what is photographed: six bodies with their albedo and roughness, in the camera's frame.
+
+Camera frame (x right, y down, z forward), metres; the middle of each body lies on the optical axis at
+`DISTANCE_M`, and it fills about a fifth of a 4:3 picture of 62 degrees. Albedo is linear Rec.709;
+roughness is the Disney parameter (alpha = roughness^2).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hardware.errors import StudioError
+from hardware.virtual.studio import solids
+from hardware.virtual.studio.solids import Solid
+
+DISTANCE_M = 0.46
+
+Points = Float[np.ndarray, "v 3"]
+Field = Callable[[Points], Float[np.ndarray, " v"]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A mesh and what it is made of, per vertex."""
+
+    name: str
+    solid: Solid
+    albedo: Float[np.ndarray, "v 3"]
+    roughness: Float[np.ndarray, " v"]
+
+
+def clouds(seed: int, size_m: float, octaves: int = 1, gain: float = 0.5) -> Field:
+    """Smooth random field in space, zero mean, unit deviation, features about `size_m` across."""
+    rng = np.random.default_rng(seed)
+    waves = [
+        (rng.normal(size=(24, 3)) * (2.2 * 2**k / size_m), rng.uniform(0, 2 * np.pi, 24), gain**k)
+        for k in range(octaves)
+    ]
+    power = sum(g * g for *_, g in waves)
+
+    def field(points: Points) -> Float[np.ndarray, " v"]:
+        total = np.zeros(len(points))
+        for frequency, phase, strength in waves:
+            total += strength * np.cos(points @ frequency.T + phase).sum(1) / np.sqrt(12.0)
+        return total / np.sqrt(power)
+
+    return field
+
+
+def step(value: Float[np.ndarray, " v"], width: float) -> Float[np.ndarray, " v"]:
+    """0 to 1 where `value` passes zero, within +-`width`."""
+    t = np.clip(value / (2 * width) + 0.5, 0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def _dappled(points: Points, seed: int, colours: list[tuple[float, float, float]], size_m: float) -> Points:
+    """Patches of the given colours with soft edges, over a fine mottle."""
+    albedo = np.broadcast_to(np.array(colours[0]), points.shape).copy()
+    for k, colour in enumerate(colours[1:]):
+        share = step(clouds(seed + k, size_m, 2)(points) - 0.35, 0.12)[:, None]
+        albedo = albedo * (1 - share) + np.array(colour) * share
+    mottle = np.exp(0.16 * clouds(seed + 50, size_m / 4, 2)(points))[:, None]
+    return np.clip(albedo * mottle, 0.08, 0.82)
+
+
+def _two_finishes(points: Points, seed: int, smooth: float, rough: float, size_m: float) -> np.ndarray:
+    """Roughness in two regions with slow drift inside each."""
+    share = step(clouds(seed, size_m)(points), 0.25)
+    drift = 0.04 * clouds(seed + 1, size_m)(points)
+    return np.clip(smooth + (rough - smooth) * share + drift, 0.12, 0.85)
+
+
+def _turned(x_deg: float, y_deg: float, z_deg: float) -> Float[np.ndarray, "3 3"]:
+    """Turn about z, then x, then y."""
+    (cx, cy, cz), (sx, sy, sz) = (
+        np.cos(np.radians([x_deg, y_deg, z_deg])),
+        np.sin(np.radians([x_deg, y_deg, z_deg])),
+    )
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_y @ about_x @ about_z
+
+
+# The bodies are modelled with z up; this lays them into the camera's frame, facing it.
+_CAM_FROM_UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+
+
+def _placed(solid: Solid, rotation: np.ndarray) -> Solid:
+    """Turned, and with the middle of its bounding box brought to the origin."""
+    turned = solids.moved(solid, rotation, np.zeros(3))
+    middle = (turned.vertices.min(0) + turned.vertices.max(0)) / 2
+    return solids.moved(turned, np.eye(3), -middle)
+
+
+def sphere() -> Body:
+    """A sphere: every normal once."""
+    solid = solids.ball(170, lambda d: np.full(len(d), 0.118))
+    p = solid.vertices
+    albedo = _dappled(p, 100, [(0.55, 0.5, 0.42), (0.62, 0.2, 0.14), (0.16, 0.3, 0.5)], 0.08)
+    return Body("sphere", solid, albedo, _two_finishes(p, 160, 0.3, 0.65, 0.14))
+
+
+def blob() -> Body:
+    """A smooth lump with bulges and dents."""
+    bulge = clouds(201, 1.15)
+    solid = solids.ball(180, lambda d: 0.112 * np.exp(0.17 * bulge(d)))
+    solid = _placed(solid, _turned(20, 35, 0))
+    p = solid.vertices
+    albedo = _dappled(p, 210, [(0.3, 0.45, 0.35), (0.65, 0.55, 0.3), (0.45, 0.18, 0.3)], 0.07)
+    return Body("blob", solid, albedo, _two_finishes(p, 260, 0.28, 0.7, 0.12))
+
+
+def vase() -> Body:
+    """A vase with deep flutes: grooves that shade themselves and bounce light."""
+    t = np.linspace(0, 1, 420)
+    height = 0.125 - 0.25 * t
+    outer = (
+        0.058 + 0.042 * np.sin(np.pi * (0.12 + 0.88 * t) ** 1.3) - 0.02 * np.exp(-(((t - 0.14) / 0.09) ** 2))
+    )
+    end = 30
+    lid = np.stack([np.linspace(0, outer[0], end, endpoint=False), np.full(end, height[0])], 1)
+    foot = np.stack([np.linspace(outer[-1], 0, end + 1)[1:], np.full(end, height[-1])], 1)
+    profile = np.concatenate([lid, np.stack([outer, height], 1), foot])
+
+    def flutes(r: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        groove = 0.5 - 0.5 * np.cos(13 * angle)
+        return r * (1 - 0.24 * groove**0.9)
+
+    solid = solids.lathe(profile, 720, flutes, crease_deg=45.0)
+    solid = _placed(solid, _turned(-14, 0, 8) @ _CAM_FROM_UPRIGHT)
+    p = solid.vertices
+    albedo = _dappled(p, 310, [(0.6, 0.52, 0.45), (0.25, 0.4, 0.55), (0.7, 0.42, 0.25)], 0.09)
+    return Body("vase", solid, albedo, _two_finishes(p, 360, 0.25, 0.6, 0.13))
+
+
+def relief() -> Body:
+    """A carved tile: blocks, pyramids, a ridge, a bowl, a groove and a stair, all with sharp edges."""
+    rows, columns, width, height = 380, 470, 0.26, 0.21
+    y, x = np.meshgrid(
+        np.linspace(-height / 2, height / 2, rows), np.linspace(-width / 2, width / 2, columns), indexing="ij"
+    )
+    z = np.zeros_like(x)
+
+    def turned(cx: float, cy: float, deg: float) -> tuple[np.ndarray, np.ndarray]:
+        c, s = np.cos(np.radians(deg)), np.sin(np.radians(deg))
+        return c * (x - cx) + s * (y - cy), -s * (x - cx) + c * (y - cy)
+
+    a, b = turned(-0.08, -0.055, 20)  # pyramid
+    z = np.maximum(z, 0.038 * (1 - np.maximum(np.abs(a), np.abs(b)) / 0.042))
+    a, b = turned(0.0, -0.06, -15)  # block with a bevelled top
+    block = (np.maximum(np.abs(a) / 0.03, np.abs(b) / 0.026) < 1) * (0.026 + 0.25 * a)
+    z = np.maximum(z, block)
+    a, b = turned(0.085, -0.055, 0)  # bowl sunk into a drum
+    radius = np.hypot(a, b)
+    drum = np.where(radius < 0.036, 0.022, 0.0)
+    bowl = np.where(radius < 0.03, 0.022 - np.sqrt(np.maximum(0.033**2 - radius**2, 0)) + 0.0137, drum)
+    z = np.where(radius < 0.036, np.maximum(bowl, -0.02), z)
+    a, b = turned(-0.075, 0.05, -35)  # roof ridge
+    z = np.maximum(z, np.where(np.abs(b) < 0.045, 0.03 * (1 - np.abs(a) / 0.03), 0))
+    a, b = turned(0.005, 0.055, 10)  # stair
+    stair = 0.008 * np.clip(np.ceil((a + 0.032) / 0.016), 0, 4)
+    z = np.where((np.abs(a) < 0.032) & (np.abs(b) < 0.035), np.maximum(z, stair), z)
+    a, b = turned(0.08, 0.05, 25)  # V groove
+    z = np.where((np.abs(b) < 0.04) & (np.abs(a) < 0.022), np.minimum(z, -0.026 * (1 - np.abs(a) / 0.022)), z)
+    solid = solids.terrain(z, width, height, base=-0.04, crease_deg=30.0)
+    # The carved side (z up) faces the camera; tilted, so that side walls are seen.
+    facing = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
+    solid = _placed(solid, _turned(12, 14, 6) @ facing)
+    p = solid.vertices
+    albedo = _dappled(p, 410, [(0.62, 0.6, 0.55), (0.5, 0.3, 0.2), (0.3, 0.42, 0.3)], 0.07)
+    return Body("relief", solid, albedo, _two_finishes(p, 460, 0.32, 0.7, 0.1))
+
+
+def thin() -> Body:
+    """A knotted wire, a ring and three leaves a few millimetres thick."""
+    s = np.linspace(0, 2 * np.pi, 1201)[:-1]
+    r = 0.07 + 0.032 * np.cos(3 * s)
+    knot = np.stack([r * np.cos(2 * s), r * np.sin(2 * s), 0.04 * np.sin(3 * s)], 1)
+    ring = 0.116 * np.stack([np.cos(s), np.sin(s), 0.12 * np.sin(2 * s)], 1)
+    parts = [solids.tube(knot, 0.0085, 56), solids.tube(ring, 0.0055, 36)]
+    angle = np.linspace(0, 2 * np.pi, 361)[:-1]
+    leaf = np.stack([0.022 * np.cos(angle), 0.05 * np.sin(angle) * (1 + 0.25 * np.sin(angle))], 1)
+    plate = solids.slab(leaf, 0.0025, 40)
+    for turn_deg, tilt_deg in ((15, 40), (135, -35), (255, 55)):
+        out = _turned(0, 0, turn_deg)
+        parts.append(solids.moved(plate, out @ _turned(tilt_deg, 25, 0), out @ np.array([0.0, 0.062, 0.0])))
+    solid = _placed(solids.join(parts), _turned(-18, 24, 10) @ np.diag([1.0, -1.0, -1.0]))
+    p = solid.vertices
+    albedo = _dappled(p, 510, [(0.55, 0.35, 0.2), (0.6, 0.58, 0.5), (0.2, 0.42, 0.4)], 0.06)
+    return Body("thin", solid, albedo, _two_finishes(p, 560, 0.3, 0.6, 0.1))
+
+
+def duo() -> Body:
+    """An acorn: a glossy glazed nut in a rough cup."""
+    bulge = clouds(601, 1.6)
+    nut = solids.ball(150, lambda d: 0.098 * (1 + 0.13 * d[:, 2]) * np.exp(0.035 * bulge(d)))
+    nut = Solid(nut.vertices + [0, 0, 0.022], nut.normals, nut.faces)
+    t = np.linspace(0, 1, 260)
+    outside = np.stack(
+        [0.115 * np.sin(0.5 * np.pi * t[::-1]) ** 0.8, -0.105 + 0.115 * (1 - np.cos(0.5 * np.pi * t[::-1]))],
+        1,
+    )
+    outside[-1, 0] = 0.0
+    inside = np.stack([np.linspace(0, outside[0, 0], 80, endpoint=False), np.full(80, outside[0, 1])], 1)
+
+    def scales(r: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        return r * (1 + 0.022 * np.cos(9 * angle) * np.minimum(r / 0.05, 1))
+
+    cup = solids.lathe(np.concatenate([inside, outside]), 600, scales, crease_deg=50.0)
+    facing = _turned(24, 0, -20) @ _CAM_FROM_UPRIGHT
+    both = _placed(solids.join([nut, cup]), facing)
+    is_nut = np.arange(len(both.vertices)) < len(nut.vertices)
+    p = both.vertices
+    glaze = _dappled(p, 610, [(0.5, 0.16, 0.1), (0.62, 0.42, 0.16), (0.22, 0.12, 0.12)], 0.08)
+    clay = _dappled(p, 640, [(0.42, 0.46, 0.36), (0.62, 0.56, 0.46)], 0.05)
+    glossy = np.clip(0.2 + 0.03 * clouds(660, 0.12)(p), 0.15, 0.25)
+    matte = np.clip(0.7 + 0.06 * clouds(661, 0.1)(p), 0.55, 0.82)
+    albedo = np.where(is_nut[:, None], glaze, clay)
+    return Body("duo", both, albedo, np.where(is_nut, glossy, matte))
+
+
+OBJECTS: dict[str, Callable[[], Body]] = {
+    "sphere": sphere, "blob": blob, "vase": vase, "relief": relief, "thin": thin, "duo": duo,
+}  # fmt: skip
+
+
+def model(name: str) -> Body:
+    """The body called `name`, in the camera's frame.
+
+    Raises:
+        StudioError: no such object.
+    """
+    if name not in OBJECTS:
+        raise StudioError(f"there is no object called {name!r}; choose one of {', '.join(OBJECTS)}")
+    body = OBJECTS[name]()
+    away = solids.moved(body.solid, np.eye(3), np.array([0.0, 0.0, DISTANCE_M]))
+    return Body(body.name, away, body.albedo, body.roughness)

@@ -1,0 +1,68 @@
+"""The finished runs of a session are found, newest first, and told apart."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from app.inspect import runs
+from tests.app import furnace
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """Two runs; the older one is what the export shows."""
+    furnace.finished(tmp_path, "newer", 2e9, with_export=False)
+    return furnace.finished(tmp_path, "older", 1e9)
+
+
+def test_newest_comes_first_and_the_exported_one_is_current(session: Path) -> None:
+    found = runs.runs_of(session)
+    assert [run.fingerprint for run in found] == ["newer", "older"]
+    assert [run.current for run in found] == [False, True]
+    assert runs.current(found) is found[1]
+
+
+def test_without_an_export_the_newest_is_current(session: Path) -> None:
+    (session / "exports" / "latest").unlink()
+    assert [run.current for run in runs.runs_of(session)] == [True, False]
+
+
+def test_a_run_knows_its_stages_and_what_they_took(session: Path) -> None:
+    run = runs.runs_of(session)[1]
+    assert run.seconds == pytest.approx(2 + 1 + 3 + 4 + 10)  # the export is left out
+    assert run.folder("light") == session / "stages" / "light" / "llll"
+    assert run.folder("export") == session / "stages" / "export" / "eolder"
+    assert run.reported("surface")["held_out_error"] == 0.1
+    assert run.reported("segment") == {}
+
+
+def test_unfinished_and_damaged_results_are_no_runs(session: Path) -> None:
+    surface = session / "stages" / "surface"
+    (surface / "newer" / "record.json").write_text("{")
+    (surface / "older").rename(surface / "older.partial")
+    assert runs.runs_of(session) == ()
+    assert runs.runs_of(session / "nowhere") == ()
+
+
+def test_runs_are_named_by_what_was_asked_otherwise(session: Path) -> None:
+    path = session / "stages" / "surface" / "older" / "record.json"
+    record = json.loads(path.read_text())
+    record["params"]["directions"] = 2048
+    record["version"] = 2
+    path.write_text(json.dumps(record))
+    newer, older = runs.runs_of(session)
+    assert [name.split(" · ")[1:] for name in runs.names((newer, older))] == [
+        ["directions 600"],
+        ["directions 2048"],
+    ]
+    assert runs.differences(newer, older) == (
+        "surface.directions 600 -> 2048",
+        "surface: method of version 1 -> 2",
+    )
+    assert runs.differences(newer, newer) == ()
+
+
+def test_nothing_yet_says_what_to_do() -> None:
+    assert "start page" in runs.nothing_yet(None).remedy
+    assert "process" in runs.nothing_yet(Path("a")).remedy

@@ -1,0 +1,120 @@
+"""Questions are answered one by one, the urgent first, and a bad one costs nobody else its answer."""
+
+import json
+import os
+import queue
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from app.plan import read_plan, with_value
+from app.work import answers
+from app.work.worker import Link
+from engine import session as sessions
+from engine.errors import Cancelled
+from engine.pipeline import settings as asked
+from tests.app.sessions import HEIGHT, WIDTH, small
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    return small(tmp_path)
+
+
+def answer(**content: Any) -> Mapping[str, Any]:
+    """What the window would get for one question."""
+    read, write = os.pipe()
+    answers.answer_one(7, content, Link(write))
+    os.close(write)
+    with os.fdopen(read) as file:
+        (event,) = [json.loads(line) for line in file]
+    assert (event["event"], event["kind"], event["id"]) == ("data", "answer", 7)
+    return event
+
+
+def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
+    plan = read_plan(answer(question="plan", session=str(session))["answer"])
+    assert [row.name for row in plan.rows] == ["hdr", "segment", "poses", "light", "surface", "export"]
+    assert all(row.reasons == ("never ran",) and row.took_s is None for row in plan.rows)
+    assert [row.given for row in plan.rows] == [False, True, False, False, False, False]
+    directions = plan.parameter("surface.directions")
+    assert directions is not None
+    assert (directions.value, directions.default, directions.kind) == (2048, 2048, "int")
+    kinds = {p.name: p.kind for row in plan.rows for p in row.parameters}
+    assert kinds["light.keep_out"] == "float?"
+    assert kinds["light.passes"] == "list"
+    assert kinds["poses.mapping.match_ratio"] == "float"
+    assert kinds["surface.bounce"] == "bool"
+
+
+def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
+    plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
+    directions = plan.parameter("surface.directions")
+    assert directions is not None
+    assert (directions.value, directions.default, directions.changed) == (1024, 1024, False)
+
+
+def test_an_edit_is_written_only_when_it_is_to_be_kept(session: Path) -> None:
+    opened = sessions.open_session(session)
+    plan = read_plan(answer(question="plan", session=str(session))["answer"])
+    directions = plan.parameter("surface.directions")
+    assert directions is not None
+    settings = asked.to_toml(with_value(plan.settings, directions, 512))
+    answer(question="plan", session=str(session), settings=settings)
+    assert sessions.read_params(opened) == {}
+    answer(question="plan", session=str(session), settings=settings, keep=True)
+    assert sessions.read_params(opened)["surface"] == {"directions": 512}
+
+
+def test_settings_that_cannot_be_meant_are_refused_and_not_written(session: Path) -> None:
+    said = answer(question="plan", session=str(session), settings={"surface": {"direction": 5}}, keep=True)
+    assert "did you mean 'directions'" in said["fault"]
+    assert not (session / "params.toml").exists()
+
+
+def test_a_question_that_fails_is_answered_with_its_fault(session: Path, tmp_path: Path) -> None:
+    assert "not a session" in answer(question="plan", session=str(tmp_path))["fault"]
+    said = answer(question="nonsense")
+    assert "a fault in Roomlight itself" in said["fault"]
+    assert "KeyError" in said["details"]
+
+
+def test_a_thumbnail_is_a_picture_of_the_session(session: Path, tmp_path: Path) -> None:
+    to = tmp_path / "cache" / "thumbnails" / "a.png"
+    said = answer(question="thumbnail", session=str(session), to=str(to), edge_px=12)
+    assert said["answer"] == {"picture": str(to)}
+    picture = cv2.imread(str(to))
+    assert picture is not None
+    assert picture.shape == (HEIGHT // 2, WIDTH // 2, 3)
+    assert picture.std() > 5
+
+
+def test_a_session_without_photographs_has_no_thumbnail(tmp_path: Path) -> None:
+    sessions.create(tmp_path / "empty.session", "raw", {})
+    to = tmp_path / "a.png"
+    said = answer(question="thumbnail", session=str(tmp_path / "empty.session"), to=str(to), edge_px=12)
+    assert said["answer"] == {"picture": None}
+    assert not to.exists()
+
+
+def test_plans_go_before_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, write = os.pipe()
+    link = Link(write)
+    for number, question in enumerate(("thumbnail", "thumbnail", "plan")):
+        link.take(json.dumps({"command": "ask", "id": number, "question": question}).encode())
+    order: queue.Queue[int] = queue.Queue()
+
+    def one(number: int, content: Mapping[str, Any], link: Link) -> None:
+        order.put(number)
+        if order.qsize() == 3:
+            link.take(b'{"command": "cancel"}')
+
+    monkeypatch.setattr(answers, "answer_one", one)
+    with pytest.raises(Cancelled):
+        answers.serve({}, link)
+    assert [order.get_nowait() for _ in range(3)] == [2, 0, 1]
+    os.close(write)
+    os.close(read)

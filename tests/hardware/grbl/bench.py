@@ -1,0 +1,99 @@
+"""A GRBL driver on a bench: emulator, bad connection, pseudo-terminal and driver, all within reach of a test."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hardware.grbl.opening import GrblConfig, open_grbl
+from hardware.interfaces import Angles, Motion
+from hardware.virtual.faults import Faulty
+from hardware.virtual.grbl.firmware import GrblFirmware
+from hardware.virtual.grbl.motion import Mechanics
+from hardware.virtual.wire import Wire
+from tests.hardware.contracts.grbl_rigs import QUICK, SWITCHED, Heard
+from tests.hardware.contracts.motion import Order, wait
+
+HURRY = 20.0  # device seconds in a second
+BARE = {"pan": None, "homing": "none"}  # a turntable without switches
+SWITCHES = {"home_deg": (-184.0, 0.0)}
+
+
+class Clock:
+    """The driver's time, which can be made to run faster while it waits in vain."""
+
+    def __init__(self) -> None:
+        self._rate, self._since, self._then = 1.0, time.monotonic(), 0.0
+
+    def __call__(self) -> float:
+        return self._then + self._rate * (time.monotonic() - self._since)
+
+    def hurry(self, rate: float) -> None:
+        now = time.monotonic()
+        self._then += self._rate * (now - self._since)
+        self._since, self._rate = now, rate
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    firmware: GrblFirmware
+    faults: Faulty
+    heard: Heard
+    wire: Wire
+    rig: Motion
+
+    def order(self, order: Callable[[], Any]) -> Order:
+        return Order(order)
+
+    def truth(self) -> Angles:
+        return self.firmware.angles()
+
+    def under_way(self, target: Angles) -> Order:
+        """A move that has begun to move."""
+        stood = self.truth()
+        order = Order(lambda: self.rig.move(target))
+        wait(lambda: self.truth() != stood, "it never began to move")
+        return order
+
+
+def switched(start: float = -182.0, play: float = 0.0) -> Mechanics:
+    return Mechanics((-185.0, None, None), (185.0, None, None), (play, 0.0, 0.0), (start, 0.0, 0.0))
+
+
+@contextlib.contextmanager
+def powered(firmware: GrblFirmware, hurry: float = HURRY) -> Iterator[tuple[Wire, Heard, Faulty]]:
+    faults = Faulty(firmware)
+    heard = Heard(faults)
+    wire = Wire(heard, lambda: hurry * time.monotonic())
+    try:
+        yield wire, heard, faults
+    finally:
+        wire.close()
+
+
+@contextlib.contextmanager
+def bench(
+    settings: Mapping[int, float] = QUICK,
+    mechanics: Mechanics | None = None,
+    hurry: float = HURRY,
+    fluidnc: bool = False,
+    clock: Callable[[], float] = time.monotonic,
+    **facts: Any,
+) -> Iterator[Bench]:
+    """`facts` go into the configuration."""
+    firmware = GrblFirmware(settings, mechanics, fluidnc=fluidnc, homes=(0,))
+    with powered(firmware, hurry) as (wire, heard, faults):
+        rig = open_grbl(GrblConfig(wire.port, **{"feed_deg_min": 3600.0, **facts}), clock)
+        try:
+            yield Bench(firmware, faults, heard, wire, rig)
+        finally:
+            rig.close()
+
+
+def bare(settings: Mapping[int, float] = QUICK, **more: Any) -> contextlib.AbstractContextManager[Bench]:
+    return bench(settings, **{**BARE, **more})
+
+
+def with_switches(**more: Any) -> contextlib.AbstractContextManager[Bench]:
+    return bench(SWITCHED, switched(), **{**SWITCHES, **more})

@@ -1,0 +1,174 @@
+"""Rooms, bodies, motions and truth maps are what they say they are."""
+
+import numpy as np
+import pytest
+
+from engine.geometry import inverse
+from engine.rig import RigLog, angle_between, logged_poses
+from hardware.errors import StudioError
+from hardware.virtual.studio import bake, motion, objects, rooms, truth
+
+CENTRE = np.array([0.0, 0.0, 1.35])
+SIZE = (160, 120)
+
+
+def coarse(name: str) -> rooms.Room:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rooms, "TEXEL_M", 0.02)
+        return rooms.furnish(name)
+
+
+@pytest.fixture(scope="module")
+def furnished():
+    return {name: coarse(name) for name in ("study", "lamps", "window")}
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    return {name: objects.model(name) for name in objects.OBJECTS}
+
+
+@pytest.mark.parametrize("name", ["study", "lamps", "window"])
+def test_a_room_is_built_the_same_every_time(furnished, name):
+    room = furnished[name]
+    assert bake.digest(room) == bake.digest(coarse(name))
+    for panel in room.panels:
+        assert abs(panel.right @ panel.down) < 1e-9
+        assert panel.albedo.min() >= 0
+        assert panel.albedo.max() < 1
+    assert room.globes or room.sheets
+
+
+def test_rooms_are_lit_as_promised(furnished):
+    assert not furnished["lamps"].sheets
+    window = furnished["window"]
+    assert not window.globes
+    assert len(window.sheets) == 1
+    poses = motion.handheld(96, CENTRE, 1).world_from_cam
+    to_object = poses[:, :, 2] * objects.DISTANCE_M + poses[:, :, 3]
+    lamp = furnished["study"].globes[0].centre
+    assert np.linalg.norm(to_object - lamp, axis=1).min() < 1.0
+
+
+@pytest.mark.parametrize("name", ["study", "lamps", "window"])
+def test_nothing_stands_where_the_rig_moves(furnished, name):
+    room = furnished[name]
+    for quad in (*room.panels, *room.sheets):
+        off = room.centre - quad.corner
+        across, down = (np.clip(off @ edge / (edge @ edge), 0, 1) * edge for edge in (quad.right, quad.down))
+        assert np.linalg.norm(off - across - down) > rooms.FREE_M
+    for globe in room.globes:
+        assert np.linalg.norm(room.centre - globe.centre) - globe.radius_m > rooms.FREE_M
+
+
+def test_an_atlas_gives_every_panel_its_own_picture(furnished):
+    room = furnished["window"]
+    atlas = bake.pack(room.panels, [np.full_like(p.albedo, k) for k, p in enumerate(room.panels)])
+    h, w = atlas.picture.shape[:2]
+    for k in range(len(room.panels)):
+        (x0, y0), (x1, y1) = (
+            np.rint(atlas.low[k] * [w, h]).astype(int),
+            np.rint(atlas.high[k] * [w, h]).astype(int),
+        )
+        # One texel around belongs to it too, for interpolation.
+        assert (atlas.picture[y0 - 1 : y1 + 1, x0 - 1 : x1 + 1] == k).all()
+
+
+@pytest.mark.parametrize("name", list(objects.OBJECTS))
+def test_truth_maps_describe_one_surface_seen_from_the_camera(bodies, name):
+    body = bodies[name]
+    w, h = SIZE
+    maps = truth.maps(body, w, h)
+    mask, normal, depth = maps["mask"], maps["normal"], maps["depth"]
+    np.testing.assert_allclose(np.linalg.norm(normal[mask], axis=-1), 1, atol=1e-5)
+    assert not normal[~mask].any()
+    lens = truth.camera(w, h)
+    y, x = np.mgrid[:h, :w] + 0.5
+    rays = np.stack([(x - lens["cx"]) / lens["fx"], (y - lens["cy"]) / lens["fy"], np.ones_like(x)], -1)
+    facing = (normal * rays).sum(-1) / np.linalg.norm(rays, axis=-1)
+    # Shading normals may turn away at the very rim of a mesh.
+    assert (facing[mask] < 0).mean() > 0.985
+    points = rays * depth[..., None]
+    across = points[1:-1, 2:] - points[1:-1, :-2]
+    down = points[2:, 1:-1] - points[:-2, 1:-1]
+    inner = mask[1:-1, 2:] & mask[1:-1, :-2] & mask[2:, 1:-1] & mask[:-2, 1:-1] & mask[1:-1, 1:-1]
+    steep = np.maximum(np.abs(across[..., 2]), np.abs(down[..., 2])) > 0.01
+    flat = np.cross(down, across)
+    flat /= np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-12)
+    off = np.degrees(np.arccos(np.clip((flat * normal[1:-1, 1:-1]).sum(-1), -1, 1)))[inner & ~steep]
+    assert np.median(off) < 4
+    assert (maps["albedo"][mask] > 0).all()
+    assert (maps["roughness"][mask] >= 0.1).all()
+
+
+@pytest.mark.parametrize("name", list(objects.OBJECTS))
+def test_a_body_fits_into_the_picture(bodies, name):
+    body = bodies[name]
+    touched = truth.touched(body, *SIZE, finer=2)
+    assert not touched[[0, -1]].any()
+    assert not touched[:, [0, -1]].any()
+    assert 0.08 < truth.maps(body, *SIZE)["mask"].mean() < 0.4
+    assert len(body.albedo) == len(body.roughness) == len(body.solid.vertices)
+    np.testing.assert_allclose(np.linalg.norm(body.solid.normals, axis=1), 1, atol=1e-6)
+
+
+def test_objects_are_glossy_and_matte(bodies):
+    assert bodies["duo"].roughness.min() < 0.25
+    assert bodies["duo"].roughness.max() > 0.55
+    assert all(np.ptp(body.roughness) > 0.1 and np.ptp(body.albedo) > 0.2 for body in bodies.values())
+
+
+@pytest.mark.parametrize("kind", ["turntable", "gimbal"])
+def test_a_rig_reports_where_it_is_up_to_its_encoders_noise(kind):
+    journey = motion.travel(kind, 96, CENTRE, 3)
+    reports = [r for r in journey.reports if r is not None]
+    assert journey.geometry is not None
+    log = RigLog(
+        kind,
+        np.array([r["pan_deg"] for r in reports]),
+        np.array([r["tilt_deg"] for r in reports]),
+        journey.geometry,
+    )
+    logged, real = logged_poses(log), inverse(journey.world_from_cam)
+    # Both worlds are rigid; the first view ties them together.
+    tie = inverse(real[:1])[0]
+    rig_from_cam = inverse(logged)
+    world_from_rig = tie[:, :3] @ logged[0][:, :3]
+    turned = np.degrees(
+        angle_between(world_from_rig @ rig_from_cam[:, :, :3], journey.world_from_cam[:, :, :3])
+    )
+    # The noise of the first view and of each other one, two axes each: sigma times sqrt(4) at most.
+    assert turned.max() < 4 * motion.REPORT_NOISE_DEG * 2
+    assert np.sqrt((turned**2).mean()) > 0.2 * motion.REPORT_NOISE_DEG
+    shift = tie[:, 3] - world_from_rig @ rig_from_cam[0][:, 3]
+    off = rig_from_cam[:, :, 3] @ world_from_rig.T + shift - journey.world_from_cam[:, :, 3]
+    assert np.linalg.norm(off, axis=1).max() < 0.002
+
+
+@pytest.mark.parametrize("kind", list(motion.MOTIONS))
+def test_the_rig_stays_in_the_free_space_and_repeats(kind):
+    journey = motion.travel(kind, 48, CENTRE, 7)
+    again = motion.travel(kind, 48, CENTRE, 7)
+    assert (journey.world_from_cam == again.world_from_cam).all()
+    assert len(journey.reports) == len(journey.world_from_cam) == 48
+    for pose in journey.world_from_cam:
+        np.testing.assert_allclose(pose[:, :3] @ pose[:, :3].T, np.eye(3), atol=1e-9)
+        assert np.linalg.norm(pose @ [0, 0, objects.DISTANCE_M, 1] - CENTRE) + 0.15 < rooms.FREE_M
+        assert np.linalg.norm(pose[:, 3] - CENTRE) < rooms.FREE_M
+
+
+def test_hands_report_nothing():
+    journey = motion.travel("handheld", 8, CENTRE, 1)
+    assert journey.geometry is None
+    assert set(journey.reports) == {None}
+
+
+def test_unknown_names_say_what_there_is():
+    with pytest.raises(StudioError, match="study"):
+        rooms.furnish("cellar")
+    with pytest.raises(StudioError, match="vase"):
+        objects.model("bust")
+    with pytest.raises(StudioError, match="gimbal"):
+        motion.travel("crane", 3, CENTRE, 0)
+    with pytest.raises(StudioError, match="at least 1"):
+        motion.travel("gimbal", 0, CENTRE, 0)
