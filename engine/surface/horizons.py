@@ -175,7 +175,8 @@ def explain(
     )  # fmt: skip
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+# Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
 @no_type_check
 def _misfit(sent, radiance, weight, eps, square, albedo):
     """Robust misfit of one pixel at the albedo that suits it best, which is left in `albedo`.

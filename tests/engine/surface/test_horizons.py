@@ -3,12 +3,18 @@
 Own pictures again: what is tested is the search, its thrift, and the bookkeeping.
 """
 
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface import newton
+from engine.surface import horizons, newton
 from engine.surface.horizons import LEVELS, RINGS, beside, compass, overruled
 from engine.surface.pixels import SurfaceParams, as_photographed, ask, subject
 from engine.surface.transport import Responses, Sight, blocks, direction_cells, predict
@@ -139,3 +145,35 @@ def test_beside_is_a_pixel_of_the_object_that_way():
     assert (moved[0] * np.cos(turn) + moved[1] * np.sin(turn) >= 0).all()
     middle = (row == 8) & (column == 12)
     assert np.hypot(*(m[middle] for m in moved)).min() > 3
+
+
+def answers_of_a_child(cache: Path) -> str:
+    """What a process of its own finds on the walled plane, as a hash; kernels are kept in `cache`."""
+    words = [sys.executable, "-m", "tests.engine.surface.test_horizons"]
+    child = subprocess.run(
+        words, cwd=Path(__file__).parents[3], env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
+        stdout=subprocess.PIPE, text=True, check=True,
+    )  # fmt: skip
+    return child.stdout
+
+
+def test_kernels_compiled_now_and_kernels_kept_from_before_give_the_same_bits(tmp_path: Path) -> None:
+    compiled = answers_of_a_child(tmp_path)
+    assert any(tmp_path.rglob("*.nbc"))
+    assert answers_of_a_child(tmp_path) == compiled
+
+
+if __name__ == "__main__":
+    answers: list[np.ndarray] = []
+    descend = horizons._descend
+
+    def noted(*args):
+        """What the kernel says, in every bit, before levels are chosen by it."""
+        answers.extend(found := descend(*args))
+        return found
+
+    horizons._descend = noted
+    VIEWS = 45  # no multiple of a vector's width: what is left over is where roundings part
+    who, light, state = photographs_under(walled(2, 5, 3), np.random.default_rng(0))
+    ask(who, state, light, facing(NOTHING), PARAMS, Progress())
+    print(hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in answers)).hexdigest())
