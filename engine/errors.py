@@ -13,6 +13,10 @@ class SessionError(RoomlightError):
     """The session folder is missing, locked, damaged or of a newer schema."""
 
 
+class BusyError(SessionError):
+    """Another process works on the session; what was asked may succeed when it has ended."""
+
+
 class ImportFault(RoomlightError):
     """Photographs, poses or masks given to `import` do not fit together."""
 

@@ -3,6 +3,8 @@
 Several first guesses, each from the pixels that behave unlike the frame's border, grow into populations
 (`engine/populations.py`) of steady and changing pixels (`engine/steadiness.py`) on small images; the guess
 whose outline is the strongest is refined at full size. Masks are on the pixel grid of the photographs.
+
+What a person painted is certain there, and a hint around it (`engine/hints.py`).
 """
 
 from collections.abc import Iterator
@@ -12,7 +14,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from engine import populations
+from engine import hints, populations
 from engine.develop import averaged
 from engine.errors import MaskError
 from engine.progress import Progress
@@ -22,6 +24,8 @@ from engine.types import Frames, Masks
 SQUARE = np.ones((3, 3), np.uint8)
 OBJECT_PARTS, ROOM_PARTS = 4, 5  # Gaussians: albedos and shadows of the object, walls and lamps of the room
 BORDER = 0.06  # of the shorter side: the frame in which mostly room is seen
+ROOM_TAIL = 1.0  # percentile of the room's own density: what is rarer does not change like the room
+HINT = 2.5  # a stroke's pull on the pixels beside it, in units of what their own evidence may weigh at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +50,7 @@ class SegmentParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strokes:
-    """What a person painted; it overrides whatever was found."""
+    """What a person painted: certain there, a hint around it."""
 
     add: Bool[np.ndarray, "h w"]
     remove: Bool[np.ndarray, "h w"]
@@ -70,6 +74,7 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
     small = measure(_selected(frames, chosen, by))
     best, best_score = None, -np.inf
     guesses = list(_first_guesses(small))
+    said = strokes and Strokes(hints.reduced(strokes.add, by), hints.reduced(strokes.remove, by))
     answers: list[Bool[np.ndarray, "h w"]] = []
     for number, guess in enumerate(guesses):
         progress.step(0.1 + 0.5 * number / len(guesses), "comparing first guesses")
@@ -79,24 +84,29 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
         if grown is None:
             continue
         answers.append(grown)
-        score = _score(grown, small, params)
+        score = _score(grown, small, params) - _against(grown, said, params)
         if score > best_score:
             best, best_score = grown, score
+    stands_out = best is not None and _score(best, small, params) >= params.least_score
+    if said is not None and said.add.any() and not stands_out:
+        best = said.add  # where the object begins
     if best is None:
         raise MaskError(_NOTHING)
+    full = small
     if by > 1:
         progress.step(0.6, "refining the outline")
         h, w = frames.dark.shape[1:]
         full = measure(_selected(frames, chosen, 1))
-        coarse = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
-        best = _grow(full, coarse, params, params.refine_rounds, rng, strokes)
+        best = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
+    if by > 1 or strokes is not None:
+        best = _grow(full, best, params, params.refine_rounds, rng, strokes)
         if best is None:
             raise MaskError(_NOTHING)
-    else:
-        full = small
     progress.step(0.95, "checking")
     found = _without_specks(best, params)
-    _check(found, full, params)
+    if strokes is None or not strokes.add.any():
+        # A person who says where the object is needs no proof that it is there.
+        _check(found, full, params)
     if strokes is not None:
         found = (found | strokes.add) & ~strokes.remove
     return from_object(frames, found, params)
@@ -194,29 +204,45 @@ def _grow(
     spread = flat.std(axis=0) + np.float32(1e-6)
     features = (flat - flat.mean(axis=0)) / spread
     rank = min(params.rank, len(steadiness.relative) // 6)
-    found = guess
+    said = strokes or Strokes(np.zeros((h, w), bool), np.zeros((h, w), bool))
+    adds, removes = hints.pull(steadiness, said.add), hints.pull(steadiness, said.remove)
+    found = (guess | said.add) & ~said.remove
+    led = (adds > hints.FAINT) & ~guess  # into the object, if at all, by hints alone
+    odd = np.zeros((h, w), bool)  # unlike the room
     for _ in range(rounds):
         # Pixels on the outline are mixtures of both; each population is learnt clear of it.
         core = cv2.erode(found.astype(np.uint8), SQUARE) > 0
         if core.sum() < 0.3 * found.sum():
             core = found
         away = cv2.dilate(found.astype(np.uint8), SQUARE) == 0
+        # Nor does either learn from what a stroke speaks about: there the pixels misled us, or the hand slipped.
+        sure = _unless(said.add | led | (removes > hints.FAINT), core)
+        core = _unless(said.add | (led & ~odd) | (removes > hints.FAINT), core)
+        away = _unless(said.remove | (adds > hints.FAINT), away)
         if min(core.sum(), away.sum()) < 4 * populations.FEWEST:
             return None
-        rest = unexplained(steadiness, core, rank, rng).ravel()
+        rest = unexplained(steadiness, sure, rank, rng).ravel()
         every = np.column_stack([features, (rest - rest.mean()) / (rest.std() + np.float32(1e-6))])
         ours = populations.fit(every[core.ravel()], OBJECT_PARTS, rng)
         theirs = populations.fit(every[away.ravel()], ROOM_PARTS, rng)
-        odds = populations.log_density(every, ours) - populations.log_density(every, theirs)
-        pull = params.evidence * odds.reshape(h, w)
-        bound = params.pull
-        if strokes is not None:
-            # A stroke pulls harder than all links of a pixel can.
-            bound = 5 * params.smoothness
-            pull = np.clip(pull, -params.pull, params.pull)
-            pull = np.where(strokes.add, bound, np.where(strokes.remove, -bound, pull))
-        found = populations.cut(pull, steadiness.link_x, steadiness.link_y, params.smoothness, bound)
+        as_room = populations.log_density(every, theirs).reshape(h, w)
+        odds = populations.log_density(every, ours).reshape(h, w) - as_room
+        # A clamp may ride along like the object, but nothing of the object changes like the room: no hint adds that.
+        rare = as_room < np.percentile(as_room[away], ROOM_TAIL)
+        odd = cv2.medianBlur(rare.astype(np.uint8), 5) > 0  # single pixels of the room are rare too
+        own = np.clip(params.evidence * odds, -params.pull, params.pull)
+        pull = own + HINT * params.pull * (np.where(odd, adds, 0) - removes)
+        # A stroke pulls harder than all links of a pixel can.
+        certain = 5 * params.smoothness
+        pull = np.where(said.add, certain, np.where(said.remove, -certain, pull))
+        found = populations.cut(pull, steadiness.link_x, steadiness.link_y, params.smoothness, certain)
     return found
+
+
+def _unless(spoken: Bool[np.ndarray, "h w"], where: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """What of `where` nobody spoke about; all of it where that is too little to learn from."""
+    rest = where & ~spoken
+    return rest if rest.sum() >= 4 * populations.FEWEST else where
 
 
 def _contrast(
@@ -244,6 +270,14 @@ def _strength(found: Bool[np.ndarray, "h w"], steadiness: Steadiness) -> tuple[f
 def _score(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> float:
     border = np.concatenate([found[0], found[-1], found[:, 0], found[:, -1]])
     return sum(_strength(found, steadiness)) - params.border_penalty * float(border.mean())
+
+
+def _against(found: Bool[np.ndarray, "h w"], said: Strokes | None, params: SegmentParams) -> float:
+    """What an answer loses for what was painted otherwise."""
+    painted = 0 if said is None else int(said.add.sum() + said.remove.sum())
+    if said is None or not painted:
+        return 0.0
+    return params.border_penalty * float((said.add & ~found).sum() + (said.remove & found).sum()) / painted
 
 
 def _without_specks(found: Bool[np.ndarray, "h w"], params: SegmentParams) -> Bool[np.ndarray, "h w"]:

@@ -21,7 +21,7 @@ from typing import Any
 
 import tomli_w
 
-from engine.errors import SessionError
+from engine.errors import BusyError, SessionError
 
 SCHEMA = 1
 
@@ -307,6 +307,13 @@ def write_edit(session: Session, name: str, content: bytes) -> None:
     write_atomic(session.folder / "edits" / name, content)
 
 
+def drop_edit(session: Session, name: str) -> None:
+    """Take a hand-made input out of the session; nothing where there is none."""
+    path = session.folder / "edits" / name
+    with told(path):
+        path.unlink(missing_ok=True)
+
+
 def read_params(session: Session) -> dict[str, Any]:
     """What the user asked: `params.toml`, empty when there is none."""
     path = session.folder / "params.toml"
@@ -327,7 +334,7 @@ def lock(session: Session) -> Iterator[None]:
     """Hold the session for writing; the system lets go of it when this process ends, however it ends.
 
     Raises:
-        SessionError: another process holds it.
+        BusyError: another process holds it.
     """
     path = session.folder / "run.lock"
     with told(path):
@@ -337,7 +344,7 @@ def lock(session: Session) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.read(handle, 32).decode(errors="replace").strip() or "unknown"
-            raise SessionError(
+            raise BusyError(
                 f"{session.folder}: process {holder} is working on this session; wait for it or stop it first"
             ) from None
         # A full disk may refuse the pid; the lock itself needs no space and still holds.

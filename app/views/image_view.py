@@ -25,6 +25,7 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.views import image_paint
+from app.views.pixels import image_of
 from app.views.theme import colours
 from app.views.viewport import Viewport
 
@@ -68,8 +69,8 @@ class ImageView(QWidget):
 
     def show_picture(self, levels: Levels | None, other: Levels | None = None, message: str = "") -> None:
         """Show a picture, or `message` where there is none; `other` lies to the right of the swipe."""
-        self._images = [_image(level) for level in levels or ()]
-        self._others = [_image(level) for level in other or ()]
+        self._images = [image_of(level) for level in levels or ()]
+        self._others = [image_of(level) for level in other or ()]
         self.message = message
         self.update()
 
@@ -235,12 +236,3 @@ class ImageView(QWidget):
 
     def _on_edge(self, at: QPointF) -> bool:
         return bool(self._others) and abs(at.x() - self._split * self.width()) <= GRIP
-
-
-def _image(pixels: np.ndarray) -> QImage:
-    """A QImage over the array's own memory, which it keeps alive."""
-    pixels = np.ascontiguousarray(pixels)
-    height, width = pixels.shape[:2]
-    image = QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied)
-    image.pixels = pixels  # pyright: ignore[reportAttributeAccessIssue] the image does not own its memory
-    return image

@@ -54,15 +54,16 @@ class Viewport(QObject):
 
     def show(self, width: int, height: int, object_box: tuple[int, int, int, int] | None) -> None:
         """A new picture's size and the object's box (left, top, right, bottom; pixels); keeps the place if alike."""
-        rect = None
-        if object_box is not None:
-            left, top, right, bottom = (value / width for value in object_box)
-            rect = QRectF(left, top, right - left, bottom - top)
+        rect = _rect(width, object_box)
         changed = (width, height) != (self.picture.width, self.picture.height) or rect != self.picture.object
         self.picture = Picture(width, height, rect)
         if changed:
             self.cursor = None
             self.fit("object")
+
+    def aim(self, object_box: tuple[int, int, int, int] | None) -> None:
+        """The same picture's object is elsewhere; what is shown stays."""
+        self.picture.object = _rect(self.picture.width, object_box)
 
     @property
     def scale(self) -> float:
@@ -148,3 +149,11 @@ class Viewport(QObject):
         """The middle of the view stays on the picture."""
         high = self.picture.height / self.picture.width
         self.centre = QPointF(min(max(self.centre.x(), 0.0), 1.0), min(max(self.centre.y(), 0.0), high))
+
+
+def _rect(width: int, box: tuple[int, int, int, int] | None) -> QRectF | None:
+    """A box of pixels (left, top, right, bottom) in picture widths."""
+    if box is None:
+        return None
+    left, top, right, bottom = (value / width for value in box)
+    return QRectF(left, top, right - left, bottom - top)

@@ -1,0 +1,232 @@
+"""What the mask page reads of a session and writes to it, without Qt: pictures, the object found, strokes.
+
+Strokes are painted on the grid of the developed photographs and kept as `edits/strokes.png`, of the photographs' own
+size (green adds to the object, red takes from it). They wait in a file beside it while another process works on
+the session, which must not see its inputs change; nothing painted is lost if the window goes meanwhile.
+"""
+
+import io
+import json
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+
+from app.inspect import falsecolour
+from app.masking import ADD, NOTHING, TAKE, outline
+from engine import session as sessions
+from engine.errors import BusyError, MaskError
+from engine.pipeline import artefacts
+from engine.types import Frames, Masks
+
+STROKES, WAITING = "strokes.png", ".strokes.waiting.png"
+PALETTE = (0, 0, 0, 0, 255, 0, 255, 0, 0)  # of NOTHING, ADD, TAKE: red, green, blue
+MEAN_VIEWS = 32  # that the mean is taken over: enough to blur the room
+WHITE_VIEWS = 8  # that decide the one exposure of all views
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Developed:
+    """A session as the page shows it."""
+
+    session: Path
+    hdr: Path  # where the photographs lie
+    segment: Path | None  # where the object found lies
+    names: tuple[str, ...]
+    frames: Frames
+    object: Bool[np.ndarray, "h w"] | None
+    area: int  # of the object, pixels
+    border: Int[np.ndarray, "n 4"]  # of the object, as `outline` gives it
+    white: float  # radiance to show as white at 0 EV, the same for all views
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.frames.radiance.shape[1:3]
+
+
+def load(session: Path, hdr: Path, segment: Path, known: Developed | None) -> Developed | None:
+    """The photographs, and the object found in them; `known` again where it still is so, None before the first run.
+
+    Args:
+        hdr, segment: folders as the plan has them; the stage's newest result stands in for what has not run.
+
+    Raises:
+        SessionError: a result cannot be read back.
+    """
+    pictures, found = _present(hdr), _present(segment)
+    if pictures is None:
+        return None
+    if known is not None and (known.session, known.hdr, known.segment) == (session, pictures, found):
+        return known
+    frames = artefacts.load(pictures, "frames", Frames)
+    mask = None if found is None else artefacts.load(found, "masks", Masks).object
+    if mask is not None and mask.shape != frames.radiance.shape[1:3]:
+        mask, found = None, None  # of photographs developed to another size
+    area, border = (0, np.zeros((0, 4), int)) if mask is None else (int(mask.sum()), outline(mask))
+    return Developed(session, pictures, found, frames.names, frames, mask, area, border, _white(frames, mask))
+
+
+def picture(developed: Developed, view: int | None, exposure_ev: float) -> list[UInt8[np.ndarray, "h w 4"]]:
+    """A view, or the mean over the views, as `falsecolour` makes them."""
+    radiance = mean(developed) if view is None else developed.frames.radiance[view]
+    return falsecolour.halves(falsecolour.radiance(radiance, developed.white, exposure_ev))
+
+
+def waiting(session: Path) -> bool:
+    """Whether strokes wait beside their place."""
+    return (session / "edits" / WAITING).is_file()
+
+
+def object_box(mask: Bool[np.ndarray, "h w"]) -> tuple[int, int, int, int] | None:
+    """Left, top, right, bottom of the object, in pixels."""
+    rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def mean(developed: Developed) -> Float32[np.ndarray, "h w 3"]:
+    """Over evenly chosen views: the room blurs, the object stays. Lamps count as white, or they would outshine all."""
+    frames = developed.frames
+    chosen = np.unique(np.linspace(0, len(frames.names) - 1, MEAN_VIEWS).round().astype(int))
+    total = np.zeros(frames.radiance.shape[1:], np.float32)
+    for view in chosen:
+        total += np.minimum(frames.radiance[view], np.float32(developed.white))
+    return total / np.float32(len(chosen))
+
+
+def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w"]:
+    """The strokes on the developed photographs' grid, by majority as the engine takes them.
+
+    Raises:
+        MaskError: the file is no picture of the photographs' size.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    edits = session / "edits"
+    path = next((edits / name for name in (WAITING, STROKES) if (edits / name).is_file()), None)
+    if path is None or path.stat().st_size == 0:
+        return np.zeros(shape, np.uint8)
+    height, width = _camera(session)
+    try:
+        with Image.open(path) as image:
+            size, rgb = image.size, np.asarray(image.convert("RGB"))
+    except (UnidentifiedImageError, OSError) as error:
+        raise MaskError(f"{path}: cannot be read as a picture ({error}); remove it to paint anew") from error
+    if size != (width, height):
+        raise MaskError(
+            f"{path}: is {size[0]} x {size[1]}, the photographs are {width} x {height}; remove it to paint anew"
+        )
+    red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
+    labels = np.zeros(shape, np.uint8)
+    for label, painted in ((ADD, green & ~red), (TAKE, red & ~green)):
+        labels[_majority(painted, shape)] = label
+    return labels
+
+
+class Keeper:
+    """Writes strokes, the newest last, from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._written: dict[Path, int] = {}
+
+    def keep(self, session: Path, labels: UInt8[np.ndarray, "h w"], number: int) -> str:
+        """Write strokes unless newer ones were; tells why they wait, "" where they are in their place.
+
+        Raises:
+            SessionError: the disk refuses, or this is no session.
+        """
+        opened = sessions.open_session(session)
+        with self._lock:
+            if number > self._written.get(session, 0):
+                sessions.write_edit(opened, WAITING, encoded(labels, _camera(session)))
+                self._written[session] = number
+            return _settle(opened)
+
+    def settle(self, session: Path) -> str:
+        """Put strokes that wait in their place, if that is possible now; tells as `keep`."""
+        with self._lock:
+            return _settle(sessions.open_session(session))
+
+
+def encoded(labels: UInt8[np.ndarray, "h w"], camera: tuple[int, int]) -> bytes:
+    """The PNG of a painting, height and width as the camera's; empty where nothing is painted."""
+    from PIL import Image
+
+    if not labels.any():
+        return b""
+    height, width = camera
+    by = max(width // labels.shape[1], 1)
+    full = np.full((height, width), NOTHING, np.uint8)
+    enlarged = labels.repeat(by, axis=0).repeat(by, axis=1)
+    full[: enlarged.shape[0], : enlarged.shape[1]] = enlarged
+    image = Image.fromarray(full)
+    image.putpalette(PALETTE)
+    content = io.BytesIO()
+    image.save(content, "PNG", compress_level=4)
+    return content.getvalue()
+
+
+def _settle(session: sessions.Session) -> str:
+    waiting = session.folder / "edits" / WAITING
+    if not waiting.is_file():
+        return ""
+    try:
+        with sessions.lock(session):
+            content = waiting.read_bytes()
+            if content:
+                sessions.write_edit(session, STROKES, content)
+            else:
+                sessions.drop_edit(session, STROKES)
+            sessions.drop_edit(session, WAITING)
+    except BusyError as error:
+        return str(error)
+    return ""
+
+
+def _present(folder: Path) -> Path | None:
+    """This result, or else the stage's newest."""
+    if (folder / "record.json").is_file():
+        return folder
+    finished = []
+    for record in folder.parent.glob("*/record.json"):
+        try:
+            if record.parent.suffix != ".partial":
+                finished.append((float(json.loads(record.read_bytes())["finished"]), record.parent))
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return max(finished)[1] if finished else None
+
+
+def _camera(session: Path) -> tuple[int, int]:
+    """Height and width of the photographs.
+
+    Raises:
+        MaskError: the session does not say.
+    """
+    camera = sessions.open_session(session).facts["camera"]
+    if not camera.get("height") or not camera.get("width"):
+        raise MaskError(f"{session}: does not say how large its photographs are; import them again")
+    return camera["height"], camera["width"]
+
+
+def _majority(painted: Bool[np.ndarray, "hh ww"], shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
+    """As `engine.pipeline.work.on_grid`, which the strokes go through when they are used."""
+    height, width = shape
+    by = max(painted.shape[1] // width, 1)
+    blocks = painted[: height * by, : width * by].reshape(height, by, width, by)
+    return np.asarray(blocks.mean(axis=(1, 3)) >= 0.5)
+
+
+def _white(frames: Frames, mask: Bool[np.ndarray, "h w"] | None) -> float:
+    """The 99th percentile of the object's brightest channel over some views, or the 90th of everything."""
+    views = np.unique(np.linspace(0, len(frames.names) - 1, WHITE_VIEWS).astype(int))
+    known = mask is not None and bool(mask.any())
+    seen: list[Float[np.ndarray, " m"]] = []
+    for view in views:
+        brightest = frames.radiance[view].max(axis=-1)
+        seen.append(brightest[mask] if known else brightest[::4, ::4].ravel())
+    return float(np.percentile(np.concatenate(seen), 99 if known else 90)) or 1.0

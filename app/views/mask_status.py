@@ -1,0 +1,156 @@
+"""How the mask page stands, in words: what is missing, what runs, whether strokes are used and saved."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
+
+from app.mask_files import Developed
+from app.plan import Row, told_reason
+from app.state import Trouble
+from app.views.elided import Elided
+from app.work.jobs import JobState, JobStatus
+
+NOTHING = "\u2013"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """All that the words depend on."""
+
+    session: Path | None
+    hdr: Row | None  # of the plan; None until it arrives
+    segment: Row | None
+    fault: Trouble | None  # why there is no plan
+    developed: Developed | None  # the photographs that are shown, and the object found in them
+    job: JobStatus | None  # a run of this session that waits or runs
+    saved: bool  # the strokes are on disk
+    planned: bool  # and the plan knows them
+    waits: str  # why saved strokes are not in their place yet
+
+    @property
+    def may_find(self) -> bool:
+        """Whether finding again would do anything."""
+        return self.job is None and self.segment is not None and not (self.segment.done and self.planned)
+
+
+class Empty(QWidget):
+    """In place of the photographs while there are none: why, and the button that makes them."""
+
+    def __init__(self, parent: QWidget, find: QAction) -> None:
+        super().__init__(parent)
+        self.what, self.remedy = QLabel(), QLabel()
+        self.what.setObjectName("heading")
+        self.remedy.setObjectName("dim")
+        self.develop = QPushButton(self.tr("&Develop photographs"))
+        self.develop.setObjectName("primary")
+        self.develop.setAccessibleName(self.tr("Develop photographs"))
+        self.develop.setToolTip(self.tr("Merge the photographs and find the object (F5)"))
+        self.develop.clicked.connect(find.trigger)
+        column = QVBoxLayout(self)
+        column.setSpacing(8)
+        column.addStretch(2)
+        for label in (self.what, self.remedy):
+            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+            label.setWordWrap(True)
+            column.addWidget(label)
+        column.addSpacing(8)
+        column.addWidget(self.develop, 0, Qt.AlignmentFlag.AlignCenter)
+        column.addStretch(3)
+
+    def show_standing(self, now: Standing) -> None:
+        if now.session is None:
+            what, remedy = (
+                self.tr("No session is open"),
+                self.tr("Open one, or capture a new one, on the start page"),
+            )
+        elif now.fault is not None:
+            what, remedy = now.fault.what, now.fault.remedy[:1].upper() + now.fault.remedy[1:]
+        elif now.hdr is None:
+            what, remedy = self.tr("Reading the session…"), ""
+        elif now.job is not None:
+            what, remedy = (
+                self.tr("The photographs are being developed"),
+                self.tr("They appear here when that is done"),
+            )
+        elif now.hdr.done:
+            what, remedy = self.tr("Reading the photographs…"), ""
+        else:
+            what = self.tr("The photographs of this session are not developed yet")
+            remedy = self.tr(
+                "Developing merges each bracket into one picture and finds the object; then it can be corrected here"
+            )
+        self.what.setText(what)
+        self.remedy.setText(remedy)
+        self.develop.setVisible(now.hdr is not None and not now.hdr.done and now.job is None)
+
+
+class StatusLine(QFrame):
+    """The strip below: words, progress, the pixel under the cursor."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("panel")
+        self.setAccessibleName(self.tr("State of the mask"))
+        self.words, self.pixel, self.bar = Elided(), QLabel(NOTHING), QProgressBar()
+        self.bar.setRange(0, 1000)
+        self.bar.setTextVisible(False)
+        self.bar.setFixedWidth(160)
+        self.bar.setAccessibleName(self.tr("Progress"))
+        self.pixel.setMinimumWidth(self.pixel.fontMetrics().horizontalAdvance("0000, 0000 "))
+        self.pixel.setAccessibleName(self.tr("Pixel under the cursor"))
+        self.pixel.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(12, 4, 12, 4)
+        row.setSpacing(10)
+        row.addWidget(self.bar)
+        row.addWidget(self.words, 1)
+        row.addWidget(self.pixel)
+
+    def show_pixel(self, pixel: tuple[int, int] | None) -> None:
+        self.pixel.setText(NOTHING if pixel is None else f"{pixel[0]}, {pixel[1]}")
+
+    def show_standing(self, now: Standing) -> None:
+        self.setVisible(now.developed is not None or now.job is not None)
+        self.bar.setVisible(now.job is not None and now.job.state is not JobState.QUEUED)
+        self.bar.setValue(round(1000 * now.job.fraction) if now.job is not None else 0)
+        said = self._job(now.job) if now.job is not None else self._found(now)
+        kept = self._kept(now)
+        self.words.setText(f"{said}   ·   {kept}" if said and kept else said or kept)
+
+    def _job(self, job: JobStatus) -> str:
+        if job.state is JobState.QUEUED:
+            return self.tr("Waits in the queue")
+        if job.state is JobState.CANCELLING:
+            return self.tr("Stopping…")
+        stages = {"hdr": self.tr("Developing the photographs"), "segment": self.tr("Finding the object")}
+        at = stages.get(job.stage, job.stage) or self.tr("Starting…")
+        return f"{at}: {job.note}" if job.note else at
+
+    def _found(self, now: Standing) -> str:
+        if now.segment is None or now.developed is None:
+            return ""
+        if not now.planned:
+            return self.tr("The strokes are newer than the outline; find again")
+        if not now.segment.done:
+            if now.developed.object is None:
+                return self.tr("The object was not found yet; find it, or paint it and find it then")
+            why = ", ".join(told_reason(reason) for reason in now.segment.reasons)
+            return self.tr("The outline is older than what is asked now ({0}); find again").format(why)
+        if now.developed.object is None:
+            return ""
+        if now.segment.given:
+            return self.tr("The given mask, corrected where strokes are painted")
+        share = 100 * now.developed.area / now.developed.object.size
+        return self.tr("Object: {0} px, {1} % of the picture").format(
+            f"{now.developed.area:,}", f"{share:.1f}"
+        )
+
+    def _kept(self, now: Standing) -> str:
+        if not now.saved:
+            return self.tr("saving strokes…")
+        if now.waits:
+            return self.tr("strokes are kept and will be taken over: {0}").format(now.waits)
+        return self.tr("strokes saved") if now.developed is not None else ""
