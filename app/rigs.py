@@ -47,13 +47,13 @@ def _move(motion: Motion, pan: float | None, tilt: float | None) -> None:
     now = status.angles or Angles(0.0)
     axes = {axis.name: axis for axis in motion.features.axes}
     wanted = Angles(
-        _within(now.pan_deg, axes.get("pan")) if pan is None else pan,
-        _within(now.tilt_deg, axes.get("tilt")) if tilt is None else tilt,
+        within(now.pan_deg, axes.get("pan")) if pan is None else pan,
+        within(now.tilt_deg, axes.get("tilt")) if tilt is None else tilt,
     )
     print(f"{motion.name}: stands at {_angles(_ordered(motion, lambda: motion.move(wanted)))}")
 
 
-def _within(angle_deg: float, axis: Axis | None) -> float:
+def within(angle_deg: float, axis: Axis | None) -> float:
     """The angle, or the end of the travel next to it: switches for homing may lie beyond."""
     if axis is None or axis.lowest_deg is None or axis.highest_deg is None:
         return angle_deg

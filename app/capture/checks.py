@@ -1,16 +1,24 @@
-"""The live checks as a capture wants them: each shot goes in, sentences come out; what they know stays to be asked.
+"""The live checks as a capture wants them: each shot goes in, findings come out; what they know stays to be asked.
 
 A capture calls `Watching` in a thread of its own, shot by shot; a resumed one shows it the earlier shots first, so
 nothing is kept on disk.
 """
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from engine.live.finding import Finding, Severity
+from app.capture.order import Order, Pose
+from app.capture.status import Finding
+from engine.live import finding as looked
 from engine.live.watch import Watch, plan_findings
 from engine.session import Shot
 from hardware.interfaces import Angles, Geometry
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from engine.live.coverage import Coverage
 
 
 class Watching:
@@ -27,23 +35,30 @@ class Watching:
         """
         self.watch = Watch(None if geometry is None else _axes(geometry))
         self._by_hand = by_hand
-        self._findings: tuple[Finding, ...] = ()
+        self._findings: tuple[looked.Finding, ...] = ()
         self._looking = threading.Lock()  # shots come in the capture's own thread, questions from any
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Everything found so far."""
+    def findings(self) -> tuple[looked.Finding, ...]:
+        """Everything found so far, with what was measured."""
         return self._findings
 
-    def __call__(self, shot: Shot) -> Sequence[str]:
+    def __call__(self, shot: Shot) -> Sequence[Finding]:
         angles = None
         if shot.rig is not None:
             angles = (float(shot.rig["pan_deg"]), float(shot.rig["tilt_deg"]))
         with self._looking:
             found = self.watch.see(shot.name, shot.files, angles)
         self._findings += found
-        advice = [self.next_pose()] if self._by_hand else []
-        return [told(finding, shot.name) for finding in found] + [words for words in advice if words]
+        told_now = [Finding(shot.name, told(finding, shot.name), finding.severity) for finding in found]
+        advice = self.next_pose() if self._by_hand else ""
+        return [*told_now, Finding(shot.name, advice)] if advice else told_now
+
+    def seen(self, height: int) -> "tuple[Coverage, np.ndarray] | None":
+        """How much of the room was seen, and a panorama of it (8-bit RGB, `height` rows); None before the first shot."""
+        with self._looking:
+            covered, picture = self.watch.coverage(), self.watch.panorama(height)
+        return None if covered is None or picture is None else (covered, picture)
 
     def order(self, left: Sequence[Angles]) -> list[int] | None:
         """The poses still to take, by index, the most helpful first; None where the geometry is not known."""
@@ -58,6 +73,34 @@ class Watching:
         return "" if best is None else best.sentence
 
 
+def watching(order: Order, by_hand: bool = True) -> Watching | None:
+    """The checks of a capture; they read RAW files, so that a capture of any format does without.
+
+    Args:
+        by_hand: where nothing turns, say after every shot which way to point next.
+    """
+    if order.any_format:
+        return None
+    turns = any(pose.angles is not None for pose in order.poses)
+    return Watching(order.geometry if turns else None, by_hand=by_hand and not turns)
+
+
+Reorder = Callable[[Sequence[Pose]], Sequence[Pose]]
+
+
+def reordering(live: Watching | None, helpful_first: bool) -> Reorder:
+    """The order of the poses that are left: as planned, or first what shows most of what no shot has shown yet."""
+    if live is None or not helpful_first:
+        return lambda left: left
+
+    def order(left: Sequence[Pose]) -> Sequence[Pose]:
+        places = [pose.angles for pose in left if pose.angles is not None]
+        best = live.order(places) if len(places) == len(left) else None
+        return left if best is None else [left[i] for i in best]
+
+    return order
+
+
 def of_plan(geometry: Geometry | None, planned: Sequence[Angles]) -> tuple[str, ...]:
     """What a person should know of a rig's plan before it starts; without a geometry, of a level rig's."""
     axes = _axes(geometry) if geometry is not None else LEVEL
@@ -65,11 +108,16 @@ def of_plan(geometry: Geometry | None, planned: Sequence[Angles]) -> tuple[str, 
     return tuple(told(finding) for finding in found)
 
 
-def told(finding: Finding, shot: str = "") -> str:
-    """One line; it names the shot where that is not the one asked about, and says what calls for action."""
+def of_order(order: Order) -> tuple[str, ...]:
+    """`of_plan` of an order's poses; of those that a person holds, nothing."""
+    places = [pose.angles for pose in order.poses if pose.angles is not None]
+    return of_plan(order.geometry, places) if places else ()
+
+
+def told(finding: looked.Finding, shot: str = "") -> str:
+    """One line; it names the shot where that is not the one asked about."""
     about = f"{finding.shot}: " if finding.shot not in ("", shot) else ""
-    urgent = "STOP: " if finding.severity is Severity.STOP else ""
-    return f"{urgent}{about}{finding.sentence}"
+    return f"{about}{finding.sentence}"
 
 
 # A table that turns a level camera about the vertical, a head that tilts it.

@@ -2,15 +2,14 @@
 
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import quote
 
-from app.capture import checks as watching
+from app.capture import checks
 from app.capture import folder as capture_folder
 from app.capture import order as capture_order
-from app.capture.checks import Watching
-from app.capture.order import CaptureError, Order, Pose
+from app.capture.order import CaptureError
 from app.capture.run import Capture
 from app.capture.status import Outcome
 from app.capture.terminal import Screen, resume_with, told_missing
@@ -18,8 +17,7 @@ from engine import session as sessions
 from hardware import find
 from hardware import plan as plans
 from hardware.errors import SettingsError
-from hardware.interfaces import Bracket, Exposure, Geometry
-from hardware.plan import Plan
+from hardware.interfaces import Bracket, Exposure
 from hardware.rig import Rig
 
 DEFAULT_STOPS = (-3.0, 0.0, 3.0)
@@ -55,30 +53,20 @@ def _new(args: Namespace, screen: Screen) -> Capture:
     rig = connect()
     try:
         features = rig.motion.features
-        plan = plans.fitted(plan or plans.suited(args.poses, features), features)
-        poses = capture_order.poses_of(plan)
-        order = Order(
-            url,
-            args.camera,
-            capture_order.kind_of(poses),
-            poses,
-            bracket,
-            rig.geometry,
-            args.settle,
-            args.any_format,
-        )
+        plan = plan or plans.suited(args.poses, features)
+        order = capture_order.planned(plan, rig, (url, args.camera), bracket, args.settle, args.any_format)
     except BaseException:
         rig.close()
         raise
-    live = _watching(order)
+    live = checks.watching(order)
     return Capture(
         args.session,
         order,
         _first(rig, connect),
         watch=live,
-        reorder=_helpful_first(live) if live and args.helpful_first else _as_planned,
+        reorder=checks.reordering(live, args.helpful_first),
         listener=screen.heard,
-        warnings=warnings_about(plan, rig.geometry),
+        warnings=checks.of_order(order),
     )
 
 
@@ -95,7 +83,7 @@ def _resumed(args: Namespace, screen: Screen) -> Capture:
     def connect() -> Rig:
         return find.open_rig(args.rig or order.rig, args.camera or order.camera, progress=screen.progress)
 
-    live = _watching(order)
+    live = checks.watching(order)
     return Capture(
         args.session,
         order,
@@ -103,32 +91,9 @@ def _resumed(args: Namespace, screen: Screen) -> Capture:
         resumed=True,
         at_zero=args.at_zero,
         watch=live,
-        reorder=_helpful_first(live) if live and args.helpful_first else _as_planned,
+        reorder=checks.reordering(live, args.helpful_first),
         listener=screen.heard,
     )
-
-
-def _watching(order: Order) -> Watching | None:
-    """The live checks; they read RAW files, so that a capture of any format does without."""
-    if order.any_format:
-        return None
-    turns = any(pose.angles is not None for pose in order.poses)
-    return Watching(order.geometry if turns else None, by_hand=not turns)
-
-
-def _as_planned(left: Sequence[Pose]) -> Sequence[Pose]:
-    return left
-
-
-def _helpful_first(live: Watching) -> Callable[[Sequence[Pose]], Sequence[Pose]]:
-    """The pose that shows most of what no shot has shown yet comes next."""
-
-    def order(left: Sequence[Pose]) -> Sequence[Pose]:
-        places = [pose.angles for pose in left if pose.angles is not None]
-        best = live.order(places) if len(places) == len(left) else None
-        return left if best is None else [left[i] for i in best]
-
-    return order
 
 
 def _with_file(rig: str, geometry: Path | None) -> str:
@@ -142,12 +107,6 @@ def _first(rig: Rig, connect: Callable[[], Rig]) -> Callable[[], Rig]:
     """Gives the rig that is open already, then opens others."""
     opened = [rig]
     return lambda: opened.pop() if opened else connect()
-
-
-def warnings_about(plan: Plan, geometry: Geometry | None) -> Sequence[str]:
-    """What a person should know before the start: a plan that turns about one axis only."""
-    places = [place.angles for place in plan if place.angles is not None]
-    return watching.of_plan(geometry, places) if places else ()
 
 
 def _told(folder: Path, outcome: Outcome) -> int:

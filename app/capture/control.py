@@ -3,21 +3,14 @@
 A rig or camera in the midst of an order is told at once; everything else is noticed at the capture's next step.
 """
 
-import contextlib
 import enum
 import threading
-import time
-from collections.abc import Callable
 
 from app.capture.status import Phase
 from engine.errors import Cancelled
-from hardware.errors import HardwareError
 from hardware.rig import Rig
 
 IN_MOTION = frozenset({Phase.HOMING, Phase.MOVING})
-EXPOSING = frozenset({Phase.EXPOSING})
-WITH_DEVICES = IN_MOTION | EXPOSING | {Phase.DOWNLOADING}
-INSISTENCES, INSIST_S = 50, 0.1
 
 
 class Asked(enum.IntEnum):
@@ -73,11 +66,12 @@ class Control:
         """
         self._end(Asked.CANCEL)
         rig, phase = self.rig, self.phase
-        if rig is not None and phase in IN_MOTION:
-            self._insist(rig.motion.stop, IN_MOTION)
-        if rig is not None and phase in EXPOSING and not rig.camera.features.sets_exposure:
-            # It waits for a person to press its button, perhaps for ever.
-            self._insist(rig.camera.stop, EXPOSING)
+        if rig is None:
+            return
+        # A camera that cannot be set waits for a person to press its button, perhaps for ever.
+        waits = phase is Phase.EXPOSING and not rig.camera.features.sets_exposure
+        if phase in IN_MOTION or waits:
+            rig.stop()
 
     def stop(self) -> None:
         """End at once: rig and camera are stopped, the pose under way is dropped.
@@ -87,27 +81,13 @@ class Control:
         """
         self._end(Asked.STOP)
         if self.rig is not None:
-            self._insist(self.rig.stop, WITH_DEVICES)
+            self.rig.stop()
 
     def _end(self, how: Asked) -> None:
         """What was asked never becomes less."""
         with self._changed:
             self._asked = max(self._asked, how)
             self._changed.notify_all()
-
-    def _insist(self, stop: Callable[[], None], while_in: frozenset[Phase]) -> None:
-        """Stop now, and again while the order goes on: it may have been sent just after the first stop."""
-
-        def again() -> None:
-            for _ in range(INSISTENCES):
-                time.sleep(INSIST_S)
-                if self.phase not in while_in:
-                    return
-                with contextlib.suppress(HardwareError):
-                    stop()
-
-        threading.Thread(target=again, name="insist on stop", daemon=True).start()
-        stop()
 
     # ---- hearing
 

@@ -14,7 +14,8 @@ from typing import Any
 from engine.errors import RoomlightError, SessionError
 from engine.session import write_atomic
 from hardware.interfaces import Angles, Bracket, Exposure, Geometry
-from hardware.plan import Place, Plan
+from hardware.plan import Place, Plan, fitted
+from hardware.rig import Rig
 
 SCHEMA = 1
 
@@ -70,6 +71,21 @@ def kind_of(poses: Sequence[Pose]) -> str:
     if not angles:
         return "handheld"
     return "turntable" if len({place.tilt_deg for place in angles}) == 1 else "gimbal"
+
+
+def planned(
+    plan: Plan, rig: Rig, urls: tuple[str, str], bracket: Bracket, settle_s: float | None, any_format: bool
+) -> Order:
+    """The order of a plan for a rig that is open.
+
+    Args:
+        urls: of rig and camera, to open them again.
+
+    Raises:
+        LimitError: places that the rig cannot reach.
+    """
+    poses = poses_of(fitted(plan, rig.motion.features))
+    return Order(*urls, kind_of(poses), poses, bracket, rig.geometry, settle_s, any_format)
 
 
 def write(session: Path, order: Order) -> None:

@@ -67,7 +67,7 @@ class Recovery:
                     rig = self._opened_again(rig, error)
                 self._stand_still(rig)
                 state = rig.motion.status().state
-                if state in (State.UNHOMED, State.FAULT) or (error is not None and error.position_lost):
+                if state in (State.UNHOMED, State.FAULT) or isinstance(error, PositionLostError):
                     self._home(rig)
                 self._camera_ready(rig)
                 return rig
@@ -75,7 +75,7 @@ class Recovery:
                 self._control.check()
                 self._note("failed", step="getting ready", attempt=attempt, reason=str(failed))
                 last_try = attempt == self._patience.recoveries
-                if last_try or not (failed.transient or failed.position_lost):
+                if last_try or not failed.transient:
                     raise
                 error = failed
                 self._control.sleep(self._patience.wait_s * 2 ** (attempt - 1))
@@ -128,8 +128,7 @@ class Recovery:
                 " hand, then resume with --at-zero"
             )
         self._zero_here = False
-        self._enter(Phase.HOMING, "finding the rig's zero")
-        angles = rig.motion.home()
+        angles = rig.home(lambda: self._enter(Phase.HOMING, "finding the rig's zero"))
         self._note("homed", pan_deg=angles.pan_deg, tilt_deg=angles.tilt_deg)
 
     def _camera_ready(self, rig: Rig) -> None:

@@ -27,12 +27,13 @@ from app.capture.status import Finding, Missing, Outcome, Phase, Status
 from app.capture.watch import Watch, Watcher
 from engine import session as sessions
 from engine.errors import Cancelled, RoomlightError
+from engine.live.finding import Severity
 from engine.session import Session, Shot
 from hardware.errors import HardwareError
-from hardware.interfaces import Angles, Frame
-from hardware.rig import Rig
+from hardware.rig import Rig, Step
 
 PACE_POSES = 20  # the last so many tell the pace
+PHASES = {Step.MOVE: Phase.MOVING, Step.EXPOSE: Phase.EXPOSING, Step.FETCH: Phase.DOWNLOADING}
 USUAL = Patience()
 
 
@@ -50,6 +51,7 @@ class Capture:
         reorder: Callable[[Sequence[Pose]], Sequence[Pose]] = lambda left: left,
         listener: Callable[[Status], None] = lambda status: None,
         warnings: Sequence[str] = (),
+        keep_open: bool = False,
         patience: Patience = USUAL,
         free: Callable[[Path], int] = capture_disk.free_bytes,
         clock: Callable[[], float] = time.monotonic,
@@ -62,10 +64,11 @@ class Capture:
             reorder: puts the poses that are left in the order in which they shall be taken; asked before each.
             listener: called in the capture's thread at every change; must return soon.
             warnings: what a person should know of the plan before it starts.
+            keep_open: leave the rig open at the end, for whoever gave it.
         """
         self._folder, self._order, self._resumed = folder, order, resumed
         self._open, self._listener, self._patience = open_rig, listener, patience
-        self._reorder = reorder
+        self._reorder, self._keep_open = reorder, keep_open
         self._free, self._clock = free, clock
         self.control = Control()
         self._recovery = Recovery(
@@ -79,7 +82,7 @@ class Capture:
         self._bracket = order.bracket
         self._paces: deque[float] = deque(maxlen=PACE_POSES)
         self._bytes: deque[float] = deque(maxlen=PACE_POSES)  # of a photograph, pose by pose
-        self._status = Status(total=len(order.poses), findings=tuple(Finding("", text) for text in warnings))
+        self._status = Status(total=len(order.poses), findings=_warnings(warnings))
 
     @property
     def status(self) -> Status:
@@ -115,7 +118,8 @@ class Capture:
         if not left:
             return self._outcome(cancelled=False)
         self.control.rig = rig = self._opened()
-        stack.callback(self._close)
+        if not self._keep_open:
+            stack.callback(self._close)
         # What can be known to go wrong is told before anything moves, and before there is a session.
         capture_disk.check_plan(self._folder, self._order, len(left), rig.camera.features, self._free)
         capture_folder.check_devices(self._order, rig)
@@ -169,7 +173,7 @@ class Capture:
         )
         for name, reason in damaged:
             self._note("damaged", shot=name, reason=reason)
-            again = Finding(name, f"{reason}; put aside, its pose will be taken again")
+            again = Finding(name, f"{reason}; put aside, its pose will be taken again", Severity.WARNING)
             self._tell(findings=(*self._status.findings, again))
         self._known = {sha256 for shot in finished.values() for sha256 in shot.sha256}
         return finished
@@ -219,7 +223,7 @@ class Capture:
                 self.control.check()
                 reason = str(error)
                 self._note("failed", pose=pose.name, attempt=attempt, reason=reason)
-                if not (error.transient or error.position_lost):
+                if not error.transient:
                     raise
                 self._enter(Phase.RECOVERING, reason)
                 self.control.sleep(self._patience.wait_s * 2 ** (attempt - 1))
@@ -245,30 +249,24 @@ class Capture:
         with sessions.told(place):
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir(parents=True)
-            angles, frames = self._photographed(pose, place)
+            taken = self._rig.take(pose.angles, self._bracket, place, self._step)
         self._enter(Phase.FILING, finish=True)
         exposures = len(self._order.bracket.stops)
-        checked = capture_frames.check(pose, frames, exposures, self._known, self._order.any_format)
+        checked = capture_frames.check(pose, taken.frames, exposures, self._known, self._order.any_format)
         assert self._session is not None
         self._session = capture_folder.with_camera(self._session, checked[0].camera)
-        shot = capture_folder.keep(self._session, self._order, pose, angles, checked)
+        shot = capture_folder.keep(self._session, self._order, pose, taken.angles, checked)
         self._known |= set(shot.sha256)
         try:
-            self._rig.camera.forget([frame.taken for frame in frames])
+            self._rig.camera.forget([frame.taken for frame in taken.frames])
         except HardwareError as error:
             # The photographs are safe here: a camera that cannot free their room loses nothing by it.
             self._note("failed", step="freeing the camera's memory", reason=str(error))
         return shot
 
-    def _photographed(self, pose: Pose, place: Path) -> tuple[Angles | None, Sequence[Frame]]:
-        """Move, settle, expose, download; where the rig says it stood."""
-        rig = self._rig
-        self._enter(Phase.MOVING)
-        angles = rig.go(pose.angles)
-        self._enter(Phase.EXPOSING)
-        taken = rig.camera.expose(self._bracket)
-        self._enter(Phase.DOWNLOADING, finish=True)
-        return angles, rig.fetch(taken, place)
+    def _step(self, step: Step) -> None:
+        """The rig begins it; what was exposed is still fetched when the end was asked for."""
+        self._enter(PHASES[step], finish=step is Step.FETCH)
 
     @property
     def _rig(self) -> Rig:
@@ -320,6 +318,10 @@ class Capture:
     def _outcome(self, cancelled: bool) -> Outcome:
         status = self._status
         return Outcome(status.taken, status.total, tuple(self._missing.values()), cancelled, status.findings)
+
+
+def _warnings(texts: Sequence[str]) -> tuple[Finding, ...]:
+    return tuple(Finding("", text, Severity.WARNING) for text in texts)
 
 
 class _SeveralInARow(CaptureError):

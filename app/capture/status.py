@@ -4,6 +4,7 @@ import enum
 from dataclasses import dataclass
 
 from app.capture.order import Pose
+from engine.live.finding import Severity
 
 
 class Phase(enum.Enum):
@@ -27,6 +28,7 @@ class Finding:
 
     pose: str
     text: str
+    severity: Severity = Severity.NOTE
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,10 @@ from rich.console import Console
 
 from app.capture.order import CaptureError
 from app.capture.run import Capture
-from app.capture.status import Missing, Outcome, Phase, Status
+from app.capture.status import Finding, Missing, Outcome, Phase, Status
 from app.terminal import Display
 from engine.errors import RoomlightError
+from engine.live.finding import Severity
 from hardware.errors import HardwareError
 
 PATIENCE_S = 10.0  # for devices to hear a stop; then the program ends all the same
@@ -116,7 +117,7 @@ class Screen:
 
     def _tell(self, status: Status, display: Display) -> None:
         for finding in status.findings[self._findings :]:
-            display.say(f"{finding.pose}: {finding.text}" if finding.pose else finding.text)
+            display.say(_finding(finding))
         self._findings = max(self._findings, len(status.findings))
         for item in status.missing[self._missing :]:
             display.say(f"{item.pose.name} is left for the end: {item.reason}")
@@ -137,6 +138,12 @@ class Screen:
         finally:
             for number, handler in before:
                 signal.signal(number, handler)
+
+
+def _finding(finding: Finding) -> str:
+    """One line; nobody may be there to decide, so that a capture in the terminal goes on whatever was found."""
+    urgent = "STOP: " if finding.severity is Severity.STOP else ""
+    return f"{urgent}{finding.pose}: {finding.text}" if finding.pose else f"{urgent}{finding.text}"
 
 
 def _share(status: Status) -> float:

@@ -6,11 +6,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from app.capture.status import Finding
 from engine.errors import RoomlightError
+from engine.live.finding import Severity
 from engine.session import Shot
 
 # Called once with each shot of a session, one after the other in the order they were taken, an earlier run's
 # first; returns what a person should hear about it.
-Watch = Callable[[Shot], Sequence[str]]
+Watch = Callable[[Shot], Sequence[Finding]]
 
 
 class Watcher:
@@ -19,40 +20,36 @@ class Watcher:
     def __init__(self, watch: Watch | None) -> None:
         self._watch = watch
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="watch")
-        self._waiting: deque[tuple[str, Future[Sequence[str]]]] = deque()
+        self._waiting: deque[Future[Sequence[Finding]]] = deque()
 
     def show(self, shot: Shot) -> None:
         """Queue a shot."""
         if self._watch is not None:
-            self._waiting.append((shot.name, self._pool.submit(self._look, self._watch, shot)))
+            self._waiting.append(self._pool.submit(self._look, self._watch, shot))
 
     @staticmethod
-    def _look(watch: Watch, shot: Shot) -> Sequence[str]:
+    def _look(watch: Watch, shot: Shot) -> Sequence[Finding]:
         try:
             return watch(shot)
         except RoomlightError as error:
-            return (f"could not be looked at: {error}",)
+            return (Finding(shot.name, f"could not be looked at: {error}", Severity.WARNING),)
 
     def collect(self) -> tuple[Finding, ...]:
         """What was found since the last call, without waiting."""
         found: list[Finding] = []
-        while self._waiting and self._waiting[0][1].done():
-            found += self._taken()
+        while self._waiting and self._waiting[0].done():
+            found += self._waiting.popleft().result()
         return tuple(found)
 
     def drain(self, wait: Callable[[float], None]) -> tuple[Finding, ...]:
         """Wait for everything that was shown; `wait` lets a little time pass and may raise to give up."""
         found: list[Finding] = []
         while self._waiting:
-            if self._waiting[0][1].done():
-                found += self._taken()
+            if self._waiting[0].done():
+                found += self._waiting.popleft().result()
             else:
                 wait(0.05)
         return tuple(found)
-
-    def _taken(self) -> list[Finding]:
-        name, future = self._waiting.popleft()
-        return [Finding(name, text) for text in future.result()]
 
     def close(self) -> None:
         """Give up what waits; the look under way is finished first."""

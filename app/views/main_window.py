@@ -5,17 +5,9 @@ Importing this module loads PySide6 and light modules alone; `tests/app/views/te
 
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QCoreApplication, Qt, QTimer
+from PySide6.QtCore import QByteArray, QTimer
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QUndoGroup, QUndoStack
-from PySide6.QtWidgets import (
-    QFileDialog,
-    QHBoxLayout,
-    QLabel,
-    QMainWindow,
-    QStackedWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMainWindow, QStackedWidget, QWidget
 
 from app.settings import Settings
 from app.state import State, Trouble, place_of, trouble
@@ -23,7 +15,7 @@ from app.views import pages, rail
 from app.views.bridge import Bridge
 from app.views.closing import Closing
 from app.views.menus import Menus
-from app.views.pages import PAGES, PageRow, Shell, UsesShell, Wishes
+from app.views.pages import PAGES, Shell, UsesShell, Wishes
 from app.views.shortcuts import ShortcutsDialog, collect
 from app.views.status import StatusBar
 from app.views.trouble import show_trouble
@@ -75,8 +67,7 @@ class MainWindow(QMainWindow):
         """The page, loaded if it is not yet."""
         if key not in self._pages:
             row = next(row for row in PAGES if row.key == key)
-            kind = pages.load(row)
-            page = kind(self) if kind is not None else _missing(row)
+            page = pages.load(row)(self)
             self._pages[key] = page
             self.stack.addWidget(page)
             stack = getattr(page, "undo_stack", None)
@@ -173,11 +164,15 @@ class MainWindow(QMainWindow):
         wishes.new_capture.connect(self.new_capture)
         wishes.add_photographs.connect(self.add_photographs)
         self.rail.chosen.connect(self.show_page)
-        self.status.show_job.connect(lambda: self.show_page("process"))
+        self.status.show_job.connect(self._show_job)
         self.shell.state.session.listen(self._session_changed)
         self.shell.board.listen(self._bridge.latest(self._keep_queue))
         self.closing.stopping.connect(self._stopping)
         self.closing.stopped.connect(self.close)
+
+    def _show_job(self) -> None:
+        active = self.shell.board.active
+        self.show_page("capture" if active and active[0].task == "desk" else "process")
 
     def show_shortcuts(self) -> None:
         """The sheet of every shortcut of the window and of the pages that have been shown."""
@@ -247,15 +242,3 @@ class MainWindow(QMainWindow):
         for job in jobs:
             self.shell.board.enqueue(job)
         self.status.say(self.tr("The queue of last time waits on the Process page; let it go on there"))
-
-
-def _missing(row: PageRow) -> QWidget:
-    """A page that nobody has written yet."""
-    page = QWidget()
-    text = QLabel(QCoreApplication.translate("MainWindow", "This page is not part of this version."))
-    text.setObjectName("dim")
-    text.setAlignment(Qt.AlignmentFlag.AlignCenter)
-    layout = QVBoxLayout(page)
-    layout.addWidget(text)
-    page.setAccessibleName(rail.title(row))
-    return page

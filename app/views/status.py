@@ -33,7 +33,7 @@ class StatusBar(QStatusBar):
         self.job.setAutoRaise(True)
         self.job.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextOnly)
         self.job.setAccessibleName(self.tr("Job under way"))
-        self.job.setToolTip(self.tr("Show it on the Process page"))
+        self.job.setToolTip(self.tr("Show it"))
         self.job.clicked.connect(self.show_job)
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)

@@ -7,6 +7,7 @@ or ended), in whatever thread changed it.
 import threading
 from collections.abc import Callable
 
+from app.state import join
 from app.work.jobs import Job, JobState, JobStatus
 
 
@@ -16,19 +17,13 @@ class Board:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._queue: list[Job] = []  # waiting, running and ended, in order
-        self._beside: list[Job] = []  # running outside of the queue
+        self._beside: dict[Job, Callable[[], None]] = {}  # running outside of the queue; what ends listening
         self._held = False
         self._listeners: list[Callable[[], None]] = []
 
     def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
         """Tell of every later change; returns what ends that."""
-        self._listeners.append(listener)
-
-        def leave() -> None:
-            if listener in self._listeners:
-                self._listeners.remove(listener)
-
-        return leave
+        return join(self._listeners, listener)
 
     @property
     def queue(self) -> tuple[Job, ...]:
@@ -52,12 +47,20 @@ class Board:
         return self._held
 
     def start(self, job: Job) -> None:
-        """Run beside the queue, at once."""
+        """Run beside the queue, at once; one that runs already is counted from now on."""
         with self._lock:
-            self._beside.append(job)
-        job.listen(self._heard(job))
+            if job not in self._beside:
+                self._beside[job] = job.listen(self._heard(job))
         job.start()
         self._tell()
+
+    def leave(self, job: Job) -> None:
+        """Count a job beside the queue no longer, though it runs on: what it was wanted for is done."""
+        with self._lock:
+            unheard = self._beside.pop(job, None)
+        if unheard is not None:
+            unheard()
+            self._tell()
 
     def enqueue(self, job: Job) -> None:
         """Run when everything before it in the queue has ended."""
@@ -119,8 +122,7 @@ class Board:
             last = status.state
             if status.ended:
                 with self._lock:
-                    if job in self._beside:
-                        self._beside.remove(job)
+                    self._beside.pop(job, None)
                 self._next()
             self._tell()
 

@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from app import cores
 from engine.errors import Cancelled, RoomlightError
 from engine.progress import Progress
 from hardware.errors import HardwareError
@@ -24,6 +25,7 @@ TASKS = {
     "import": "app.work.tasks:import_photographs",
     "export": "app.work.tasks:export",
     "report": "app.work.tasks:report",
+    "desk": "app.capture.desk.serving:serve",
     "answers": "app.work.answers:serve",
     "rerender": "app.inspect.rerendering:serve",
     "coverage": "app.relight.coverage:serve",
@@ -81,9 +83,6 @@ class Link:
 
     def cancelled(self) -> bool:
         return self._asked_to_stop.is_set()
-
-    def wait_cancelled(self, seconds: float | None = None) -> bool:
-        return self._asked_to_stop.wait(seconds)
 
     def progress(self) -> Progress:
         """What engine functions take: moves the bar, raises Cancelled once a stop was asked for."""
@@ -181,6 +180,7 @@ def find(name: str) -> Task:
 
 def main(argv: Sequence[str]) -> int:
     name, request = argv
+    cores.share()
     out = os.dup(1)
     os.dup2(2, 1)
     sys.stdout = sys.stderr

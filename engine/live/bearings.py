@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from engine.live import lens, overlap, turning
+from engine.live import lens, obeyed, overlap, turning
 from engine.live.finding import Finding
 from engine.live.glance import Glance
 from engine.live.overlap import Link, Marks
@@ -72,15 +72,19 @@ class Bearings:
         self._marks.append(new)
         number = len(self._names)
         links = [overlap.link(one, number, self._marks, self._field.focal) for one in partners]
-        finding = overlap.check(now.name, new, links, self._names)
+        self._logged.append(logged)
+        known = self._field.source != "assumed"
+        found = [
+            overlap.check(now.name, new, links, self._names),
+            obeyed.check(now.name, links, self._logged, self._names, known, mask is not None),
+        ]
         self._names.append(now.name)
         self._links.append(links)
-        self._logged.append(logged)
         every = [one for some in self._links for one in some]
         self._turned = turning.with_shot(self._turned, links, every, logged)
         if self._field.source == "assumed":
             self._ask_lens(links)
-        return [] if finding is None else [finding]
+        return [one for one in found if one is not None]
 
     def _ask_lens(self, links: Sequence[Link]) -> None:
         """Add a pair to the tally of focal lengths; what hangs on it is made anew once they agree."""

@@ -17,7 +17,7 @@ class Finding:
     """One thing that was found in one shot, or in the plan."""
 
     shot: str  # its name; "" for the plan
-    kind: str  # "exposure", "blur", "moved", "overlap", "coverage", "plan" or "unreadable"
+    kind: str  # "exposure", "blur", "moved", "overlap", "turn", "plan" or "unreadable"
     severity: Severity
     value: float  # what was measured
     unit: str

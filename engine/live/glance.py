@@ -215,6 +215,14 @@ def _camera_from_rec709(mosaic: Mosaic) -> Float32[np.ndarray, "3 3"]:
     return back.astype(np.float32)
 
 
+def log_light(glance: Glance) -> Float32[np.ndarray, "H W"]:
+    """Logarithm of `fine`, level where noise would rule."""
+    shot, floor = glance.noise
+    light = np.maximum(glance.fine, 0)
+    offset = max(10 * floor, 100 * shot, 1e-3 * float(np.median(light)), 1e-30)
+    return np.log(light + np.float32(offset))
+
+
 def _histogram(light: Float32[np.ndarray, "H W"]) -> Float64[np.ndarray, " b"]:
     """Shares of the pixels at each level; the lowest level takes all that is darker."""
     ev = np.log2(np.maximum(light, 2.0**LOWEST_EV))

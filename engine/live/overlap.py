@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int, UInt8
+from jaxtyping import Bool, Float64, Int, UInt8
 
 from engine.develop import averaged
-from engine.features import tone_mapped
+from engine.features import mutual, tone_mapped
 from engine.live.finding import Finding, Severity
 from engine.live.glance import Glance
 from engine.live.twoview import Turn, agreeing, followed, motions
@@ -90,18 +90,9 @@ def likely(new: Marks, earlier: Sequence[Marks]) -> list[int]:
     if not earlier:
         return []
     ours = new.descriptors[new.coarse].astype(np.float32)
-    votes = [_votes(ours, one.descriptors[one.coarse].astype(np.float32)) for one in earlier]
+    votes = [mutual(ours, one.descriptors[one.coarse].astype(np.float32), SIMILAR) for one in earlier]
     best = np.argsort(-np.array(votes), kind="stable")[:PARTNERS].tolist()
     return sorted({len(earlier) - 1, *best})
-
-
-def _votes(ours: Float32[np.ndarray, "a 128"], theirs: Float32[np.ndarray, "b 128"]) -> int:
-    if not len(ours) or not len(theirs):
-        return 0
-    alike = ours @ theirs.T
-    best = alike.argmax(1)
-    mutual = alike.argmax(0)[best] == np.arange(len(ours))
-    return int((mutual & (alike[np.arange(len(ours)), best] > SIMILAR)).sum())
 
 
 def matched(earlier: Marks, later: Marks) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]]:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, UInt8
 
 from engine.live.finding import Finding, Severity
-from engine.live.glance import Glance
+from engine.live.glance import Glance, log_light
 
 NARROW_PX, WIDE_PX = 0.7, 2.0  # the two smoothings
 SHARPEST = 25  # percentile of the widths: thin lines look sharper, shadows' rims wider, than a step
@@ -109,18 +109,16 @@ def _wider(
 def edges_of(glance: Glance) -> Edges:
     """Ridges of the gradient that stand out from noise and shading, clear of what is clipped."""
     shot, floor = glance.noise
-    light = np.maximum(glance.fine, 0)
-    offset = np.float32(max(10 * floor, 100 * shot, 1e-3 * float(np.median(light)), 1e-30))
-    log = np.log(light + offset)
+    log = log_light(glance)
     narrow_x, narrow_y = _gradient(log, NARROW_PX)
     narrow = np.hypot(narrow_x, narrow_y)
     spoiled = cv2.dilate(glance.fine_clipped.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     row, column = np.nonzero((narrow > LEAST_STEP) & ~spoiled)
     angle = np.arctan2(narrow_y[row, column], narrow_x[row, column])
     direction = np.mod(np.rint(angle / (np.pi / 4)), 4).astype(np.uint8)
-    size, here = narrow[row, column], light[row, column]
+    size, here = narrow[row, column], np.maximum(glance.fine[row, column], 0)
     # Standard deviation of a component of the gradient of smoothed white noise.
-    noise = np.sqrt(shot * here + floor**2) / (here + offset) / (NARROW_PX**2 * np.sqrt(8 * np.pi))
+    noise = np.sqrt(shot * here + floor**2) / np.exp(log[row, column]) / (NARROW_PX**2 * np.sqrt(8 * np.pi))
     padded = np.pad(narrow, 1, mode="edge")
     step_x, step_y = STEPS[direction].T
     ridge = (size >= padded[row + 1 + step_y, column + 1 + step_x]) & (

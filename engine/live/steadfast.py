@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float32, Float64
 
 from engine.develop import averaged
 from engine.live.finding import Finding, Severity
-from engine.live.glance import Glance
 
 WIDEST_PX = 450  # of the region that is registered
 MARGIN_PX = 8  # around the object: its outline, and room for a shift
@@ -65,14 +64,6 @@ class Motion:
     def distance(self) -> float:
         """Root mean square over the object, sites of the sensor."""
         return float(np.linalg.norm(self.moved)) * self.pitch
-
-
-def log_light(glance: Glance) -> Float32[np.ndarray, "H W"]:
-    """Logarithm of `fine`, level where noise would rule."""
-    shot, floor = glance.noise
-    light = np.maximum(glance.fine, 0)
-    offset = max(10 * floor, 100 * shot, 1e-3 * float(np.median(light)), 1e-30)
-    return np.log(light + np.float32(offset))
 
 
 def reference(kept: Sequence[Float32[np.ndarray, "H W"]], object_mask: Bool[np.ndarray, "H W"]) -> Reference:

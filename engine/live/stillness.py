@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float16, Float32
 from engine.develop import averaged
 from engine.live import outline, sharpness, steadfast
 from engine.live.finding import Finding
-from engine.live.glance import Glance
+from engine.live.glance import Glance, log_light
 from engine.live.sharpness import Edges, Sharpness
 from engine.live.steadfast import Motion, Reference
 
@@ -43,7 +43,7 @@ class Stillness:
         found = self._outlined(now)
         mask = None if self._object is None else outline.on_grid(self._object, now.fine.shape)
         blurred = self._blur(now, mask)
-        log = steadfast.log_light(now)
+        log = log_light(now)
         moved = self._place(now, log, bool(blurred))
         if not blurred and moved is None:
             self._keep(now, log, mask)

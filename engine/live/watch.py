@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float64, UInt8
 from engine import rig as rigs
 from engine.develop import averaged
 from engine.errors import RawError
-from engine.images import luminance
 from engine.live import advice, coverage, exposure, lens, outline
 from engine.live.advice import Next
 from engine.live.bearings import Bearings, Field
@@ -24,6 +23,7 @@ from engine.live.finding import Finding, Severity
 from engine.live.glance import Glance, Sensor, glance, learn, read
 from engine.live.stillness import Stillness, tiny_by
 from engine.live.turning import Turned
+from engine.radiance import luminance
 
 Angles = tuple[float, float]  # pan and tilt as the rig counts them, degrees
 Geometry = Mapping[str, Sequence[float]]  # of a rig, as in `session.json`
@@ -143,8 +143,9 @@ class Watch:
             logged = _logged(self._geometry, [angles])[0]
         mask = None if self.object_mask is None else outline.on_grid(self.object_mask, now.fine.shape)
         apart = self._bearings.see(now, mask, logged)
-        if not any(one.kind == "blur" for one in still):
-            found += apart  # a blurred shot is to be taken again anyway
+        # That a blurred shot cannot be tied to others is no news: it is to be taken again anyway.
+        blurred = any(one.kind == "blur" for one in still)
+        found += [one for one in apart if not (blurred and one.kind == "overlap")]
         self._names = (*self._names, name)
         return tuple(found)
 

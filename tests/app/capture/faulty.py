@@ -102,7 +102,7 @@ def capture_among_faults(
         try:
             outcome = Capture(folder, wanted, opened, resumed=stops > 0, patience=HASTY).run()
         except HardwareError as error:
-            if "on purpose" not in str(error) or error.transient or error.position_lost:
+            if "on purpose" not in str(error) or error.transient:
                 raise
             continue
         if not outcome.missing:

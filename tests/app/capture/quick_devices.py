@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 
 from engine.raw import read_mosaic
-from hardware.errors import ExposureError, HardwareError, LimitError, PositionLostError, StoppedError
+from hardware.errors import (
+    DisconnectedError,
+    ExposureError,
+    HardwareError,
+    LimitError,
+    PositionLostError,
+    StoppedError,
+)
 from hardware.interfaces import (
     Angles,
     Axis,
@@ -92,7 +99,7 @@ class Table(Motion):
         try:
             self._fault("move")
         except HardwareError as error:
-            if error.position_lost:
+            if isinstance(error, PositionLostError | DisconnectedError):
                 self.state = State.UNHOMED
             raise
         self.moves.append(angles)

@@ -68,18 +68,18 @@ def events(folder: Path, kind: str) -> list[dict]:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_random_faults_lose_double_and_mislabel_nothing(tmp_path: Path, seed: int) -> None:
-    wanted = order(60)
-    outcome, happened, _ = capture_among_faults(tmp_path / "a", wanted, seed, every=8)
+    wanted = order(30)
+    outcome, happened, _ = capture_among_faults(tmp_path / "a", wanted, seed, every=4)
     assert sum(happened.values()) >= 5
-    assert outcome.taken == 60
+    assert outcome.taken == 30
     assert faults_of(tmp_path / "a", wanted) == []
 
 
 def test_kills_lose_no_finished_shot_and_the_resume_is_exact(tmp_path: Path) -> None:
-    kills = kill_until_done(tmp_path / "a", 60, 3, some_shots(random.Random(5), 12))
+    kills = kill_until_done(tmp_path / "a", 30, 3, some_shots(random.Random(5), 6))
     assert kills == 3
-    assert len(finished(tmp_path / "a")) == 60
-    assert faults_of(tmp_path / "a", order(60)) == []
+    assert len(finished(tmp_path / "a")) == 30
+    assert faults_of(tmp_path / "a", order(30)) == []
 
 
 @pytest.mark.parametrize("name", ["move", "expose", "download"])
@@ -138,6 +138,22 @@ def test_a_pulled_cable_is_opened_again_and_homed(tmp_path: Path) -> None:
     assert opened[-1].motion.homings == 1
     assert faults_of(tmp_path / "a", order(4)) == []
     assert len(events(tmp_path / "a", "reconnected")) == 1
+
+
+def test_a_rig_that_knows_where_it_stands_is_not_homed_for_the_cameras_cable(tmp_path: Path) -> None:
+    faults = Scripted(("expose", 1, DisconnectedError("the camera's cable is out")))
+    number = quick_devices.counter()
+    opened: list[Rig] = []
+
+    def open_rig() -> Rig:
+        opened.append(quick_devices.rig(faults, number=number))
+        if len(opened) > 1:
+            opened[-1].motion.state = State.IDLE  # a controller that kept its power
+        return opened[-1]
+
+    assert Capture(tmp_path / "a", order(4), open_rig, patience=HASTY).run().taken == 4
+    assert [rig.motion.homings for rig in opened] == [1, 0]
+    assert faults_of(tmp_path / "a", order(4)) == []
 
 
 def test_a_cable_that_stays_out_ends_the_capture_with_its_message(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from app.capture import journal as capture_journal
 from app.capture.order import CaptureError, Order, kind_of, poses_of, read
 from app.capture.run import Capture
-from app.capture.status import Outcome, Phase, Status
+from app.capture.status import Finding, Outcome, Phase, Status
 from engine import hdr
 from engine import session as sessions
 from engine.errors import ImportFault, SessionError
@@ -124,10 +124,10 @@ def test_the_listener_hears_phases_poses_and_how_long_it_takes(tmp_path: Path) -
 
 
 def test_what_the_watch_finds_is_told_and_its_faults_are_findings(tmp_path: Path) -> None:
-    def watch(shot: Shot) -> list[str]:
+    def watch(shot: Shot) -> list[Finding]:
         if shot.name == "pose0001":
             raise ImportFault("no pixels")
-        return ["too dark"] if shot.name == "pose0002" else []
+        return [Finding(shot.name, "too dark")] if shot.name == "pose0002" else []
 
     outcome = run(tmp_path / "a", order(4), watch=watch)
     assert [(finding.pose, finding.text) for finding in outcome.findings] == [
@@ -136,7 +136,7 @@ def test_what_the_watch_finds_is_told_and_its_faults_are_findings(tmp_path: Path
 
 
 def test_a_bug_in_the_watch_is_not_hidden(tmp_path: Path) -> None:
-    def watch(shot: Shot) -> list[str]:
+    def watch(shot: Shot) -> list[Finding]:
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -209,6 +209,16 @@ def test_cancel_in_motion_stops_the_rig_and_the_session_resumes(tmp_path: Path) 
     assert run(tmp_path / "a", wanted, resumed=True).taken == 6
     assert faults_of(tmp_path / "a", wanted) == []
     assert len(events(tmp_path / "a", "cancelled")) == 1
+
+
+@pytest.mark.parametrize("ask", ["cancel", "stop"])
+def test_the_end_does_not_wait_until_the_rig_has_settled(tmp_path: Path, ask: str) -> None:
+    rig = quick_devices.rig()
+    going = InThread(tmp_path / "a", replace(order(4), settle_s=3600.0), rig)
+    going.until(lambda: len(rig.motion.moves) == 1)
+    getattr(going.control, ask)()
+    outcome = going.end()
+    assert (outcome.cancelled, outcome.taken) == (True, 0)
 
 
 @pytest.mark.parametrize(("ask", "kept"), [("cancel", 1), ("stop", 0)])

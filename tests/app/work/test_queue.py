@@ -129,3 +129,22 @@ def test_ended_jobs_are_cleared_and_others_stay() -> None:
     board.enqueue(waiting)
     board.clear_ended()
     assert names(board.queue) == ["waiting"]
+
+
+def test_a_job_that_is_left_runs_on_and_counts_no_more() -> None:
+    board = Board()
+    work = job(WILLING)
+    work.start()
+    assert board.active == ()
+    for _ in range(2):
+        board.start(work)
+        board.start(work)
+        assert board.active == (work,)
+        board.leave(work)
+        assert board.active == ()
+        assert work.status.state is JobState.RUNNING
+    news: list[int] = []
+    board.listen(lambda: news.append(1))
+    work.cancel()
+    assert work.wait(LONG_S).state is JobState.CANCELLED
+    assert news == []
