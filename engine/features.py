@@ -14,8 +14,8 @@ import numpy as np
 import pycolmap
 from jaxtyping import Bool, Float, Int, UInt8
 
-from engine.images import luminance
 from engine.progress import Progress
+from engine.radiance import luminance
 from engine.types import Frames, Masks
 
 _WINDOW = 1 / 16  # of the longer side: standard deviation of the local normalisation
@@ -158,17 +158,18 @@ def likely_pairs(
     for i in range(count):
         progress.step(i / count, f"comparing view {i + 1} of {count} coarsely")
         for j in range(i + 1, count):
-            votes[i, j] = votes[j, i] = _mutual(coarse[i], coarse[j])
+            votes[i, j] = votes[j, i] = mutual(coarse[i], coarse[j], _SIMILAR)
     return chosen(votes, params.neighbours)
 
 
-def _mutual(a: Float[np.ndarray, "m d"], b: Float[np.ndarray, "n d"]) -> int:
+def mutual(a: Float[np.ndarray, "m d"], b: Float[np.ndarray, "n d"], least: float) -> int:
+    """How many descriptors are each other's most alike, with a product above `least`."""
     if not len(a) or not len(b):
         return 0
     similar = a @ b.T
     best = similar.argmax(1)
-    mutual = similar.argmax(0)[best] == np.arange(len(a))
-    return int((mutual & (similar[np.arange(len(a)), best] > _SIMILAR)).sum())
+    both = similar.argmax(0)[best] == np.arange(len(a))
+    return int((both & (similar[np.arange(len(a)), best] > least)).sum())
 
 
 def chosen(votes: Int[np.ndarray, "n n"], neighbours: int) -> list[tuple[int, int]]:

@@ -1,7 +1,7 @@
 """What can go wrong with devices and with the virtual studio; every message names a cause and a remedy.
 
-Two facts about an error decide what a capture does next, so they are part of its class: whether the same
-pose is worth another try, and whether the rig must be homed before anything moves again.
+Whether the same pose is worth another try, once the devices are ready again, is part of an error's class. What that
+takes is for the devices to say: after `DisconnectedError` they are opened anew, after `PositionLostError` the rig is homed.
 """
 
 from typing import ClassVar
@@ -11,7 +11,6 @@ class HardwareError(Exception):
     """Base of every device error a person can do something about."""
 
     transient: ClassVar[bool] = False  # the same request may succeed when it is made again
-    position_lost: ClassVar[bool] = False  # where the rig stands is unknown: home before moving
 
 
 class StudioError(HardwareError):
@@ -59,13 +58,13 @@ class StoppedError(HardwareError):
 class PositionLostError(HardwareError):
     """Alarm, stall, reset or stop in motion: home the rig before it moves again."""
 
-    position_lost = True
+    transient = True
 
 
 class DisconnectedError(HardwareError):
-    """The cable or the device's power went while it was in use."""
+    """The cable or the device's power went while it was in use; of a rig opened again its status says what it knows."""
 
-    position_lost = True
+    transient = True
 
 
 class ExposureError(HardwareError):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hardware.errors import SettingsError
 from hardware.interfaces import Angles, Camera, Geometry, Motion
 from hardware.rig import Rig
-from hardware.urls import DeviceUrl, Word, number, parse, read_words, triple, yes
+from hardware.urls import DeviceUrl, UnknownSettingError, Word, number, parse, read_words, triple, yes
 
 if TYPE_CHECKING:
     from hardware.manual import Ask
@@ -150,9 +150,7 @@ def open_rig(
 def _motion(url: DeviceUrl, ask: "Ask | None") -> Motion:
     try:
         return _opened(url, ask)
-    except SettingsError as error:
-        if "unknown setting" not in str(error):
-            raise
+    except UnknownSettingError as error:
         raise SettingsError(f"{error}, and of every rig {', '.join(RIG_WORDS)}") from None
 
 

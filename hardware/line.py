@@ -17,6 +17,7 @@ from pathlib import Path
 import serial
 
 from hardware.errors import AbsentError, AccessError, BusyError, DisconnectedError, HardwareError, ReplyError
+from hardware.holders import holders
 
 LONGEST_LINE = 4096  # bytes without a line end: noise, which is dropped
 _SLICE_S = 0.05  # how soon a wait notices that the line was closed
@@ -117,7 +118,7 @@ def _open(port: str, baud: int) -> serial.Serial:
         if number in (errno.EACCES, errno.EPERM):
             raise _not_ours(port) from error
         if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
-            raise BusyError(f"{port}: is in use{_by_whom(port)}; close that program first") from error
+            raise BusyError(f"{port}: is in use{_by_whom(port)}; let go of it there first") from error
         raise HardwareError(
             f"{port}: cannot be opened as a serial port ({error}); unplug it and plug it in again"
         ) from error
@@ -137,13 +138,6 @@ def _not_ours(port: str) -> AccessError:
 
 
 def _by_whom(port: str) -> str:
-    """' by NAME (process 123)' where /proc lets us see it."""
-    target = os.path.realpath(port)
-    for folder in Path("/proc").glob("[0-9]*"):
-        if folder.name == str(os.getpid()):
-            continue
-        with contextlib.suppress(OSError):
-            for link in (folder / "fd").iterdir():
-                if os.readlink(link) == target:
-                    return f" by {(folder / 'comm').read_text().strip()} (process {folder.name})"
-    return ""
+    """' by NAME (process 123)' as far as we can see."""
+    found = holders(Path(port))
+    return f" by {' and '.join(map(str, found))}" if found else ""

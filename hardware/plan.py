@@ -1,4 +1,4 @@
-"""Where a capture stands still: plans of poses made here or read from a file, and the order to visit them in.
+"""Where a capture stands still: plans of poses made here or read from a file, fitted to what a rig can reach.
 
 A plan file is CSV with the header `pan_deg,tilt_deg` or `pan_deg,tilt_deg,name`; empty lines and lines that begin
 with # say nothing. Angles are degrees as the rig counts them.
@@ -17,7 +17,6 @@ from hardware.interfaces import Angles, Axis, MotionFeatures
 
 HEADERS = (["pan_deg", "tilt_deg"], ["pan_deg", "tilt_deg", "name"])
 MOST = 10_000  # poses of a plan; more is a mistake in a file
-YAW_ONLY_DEG = 10.0  # tilts within such a span leave the light's height to guesswork
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,31 +206,6 @@ def _inside(angle_deg: float, axis: Axis) -> bool:
 
 def _travel(axis: Axis) -> str:
     return f"beyond {axis.lowest_deg:g} to {axis.highest_deg:g} degrees"
-
-
-def ordered(plan: Plan, start: Angles, features: MotionFeatures) -> tuple[int, ...]:
-    """Places by their index, each time the one that is soonest reached; free places last, as they came."""
-    speed = {axis.name: axis.fastest_deg_s for axis in features.axes}
-    left = [index for index, place in enumerate(plan) if place.angles is not None]
-    order: list[int] = []
-    here = start
-    while left:
-        seconds = [_seconds(here, plan[index].angles or here, speed) for index in left]
-        index = left.pop(seconds.index(min(seconds)))
-        here = plan[index].angles or here
-        order.append(index)
-    return (*order, *(index for index, place in enumerate(plan) if place.angles is None))
-
-
-def _seconds(here: Angles, there: Angles, speed: dict[str, float]) -> float:
-    pan = abs(there.pan_deg - here.pan_deg) / speed.get("pan", 1.0)
-    return max(pan, abs(there.tilt_deg - here.tilt_deg) / speed.get("tilt", 1.0))
-
-
-def yaw_only(plan: Plan) -> bool:
-    """The rig turns and hardly tilts: what a turntable can do and what makes lamps' heights hard to tell."""
-    tilts = [place.angles.tilt_deg for place in plan if place.angles is not None]
-    return len(tilts) == len(plan) > 1 and max(tilts) - min(tilts) < YAW_ONLY_DEG
 
 
 def _check_number(poses: int) -> None:

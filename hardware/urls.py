@@ -4,6 +4,7 @@
 """
 
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -57,6 +58,10 @@ def _settings(text: str, query: str) -> dict[str, str]:
     return settings
 
 
+class UnknownSettingError(SettingsError):
+    """A device URL has a setting that this kind of device does not know."""
+
+
 @dataclass(frozen=True, slots=True)
 class Word:
     """A setting of a URL: how its text is read (a ValueError: it cannot be), and an example of it."""
@@ -69,12 +74,15 @@ def read_words(scheme: str, query: Mapping[str, str], words: Mapping[str, Word])
     """The values of the settings given.
 
     Raises:
-        SettingsError: a setting that is not known, or a value that cannot be meant.
+        UnknownSettingError: a setting that is not known.
+        SettingsError: a value that cannot be meant.
     """
     unknown = sorted(set(query) - set(words))
     if unknown:
         known = ", ".join(sorted(words)) or "none"
-        raise SettingsError(f"{scheme}: unknown setting {unknown[0]!r} in the device URL; there are {known}")
+        raise UnknownSettingError(
+            f"{scheme}: unknown setting {unknown[0]!r} in the device URL; there are {known}"
+        )
     values = {}
     for word, text in query.items():
         try:
@@ -126,6 +134,26 @@ def yes(text: str) -> bool:
     if text not in ("yes", "no"):
         raise ValueError
     return text == "yes"
+
+
+def span(text: str) -> tuple[float, float]:
+    """Reads LOWEST..HIGHEST."""
+    lowest, highest = map(_finite, text.split(".."))
+    if not lowest < highest:
+        raise ValueError
+    return lowest, highest
+
+
+def pair(text: str) -> tuple[float, float]:
+    """Reads one number for both axes, or two with a comma."""
+    numbers = [_finite(part) for part in text.split(",")]
+    if len(numbers) > 2:
+        raise ValueError
+    return numbers[0], numbers[-1]
+
+
+def _finite(text: str) -> float:
+    return number(-sys.float_info.max, sys.float_info.max)(text)
 
 
 def triple(text: str) -> tuple[float, float, float]:

@@ -7,10 +7,11 @@ X turns pan and Y turns tilt; GRBL's millimetres are degrees.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hardware.errors import SettingsError
+from hardware.urls import Word, pair, read_words, span, yes
 
 Range = tuple[float, float]
 
@@ -57,21 +58,10 @@ class GrblConfig:
         Raises:
             SettingsError: a word that is not known, or a value that cannot be meant.
         """
-        unknown = sorted(set(query) - set(_WORDS))
-        if unknown:
-            raise SettingsError(
-                f"grbl: unknown setting {unknown[0]!r} in the device URL; there are {', '.join(sorted(_WORDS))}"
-            )
-        values = {}
-        for word, text in query.items():
-            name, read, example = _WORDS[word]
-            try:
-                values[name] = read(text)
-            except ValueError:
-                raise SettingsError(
-                    f"grbl: {word}={text} cannot be read; write it like {word}={example}"
-                ) from None
-        return cls(port, **values)
+        return cls(
+            port,
+            **{FIELDS.get(word, word): value for word, value in read_words("grbl", query, WORDS).items()},
+        )
 
 
 def _check(good: bool, what: str, remedy: str) -> None:
@@ -83,40 +73,23 @@ def _positive(value: float) -> bool:
     return math.isfinite(value) and value > 0
 
 
-def _range(text: str) -> Range:
-    low, dots, high = text.partition("..")
-    if not dots:
-        raise ValueError
-    return float(low), float(high)
-
-
 def _pan(text: str) -> Range | None:
-    return None if text == "endless" else _range(text)
+    return None if text == "endless" else span(text)
 
 
-def _pair(text: str) -> tuple[float, float]:
-    """One number for both axes, or two with a comma."""
-    numbers = [float(number) for number in text.split(",")]
-    if len(numbers) not in (1, 2):
-        raise ValueError
-    return numbers[0], numbers[-1]
-
-
-def _yes(text: str) -> bool:
-    if text not in ("yes", "no"):
-        raise ValueError
-    return text == "yes"
-
-
-_WORDS: Mapping[str, tuple[str, Callable[[str], object], str]] = {
-    "baud": ("baud", int, "115200"),
-    "axes": ("axes", str, "xy"),
-    "pan": ("pan", _pan, "-180..180 or pan=endless"),
-    "tilt": ("tilt", _range, "-45..45"),
-    "feed": ("feed_deg_min", float, "1800"),
-    "steps": ("steps_per_deg", _pair, "88.889 or steps=88.889,100"),
-    "backlash": ("backlash_deg", _pair, "0.3 or backlash=0.3,0.5"),
-    "homing": ("homing", str, "switches or homing=none"),
-    "home": ("home_deg", _pair, "-179,0"),
-    "wrap": ("wrap", _yes, "yes or wrap=no"),
+WORDS: Mapping[str, Word] = {
+    "baud": Word(int, "115200"),
+    "axes": Word(str, "xy"),
+    "pan": Word(_pan, "-180..180 or pan=endless"),
+    "tilt": Word(span, "-45..45"),
+    "feed": Word(float, "1800"),
+    "steps": Word(pair, "88.889 or steps=88.889,100"),
+    "backlash": Word(pair, "0.3 or backlash=0.3,0.5"),
+    "homing": Word(str, "switches or homing=none"),
+    "home": Word(pair, "-179,0"),
+    "wrap": Word(yes, "yes or wrap=no"),
 }
+# Of `GrblConfig`, where they are not the words themselves.
+FIELDS = {
+    "feed": "feed_deg_min", "steps": "steps_per_deg", "backlash": "backlash_deg", "home": "home_deg",
+}  # fmt: skip

@@ -213,7 +213,7 @@ class Grbl(Motion):
         try:
             self._link.exchange([*map(self._line, way.corners), SETTLE], allowed_s, self._obey)
         except HardwareError as error:
-            if not error.position_lost:
+            if not isinstance(error, PositionLostError | DisconnectedError):
                 self._recover()
             raise
         with self._link.gate:

@@ -46,6 +46,7 @@ class Studio:
         Raises:
             StudioError: no such room, object or rig.
         """
+        progress(0.0, f"furnishing room {room}")
         self._rig, self._size, self._samples = rig, size, samples
         self.geometry = motion.geometry_of(rig)
         furnished, self.body = rooms.furnish(room), objects.model(thing)

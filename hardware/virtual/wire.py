@@ -36,7 +36,8 @@ class Wire:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
-        self._over = threading.Event()
+        self._over, self._closing = threading.Event(), threading.Lock()
+        self._handles = [self._master, self._slave]  # still open
         self._thread = threading.Thread(target=self._run, name="firmware", daemon=True)
         self._thread.start()
 
@@ -55,9 +56,11 @@ class Wire:
         self._over.set()
         if self._thread is not threading.current_thread():
             self._thread.join()
-        for handle in (self._master, self._slave):
-            with contextlib.suppress(OSError):
-                os.close(handle)
+        # Each once: a number that was given back may belong to another file by now.
+        with self._closing:
+            handles, self._handles = self._handles, []
+        for handle in handles:
+            os.close(handle)
 
     def close(self) -> None:
         self.pull()

@@ -6,7 +6,6 @@ section Settings. `hardware.zaber.rig` moves them. Angles are degrees, times sec
     zaber:///dev/ttyUSB0?axes=1.1,1.2&tilt=-40..60&zero=0,90&serial=81234
 """
 
-import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 from hardware.errors import RefusedError, ReplyError, SettingsError, WrongDeviceError
 from hardware.interfaces import Motion
 from hardware.line import Line
-from hardware.urls import Word, read_words, whole
+from hardware.urls import Word, pair, read_words, span, whole
 from hardware.zaber import messages
 from hardware.zaber.link import Link
 from hardware.zaber.rig import Stage, Zaber, count
@@ -84,39 +83,23 @@ def _axes(text: str) -> tuple[tuple[int, int], ...]:
     return places
 
 
-def _range(text: str) -> tuple[float, float]:
-    low, _, high = text.partition("..")
-    lowest, highest = float(low), float(high)
-    if not lowest < highest:
-        raise ValueError
-    return lowest, highest
-
-
-def _pair(text: str) -> tuple[float, float]:
-    """One number for both axes, or two with a comma."""
-    numbers = [float(number) for number in text.split(",")]
-    if len(numbers) > 2 or not all(map(math.isfinite, numbers)):
-        raise ValueError
-    return numbers[0], numbers[-1]
-
-
 def _steps(text: str) -> tuple[float, float]:
-    pair = _pair(text)
-    if 0.0 in pair:
+    both = pair(text)
+    if 0.0 in both:
         raise ValueError
-    return pair
+    return both
 
 
 WORDS = {
     "axes": Word(_axes, "1.1,1.2 (device.axis of pan, of tilt)"),
     "baud": Word(whole(1, 10_000_000), "115200"),
-    "pan": Word(_range, "-180..180"),
+    "pan": Word(span, "-180..180"),
     "serial": Word(whole(1, 2**32), "81234 (as printed on the device)"),
     "steps": Word(
         _steps, "4266.667 or steps=4266.667,-800 (microsteps per degree; negative turns the other way)"
     ),
-    "tilt": Word(_range, "-40..60"),
-    "zero": Word(_pair, "0,90 (what the stages call the angles that the rig calls 0)"),
+    "tilt": Word(span, "-40..60"),
+    "zero": Word(pair, "0,90 (what the stages call the angles that the rig calls 0)"),
 }
 
 

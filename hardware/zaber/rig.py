@@ -157,7 +157,7 @@ class Zaber(Motion):
             yield
             ended = True
         except HardwareError as error:
-            if error.position_lost or doing is State.HOMING:
+            if isinstance(error, PositionLostError) or doing is State.HOMING:
                 self._lost = str(error)
             raise
         finally:

@@ -8,7 +8,7 @@ import pytest
 from hardware.errors import HardwareError, LimitError, StoppedError
 from hardware.interfaces import Angles, State
 from hardware.manual import Handheld, Manual, Request, ask_in_terminal
-from tests.hardware.contracts.motion import Order, wait
+from tests.hardware.contracts.orders import Order, wait
 
 
 class Person:

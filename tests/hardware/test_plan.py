@@ -5,7 +5,7 @@ import pytest
 
 from hardware.errors import LimitError, SettingsError
 from hardware.interfaces import Angles, Axis, MotionFeatures
-from hardware.plan import Place, fitted, free, gimbal, ordered, read_plan, suited, turntable, yaw_only
+from hardware.plan import Place, fitted, free, gimbal, read_plan, suited, turntable
 from hardware.virtual.studio import motion
 
 PAN, ENDED = Axis("pan", None, None, 0.01, 30.0), Axis("pan", -180.0, 180.0, 0.01, 30.0)
@@ -161,27 +161,3 @@ def test_a_place_half_a_step_beyond_the_end_is_the_end():
     fitted((Place(Angles(0.0, 60.004)),), features(PAN, TILT))
     with pytest.raises(LimitError):
         fitted((Place(Angles(0.0, 60.006)),), features(PAN, TILT))
-
-
-# ---- order, and what a plan lacks
-
-
-def test_the_order_visits_each_place_once_and_the_nearest_first():
-    plan = tuple(Place(Angles(pan)) for pan in (50.0, 10.0, 90.0)) + free(1)
-    assert ordered(plan, Angles(0.0), features(PAN)) == (1, 0, 2, 3)
-    assert ordered(plan, Angles(95.0), features(PAN)) == (2, 0, 1, 3)
-
-
-def test_nearest_means_soonest():
-    """30 degrees of pan take 1 s, 15 degrees of tilt 1.5 s."""
-    plan = (Place(Angles(0.0, 15.0)), Place(Angles(30.0, 0.0)))
-    assert ordered(plan, Angles(0.0), features(PAN, TILT)) == (1, 0)
-
-
-def test_a_plan_that_hardly_tilts_is_yaw_only():
-    assert yaw_only(turntable(12))
-    assert not yaw_only(gimbal(12))
-    assert yaw_only(tuple(Place(Angles(10.0 * i, tilt)) for i, tilt in enumerate((0.0, 9.9))))
-    assert not yaw_only(tuple(Place(Angles(10.0 * i, tilt)) for i, tilt in enumerate((0.0, 10.0))))
-    assert not yaw_only(free(12))
-    assert not yaw_only(turntable(1))

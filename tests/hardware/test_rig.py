@@ -2,7 +2,6 @@ import hashlib
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,8 +21,8 @@ from hardware.interfaces import (
     State,
     Taken,
 )
-from hardware.rig import Rig
-from tests.hardware.contracts.motion import Order, wait
+from hardware.rig import Rig, Step
+from tests.hardware.contracts.orders import PATIENCE_S, Order, wait
 
 BRACKET = Bracket(Exposure(0.01))
 
@@ -115,7 +114,26 @@ def log() -> Log:
 
 
 def rig(log: Log, **options: object) -> Rig:
-    return Rig(Table(log), Body(log), sleep=lambda seconds: log(f"settle {seconds:g}"), **options)
+    return Rig(Table(log), Body(log), wait=lambda stopped, seconds: log(f"settle {seconds:g}"), **options)
+
+
+class Gate:
+    """Holds the order that comes to a step until it is let go."""
+
+    def __init__(self, log: Log, step: str):
+        self._step, self._arrived, self._let_go = step, threading.Event(), threading.Event()
+        log.at = self
+
+    def __call__(self, step: str) -> None:
+        if step == self._step:
+            self._arrived.set()
+            assert self._let_go.wait(PATIENCE_S)
+
+    def reached(self) -> None:
+        assert self._arrived.wait(PATIENCE_S)
+
+    def open(self) -> None:
+        self._let_go.set()
 
 
 def test_a_pose_is_moved_to_settled_taken_and_fetched_in_this_order(log: Log, tmp_path: Path):
@@ -147,22 +165,22 @@ def test_two_photographs_of_one_name_are_refused(log: Log, tmp_path: Path):
 
 
 def test_stop_reaches_both_while_an_order_holds_the_lock(log: Log, tmp_path: Path):
-    let_go, arrived = threading.Event(), threading.Event()
-
-    def at(step: str) -> None:
-        if step == "move":
-            arrived.set()
-            let_go.wait(30)
-
-    log.at = at
-    one = rig(log)
+    gate, one = Gate(log, "move"), rig(log)
     order = Order(lambda: one.take(Angles(20.0), BRACKET, tmp_path))
-    assert arrived.wait(30)
+    gate.reached()
     one.stop()
-    assert log.steps == ["move 20", "stop-motion", "stop-camera"]
-    let_go.set()
+    assert log.steps[:3] == ["move 20", "stop-motion", "stop-camera"]
+    gate.open()
     assert isinstance(order.finished(), StoppedError)
     assert "expose" not in log.steps
+
+
+def test_a_stop_ends_the_settling_at_once(log: Log):
+    one = Rig(Table(log), Body(log), settle_s=3600.0)
+    order = Order(lambda: one.go(Angles(20.0)))
+    wait(lambda: "move 20" in log.steps, "it never moved")
+    one.stop()
+    assert isinstance(order.finished(), StoppedError)
 
 
 @pytest.mark.parametrize("step", ["settle", "expose", "download"])
@@ -182,34 +200,13 @@ def test_a_stop_at_any_step_ends_the_order_after_it(step: str, log: Log, tmp_pat
 
 
 def test_an_order_that_waits_for_its_turn_is_stopped_too(log: Log, tmp_path: Path):
-    let_go, arrived = threading.Event(), threading.Event()
-
-    def at(step: str) -> None:
-        if step == "move":
-            arrived.set()
-            let_go.wait(30)
-
-    log.at = at
-    one = rig(log)
+    gate, one = Gate(log, "move"), rig(log)
     first = Order(lambda: one.go(Angles(1.0)))
-    assert arrived.wait(30)
-    queued = threading.Event()
-
-    class Announced:
-        """The rig's lock, which says that somebody comes for it."""
-
-        def __enter__(self, lock: Any = one._lock) -> None:
-            queued.set()
-            lock.acquire()
-
-        def __exit__(self, *fault: object, lock: Any = one._lock) -> None:
-            lock.release()
-
-    one._lock = Announced()
+    gate.reached()
     second = Order(lambda: one.go(Angles(2.0)))
-    assert queued.wait(30)
+    wait(lambda: len(one._orders) == 2, "the second was never given")
     one.stop()
-    let_go.set()
+    gate.open()
     assert isinstance(first.finished(), StoppedError)
     assert isinstance(second.finished(), StoppedError)
     assert "move 2" not in log.steps
@@ -217,28 +214,27 @@ def test_an_order_that_waits_for_its_turn_is_stopped_too(log: Log, tmp_path: Pat
 
 def test_a_stop_is_repeated_while_the_order_it_was_for_goes_on(log: Log):
     """The order may have been on its way into the driver when the first stop came too early for it."""
-    let_go, arrived = threading.Event(), threading.Event()
-
-    def at(step: str) -> None:
-        if step == "move":
-            arrived.set()
-            let_go.wait(30)
-
-    log.at = at
-    one = rig(log)
+    gate, one = Gate(log, "move"), rig(log)
     order = Order(lambda: one.go(Angles(1.0)))
-    assert arrived.wait(30)
+    gate.reached()
     one.stop()
-    wait(lambda: log.steps.count("stop-motion") == 2, "the stop was not repeated")
-    let_go.set()
+    for device in ("stop-motion", "stop-camera"):
+        wait(lambda device=device: log.steps.count(device) >= 3, f"{device} was not repeated")
+    gate.open()
     order.finished()
+    insisting = [thread for thread in threading.enumerate() if thread.name == "insist on stop"]
+    for thread in insisting:
+        thread.join(PATIENCE_S)
+    told = len(log.steps)
+    one.go(Angles(2.0))  # is not meant
+    assert log.steps[told:] == ["move 2"]
 
 
 def test_a_stop_at_rest_does_not_end_the_next_order(log: Log, tmp_path: Path):
     one = rig(log)
     one.stop()
+    assert not [thread for thread in threading.enumerate() if thread.name == "insist on stop"]
     one.take(Angles(1.0), BRACKET, tmp_path)
-    threading.Event().wait(0.15)
     assert log.steps.count("stop-motion") == 1
 
 
@@ -276,7 +272,52 @@ def test_two_orders_at_once_take_turns(log: Log, tmp_path: Path):
     assert told == ["move", "expose", "download", "download", "download"] * 4
 
 
+@pytest.mark.parametrize("step", ["expose", "download"])
+def test_nothing_turns_between_a_poses_move_and_its_last_photograph(step: str, log: Log, tmp_path: Path):
+    gate, one = Gate(log, step), rig(log)
+    pose = Order(lambda: one.take(Angles(5.0), BRACKET, tmp_path))
+    gate.reached()
+    jogged, homed = Order(lambda: one.go(Angles(9.0))), Order(one.home)
+    wait(lambda: len(one._orders) == 3, "they were never given")
+    gate.open()
+    for order in (pose, jogged, homed):
+        assert not isinstance(order.finished(), HardwareError)
+    last = max(place for place, told in enumerate(log.steps) if told.startswith("download"))
+    assert set(log.steps[last + 1 :]) == {"move 9", "home"}
+
+
+def test_whoever_hears_the_steps_may_end_a_pose_before_each(log: Log, tmp_path: Path):
+    heard: list[Step] = []
+
+    def enter(step: Step) -> None:
+        heard.append(step)
+        if step is Step.EXPOSE:
+            raise KeyError("enough")
+
+    one = rig(log)
+    with pytest.raises(KeyError):
+        one.take(Angles(5.0), BRACKET, tmp_path, enter)
+    assert (heard, log.steps) == ([Step.MOVE, Step.EXPOSE], ["move 5"])
+    with pytest.raises(KeyError):
+        one.home(lambda: enter(Step.EXPOSE))
+    assert "home" not in log.steps
+    one.take(Angles(5.0), BRACKET, tmp_path)  # its turn is over
+
+
 def test_closing_closes_both_and_a_waiting_order_ends(log: Log):
+    gate, one = Gate(log, "move"), rig(log)
+    first = Order(lambda: one.go(Angles(1.0)))
+    gate.reached()
+    second = Order(lambda: one.go(Angles(2.0)))
+    wait(lambda: len(one._orders) == 2, "the second was never given")
+    one.close()
+    assert log.steps == ["move 1", "close-motion", "close-camera"]
+    gate.open()
+    assert isinstance(first.finished(), StoppedError)
+    assert isinstance(second.finished(), StoppedError)
+
+
+def test_the_camera_is_closed_even_if_the_rig_cannot_be(log: Log):
     def at(step: str) -> None:
         if step == "close-motion":
             raise DisconnectedError("gone")

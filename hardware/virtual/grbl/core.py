@@ -19,15 +19,7 @@ Steps = Generator[float | None, None, T]  # a part of the program that may wait
 IDLE, RUN, HOLD, JOG, HOME, ALARM, CHECK, DOOR, SLEEP = (
     "Idle", "Run", "Hold", "Jog", "Home", "Alarm", "Check", "Door", "Sleep",
 )  # fmt: skip
-HARD_LIMIT, SOFT_LIMIT, ABORTED, HOMING_RESET, HOMING_DOOR, HOMING_PULLOFF, HOMING_APPROACH = (
-    1,
-    2,
-    3,
-    6,
-    7,
-    8,
-    9,
-)
+HARD_LIMIT, SOFT_LIMIT, ABORTED, HOMING_RESET, HOMING_PULLOFF, HOMING_APPROACH = 1, 2, 3, 6, 8, 9
 
 RX_BYTES = 128
 ALARM_S = 0.5  # the controller does nothing else that long after telling of an alarm

@@ -25,7 +25,7 @@ from hardware.virtual.grbl.settings import AXES, LETTERS, STARTUP_LINES, SYSTEMS
 from hardware.virtual.grbl.words import Modes, Refused
 
 LOCKED = 9
-_NOT_IDLE, _DISABLED, _INVALID, _NUMBER, _NOT_A_JOG, _TRAVEL = 8, 5, 3, 2, 16, 15
+_NOT_IDLE, _DISABLED, _INVALID, _NUMBER, _TRAVEL = 8, 5, 3, 2, 15
 _SETTING = re.compile(r"(N?)([+-]?(?:\d+\.?\d*|\.\d+))=(.*)")
 _FLOAT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _SEARCH, _LOCATE = 1.5, 5.0  # of the travel, of the pull-off

@@ -62,7 +62,9 @@ def needed(
     variance = np.zeros(touched.shape)
     variance[touched] = noise**2
     weight = uniform_filter(touched.astype(float), 3, mode="constant")
-    shared = np.sqrt(uniform_filter(variance, 3, mode="constant")[touched] / weight[touched])
+    # A running sum may come out a hair below zero where no pixel is noisy.
+    around = np.maximum(uniform_filter(variance, 3, mode="constant")[touched], 0)
+    shared = np.sqrt(around / weight[touched])
     share = shared ** (1 / (1 + FALL))
     counts = PILOT * share * (share.mean() / target) ** (1 / FALL)
     return 1 << np.rint(np.log2(np.clip(counts, FEWEST, MOST))).astype(int)

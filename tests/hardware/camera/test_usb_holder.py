@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hardware.camera import usb_holder
-from hardware.camera.usb_holder import Holder
+from hardware.holders import Holder, holders
 
 PORT = "usb:001,005"
 
@@ -35,7 +35,7 @@ def test_a_real_process_that_holds_it_is_named(bus: Path):
     try:
         assert holder.stdout is not None
         holder.stdout.readline()
-        (found,) = usb_holder.holders(PORT, bus=bus)
+        (found,) = holders(bus / "001" / "005")
         assert found.process == holder.pid
         assert "python" in found.name
         assert f"process {holder.pid}" in usb_holder.in_use(PORT, bus=bus)
@@ -49,7 +49,7 @@ def test_the_desktops_importer_is_named_with_what_makes_it_let_go(bus: Path, tmp
     process(proc, 9, "/usr/libexec/gvfsd-gphoto2 --spawner :1.7", bus / "001" / "005")
     process(proc, 10, "/usr/bin/bash", Path("/dev/null"))
     process(proc, 11, "/usr/bin/other", bus / "001" / "006")
-    assert usb_holder.holders(PORT, proc, bus) == (Holder(9, "gvfsd-gphoto2"),)
+    assert holders(bus / "001" / "005", proc) == (Holder(9, "gvfsd-gphoto2"),)
     told = usb_holder.in_use(PORT, proc, bus)
     assert "gvfsd-gphoto2 (process 9)" in told
     assert "gio mount -s gphoto2" in told
@@ -63,7 +63,7 @@ def test_any_other_program_is_to_be_closed(bus: Path, tmp_path: Path):
 
 def test_this_program_itself_is_not_told_to_close_itself(bus: Path):
     with (bus / "001" / "005").open():
-        assert [holder.process for holder in usb_holder.holders(PORT, bus=bus)] == [os.getpid()]
+        assert [holder.process for holder in holders(bus / "001" / "005")] == [os.getpid()]
         assert "this program itself" in usb_holder.in_use(PORT, bus=bus)
 
 
@@ -74,7 +74,6 @@ def test_a_program_of_somebody_else_stays_hidden_and_is_said_to(bus: Path, tmp_p
 
 
 @pytest.mark.parametrize("port", ["ptpip:192.168.0.7", "usb:", "serial:/dev/ttyS0", ""])
-def test_ports_without_a_device_file_have_no_holders(port):
+def test_ports_without_a_device_file_have_no_holders(port: str):
     assert usb_holder.device(port) is None
-    assert usb_holder.holders(port) == ()
     assert usb_holder.in_use(port)

@@ -5,7 +5,6 @@
 """
 
 import itertools
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,8 +24,7 @@ from hardware.errors import (
     StoreFullError,
 )
 from hardware.interfaces import Bracket, Camera, Taken
-
-PATIENCE_S = 30.0  # for what should take a moment; only a fault ever waits this long
+from tests.hardware.contracts.orders import PATIENCE_S, Order
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,27 +45,6 @@ class Made:
     fill: Callable[[], None] | None = None  # no more room
     drain: Callable[[], None] | None = None  # the battery is low
     pull: Callable[[], None] | None = None  # unplugs it
-
-
-class Order(threading.Thread):
-    """One order in a thread of its own; `outcome` is what it returned or raised."""
-
-    def __init__(self, order: Callable[[], object]):
-        super().__init__(daemon=True)
-        self._order = order
-        self.outcome: object = None
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self.outcome = self._order()
-        except HardwareError as error:
-            self.outcome = error
-
-    def finished(self) -> object:
-        self.join(PATIENCE_S)
-        assert not self.is_alive(), "the order never came back"
-        return self.outcome
 
 
 class CameraPromises:

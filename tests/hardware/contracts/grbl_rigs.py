@@ -1,40 +1,23 @@
 """GRBL rigs for the promises of `Motion`: the real driver, a real pseudo-terminal, the emulated controller behind it."""
 
 import contextlib
-import time
+import re
 from collections.abc import Iterator
 
 from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
-from hardware.virtual.wire import Firmware, Wire
+from hardware.virtual.wire import Wire
 from tests.hardware.contracts.motion import Made
+from tests.hardware.contracts.pace import Heard, Pace
 
-HURRY = 4  # times faster than real; 300 degrees of pan then take 1.3 s
 QUICK = {
     24: 1200.0, 25: 36000.0, 26: 5, 100: 200.0, 101: 200.0, 110: 3600.0, 111: 3600.0, 120: 600.0, 121: 600.0,
 }  # fmt: skip
 SWITCHED = {**QUICK, 20: 1, 21: 1, 22: 1, 23: 3, 130: 371.0, 131: 101.0}
 PLAY = 0.4
-
-
-class Heard:
-    """A firmware, and everything that was said to it."""
-
-    def __init__(self, firmware: Firmware):
-        self.firmware = firmware
-        self.bytes = b""
-
-    def receive(self, data: bytes, now: float) -> None:
-        self.bytes += data
-        self.firmware.receive(data, now)
-
-    def advance(self, now: float) -> bytes:
-        return self.firmware.advance(now)
-
-    def orders(self) -> bytes:
-        return self.bytes.replace(b"?", b"")
+QUESTION = re.compile(rb"\?")
 
 
 def turntable() -> contextlib.AbstractContextManager[Made]:
@@ -73,11 +56,21 @@ def fluidnc() -> contextlib.AbstractContextManager[Made]:
 def _made(
     firmware: GrblFirmware, facts: dict, near: Angles, far: Angles, beyond: tuple[Angles, ...]
 ) -> Iterator[Made]:
-    heard = Heard(firmware)
-    wire = Wire(heard, lambda: HURRY * time.monotonic())
+    heard = Heard(firmware, QUESTION)
+    pace = Pace()
+    wire = Wire(heard, pace)
     rig = open_grbl(GrblConfig(wire.port, feed_deg_min=3600.0, **facts))
     try:
-        yield Made(rig, near, far, beyond, firmware.angles, heard.orders, wire.pull)
+        yield Made(
+            rig,
+            near,
+            far,
+            beyond,
+            firmware.angles,
+            heard.orders,
+            wire.pull,
+            pace.set,
+        )
     finally:
         rig.close()
         wire.close()

@@ -6,7 +6,6 @@ apply to a rig (it has no limits, cannot hold, ...) is skipped for it by what it
 
 import contextlib
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -15,8 +14,8 @@ import pytest
 
 from hardware.errors import DisconnectedError, HardwareError, LimitError, PositionLostError, StoppedError
 from hardware.interfaces import Angles, Motion, State
-
-PATIENCE_S = 30.0  # for what should take a moment; only a fault ever waits this long
+from tests.hardware.contracts.orders import PATIENCE_S, Order, wait
+from tests.hardware.contracts.pace import FAST, SLOW
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,39 +24,12 @@ class Made:
 
     rig: Motion
     near: Angles  # within travel and 5 degrees of pan below its end, not where `home` leaves it, soon reached
-    far: Angles  # within travel; from `near` it takes at least 1 s of real time to get there
+    far: Angles  # within travel; from `near` it takes at least 1 s of real time at the pace `SLOW`
     beyond: tuple[Angles, ...]  # each outside the travel; empty if it turns endlessly
     truth: Callable[[], Angles] | None = None  # where the mechanics really stand
     sent: Callable[[], bytes] | None = None  # all that the device has heard, queries for its state left out
     pull: Callable[[], None] | None = None  # unplugs it
-
-
-class Order(threading.Thread):
-    """One order in a thread of its own; `outcome` is what it returned or raised."""
-
-    def __init__(self, order: Callable[[], object]):
-        super().__init__(daemon=True)
-        self._order = order
-        self.outcome: object = None
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self.outcome = self._order()
-        except HardwareError as error:
-            self.outcome = error
-
-    def finished(self) -> object:
-        self.join(PATIENCE_S)
-        assert not self.is_alive(), "the order never came back"
-        return self.outcome
-
-
-def wait(what: Callable[[], bool], message: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < end, message
-        time.sleep(0.005)
+    pace: Callable[[float], None] = lambda rate: None  # makes its time pass faster or slower
 
 
 def same(a: Angles, b: Angles, tolerance_deg: float) -> bool:
@@ -69,12 +41,14 @@ def moving(made: Made) -> Iterator[Order]:
     """Homed, at `near`, and on its way to `far`."""
     made.rig.home()
     made.rig.move(made.near)
+    made.pace(SLOW)
     stood = made.truth() if made.truth else None
     order = Order(lambda: made.rig.move(made.far))
     wait(lambda: made.rig.status().state is State.MOVING, "it never began to move")
     if made.truth is not None:
         wait(lambda: made.truth is None or made.truth() != stood, "it said that it moves and did not")
     yield order
+    made.pace(FAST)
 
 
 class MotionPromises:
@@ -186,7 +160,7 @@ class MotionPromises:
         with moving(made) as order:
             made.rig.stop()
             outcome = order.finished()
-        if isinstance(outcome, HardwareError) and outcome.position_lost:
+        if isinstance(outcome, PositionLostError):
             made.rig.home()
         reached = made.rig.move(made.near)
         assert same(reached, made.near, self.tolerance(made))
@@ -212,6 +186,7 @@ class MotionPromises:
                 assert made.truth() == held
             assert order.is_alive()
             made.rig.resume()
+            made.pace(FAST)
             reached = order.finished()
         assert isinstance(reached, Angles), reached
         assert same(reached, made.far, self.tolerance(made))

@@ -2,39 +2,20 @@
 
 import contextlib
 import re
-import time
 from collections.abc import Iterator, Sequence
 
 from hardware.interfaces import Angles
-from hardware.virtual.wire import Firmware, Wire
+from hardware.virtual.wire import Wire
 from hardware.virtual.zaber.axis import Stage
 from hardware.virtual.zaber.firmware import Chain, ZaberFirmware
 from hardware.zaber.opening import ZaberAxis, ZaberConfig, open_zaber
 from tests.hardware.contracts.motion import Made
+from tests.hardware.contracts.pace import Heard, Pace
 
-HURRY = 4  # times faster than real; 280 degrees of pan then take 1.3 s
 PAN = Stage(fastest_deg_s=60.0, accel_deg_s2=1000.0, stands_deg=3.0)
 ENDED = Stage(lowest_deg=-200.0, highest_deg=320.0, fastest_deg_s=60.0, accel_deg_s2=1000.0, stands_deg=-2.0)
 TILT = Stage(lowest_deg=-60.0, highest_deg=80.0, fastest_deg_s=60.0, accel_deg_s2=1000.0, stands_deg=2.0)
 QUESTION = re.compile(rb"/\d+ \d+ \d+(?: (?:get [a-z.]+|warnings))?:[0-9A-F]{2}\n")
-
-
-class Heard:
-    """A firmware, and everything that was said to it."""
-
-    def __init__(self, firmware: Firmware):
-        self.firmware = firmware
-        self.bytes = b""
-
-    def receive(self, data: bytes, now: float) -> None:
-        self.bytes += data
-        self.firmware.receive(data, now)
-
-    def advance(self, now: float) -> bytes:
-        return self.firmware.advance(now)
-
-    def orders(self) -> bytes:
-        return QUESTION.sub(b"", self.bytes)
 
 
 def zaber_turntable() -> contextlib.AbstractContextManager[Made]:
@@ -67,8 +48,9 @@ def _made(
     devices: Sequence[ZaberFirmware], near: Angles, far: Angles, beyond: tuple[Angles, ...],
     tilt: ZaberAxis | None = None,
 ) -> Iterator[Made]:  # fmt: skip
-    heard = Heard(devices[0] if len(devices) == 1 else Chain(devices))
-    wire = Wire(heard, lambda: HURRY * time.monotonic())
+    heard = Heard(devices[0] if len(devices) == 1 else Chain(devices), QUESTION)
+    pace = Pace()
+    wire = Wire(heard, pace)
     rig = open_zaber(ZaberConfig(wire.port, tilt=tilt))
 
     def truth() -> Angles:
@@ -77,7 +59,7 @@ def _made(
         return Angles(devices[0].angles().pan_deg, devices[1].angles().pan_deg)
 
     try:
-        yield Made(rig, near, far, beyond, truth, heard.orders, wire.pull)
+        yield Made(rig, near, far, beyond, truth, heard.orders, wire.pull, pace.set)
     finally:
         rig.close()
         wire.close()

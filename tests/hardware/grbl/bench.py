@@ -12,27 +12,13 @@ from hardware.virtual.faults import Faulty
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
 from hardware.virtual.wire import Wire
-from tests.hardware.contracts.grbl_rigs import QUICK, SWITCHED, Heard
-from tests.hardware.contracts.motion import Order, wait
+from tests.hardware.contracts.grbl_rigs import QUESTION, QUICK, SWITCHED
+from tests.hardware.contracts.orders import Order, wait
+from tests.hardware.contracts.pace import Heard
 
 HURRY = 20.0  # device seconds in a second
 BARE = {"pan": None, "homing": "none"}  # a turntable without switches
 SWITCHES = {"home_deg": (-184.0, 0.0)}
-
-
-class Clock:
-    """The driver's time, which can be made to run faster while it waits in vain."""
-
-    def __init__(self) -> None:
-        self._rate, self._since, self._then = 1.0, time.monotonic(), 0.0
-
-    def __call__(self) -> float:
-        return self._then + self._rate * (time.monotonic() - self._since)
-
-    def hurry(self, rate: float) -> None:
-        now = time.monotonic()
-        self._then += self._rate * (now - self._since)
-        self._since, self._rate = now, rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +50,7 @@ def switched(start: float = -182.0, play: float = 0.0) -> Mechanics:
 @contextlib.contextmanager
 def powered(firmware: GrblFirmware, hurry: float = HURRY) -> Iterator[tuple[Wire, Heard, Faulty]]:
     faults = Faulty(firmware)
-    heard = Heard(faults)
+    heard = Heard(faults, QUESTION)
     wire = Wire(heard, lambda: hurry * time.monotonic())
     try:
         yield wire, heard, faults

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from hardware.errors import HardwareError, ReplyError
+from hardware.errors import HardwareError, PositionLostError, ReplyError
 from hardware.grbl.config import GrblConfig
 from hardware.grbl.link import GrblLink
 from hardware.grbl.rig import Grbl
@@ -144,7 +144,7 @@ def give_orders(line: Babble, rig: Grbl, truth: Callable[[], float] | None) -> t
                 assert truth is None or truth() - zero == pytest.approx(target, abs=0.01)
                 reached += 1
         except HardwareError as error:
-            lost += error.position_lost
+            lost += isinstance(error, PositionLostError)
         assert line.now - began < 120.0  # deadlines, in its own time
         moves = re.findall(rb"G1X[^\n]*", bytes(line.sent))
         assert moves in ([], [f"G1X{target:.4f}F3600.0".encode()])

@@ -19,7 +19,7 @@ from hardware.line import Line
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.wire import Wire
 from tests.hardware.contracts.grbl_rigs import QUICK, SWITCHED
-from tests.hardware.contracts.motion import Order, wait
+from tests.hardware.contracts.orders import Order, wait
 from tests.hardware.grbl.bench import BARE, bare, bench, powered, switched
 
 
@@ -348,13 +348,13 @@ def test_after_a_stop_resume_moves_nothing():
 
 
 def test_a_resume_right_after_hold_is_not_lost():
-    with bare({**QUICK, 120: 30.0}, hurry=2) as b:  # takes 2 s to slow down: GRBL ignores `~` meanwhile
+    with bare({**QUICK, 120: 30.0}, hurry=4) as b:  # takes 2 s to slow down: GRBL ignores `~` meanwhile
         b.rig.home()
-        order = b.under_way(Angles(120.0))
-        time.sleep(0.3)
+        order = b.under_way(Angles(90.0))
+        wait(lambda: b.truth().pan_deg > 20.0, "it never came so far")
         b.rig.hold()
         b.rig.resume()
-        assert order.finished() == Angles(120.0)
+        assert order.finished() == Angles(90.0)
 
 
 def test_a_long_hold_costs_no_deadline():

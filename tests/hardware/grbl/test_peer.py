@@ -11,7 +11,7 @@ from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
 from hardware.virtual.wire import Wire
 from tests.hardware.contracts.grbl_rigs import SWITCHED
-from tests.hardware.contracts.motion import wait
+from tests.hardware.contracts.orders import wait
 
 grbl_streamer = pytest.importorskip("grbl_streamer")
 

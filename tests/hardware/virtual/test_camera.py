@@ -22,7 +22,7 @@ from hardware.virtual import sensor
 from hardware.virtual.camera import SHUTTERS_S, VirtualCamera, VirtualCameraConfig
 from hardware.virtual.scenes import SPHERE_M, Card, Studio
 from hardware.virtual.studio import bake, motion, truth
-from tests.hardware.contracts.camera import Order
+from tests.hardware.contracts.orders import Order
 
 SIZE = (48, 32)
 NOON = datetime.datetime(2024, 6, 1, 12, 0, 0)

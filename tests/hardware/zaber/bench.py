@@ -1,6 +1,7 @@
 """The Zaber driver on a pseudo-terminal, the emulated controller behind it, and what disturbs them."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 from hardware.interfaces import Angles, Motion
@@ -9,8 +10,9 @@ from hardware.virtual.wire import Wire
 from hardware.virtual.zaber.axis import Stage
 from hardware.virtual.zaber.firmware import ZaberFirmware
 from hardware.zaber.opening import ZaberAxis, ZaberConfig, open_zaber
-from tests.hardware.contracts.motion import Order, wait
-from tests.hardware.contracts.zaber_rigs import Heard
+from tests.hardware.contracts.orders import Order, wait
+from tests.hardware.contracts.pace import Heard
+from tests.hardware.contracts.zaber_rigs import QUESTION
 
 PAN = Stage(fastest_deg_s=60.0, accel_deg_s2=200.0, stands_deg=3.0)
 TILT = Stage(lowest_deg=-60.0, highest_deg=80.0, fastest_deg_s=60.0, accel_deg_s2=200.0)
@@ -23,14 +25,14 @@ class Bench:
 
     def __init__(self) -> None:
         self.device = ZaberFirmware([PAN, TILT])
-        self.heard = Heard(self.device)
+        self.heard = Heard(self.device, QUESTION)
         self.faults = Faulty(self.heard)
         self.wire = Wire(self.faults, lambda: HURRY * time.monotonic())
         self.config = ZaberConfig(self.wire.port, tilt=ZaberAxis(1, 2), reply_s=0.2)
         self.rigs: list[Motion] = []
 
-    def open(self, **changes: object) -> Motion:
-        self.rigs.append(open_zaber(replace(self.config, **changes)))
+    def open(self, clock: Callable[[], float] = time.monotonic, **changes: object) -> Motion:
+        self.rigs.append(open_zaber(replace(self.config, **changes), clock))
         return self.rigs[-1]
 
     def homed(self) -> Motion:

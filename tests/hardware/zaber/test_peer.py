@@ -12,7 +12,7 @@ import pytest
 from hardware.virtual.wire import Wire
 from hardware.virtual.zaber.axis import Stage
 from hardware.virtual.zaber.firmware import Chain, ZaberFirmware
-from tests.hardware.contracts.motion import Order, wait
+from tests.hardware.contracts.orders import Order, wait
 
 pytest.importorskip("zaber_motion", reason="the manufacturer's host software is not installed")
 
