@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from app import commands
+from app import commands, cores
 from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import PRESETS
 from hardware.errors import HardwareError
@@ -20,6 +20,7 @@ MOST_EV = 12.0  # of a bracket's exposures from its middle
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    cores.share()
     args = _parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
     try:
         return args.run(args)
