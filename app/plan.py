@@ -39,8 +39,6 @@ class Row:
     reasons: tuple[str, ...]
     folder: str  # of its result
     took_s: float | None  # its latest run in this session
-    seeded: bool
-    inputs: tuple[str, ...]
     parameters: tuple[Parameter, ...]
 
 
@@ -50,7 +48,6 @@ class Plan:
 
     settings: Settings
     rows: tuple[Row, ...]
-    cuda: str = ""  # the CUDA device's name; "" where there is none
 
     def parameter(self, name: str) -> Parameter | None:
         return next((p for row in self.rows for p in row.parameters if p.name == name), None)
@@ -66,13 +63,11 @@ def read_plan(content: Mapping[str, Any]) -> Plan:
             tuple(stage["reasons"]),
             stage["folder"],
             stage["took_s"],
-            stage["seeded"],
-            tuple(stage["inputs"]),
             tuple(_parameter(entry) for entry in stage["parameters"]),
         )
         for stage in content["stages"]
     )
-    return Plan(asked.from_toml(content["settings"]), rows, content.get("cuda", ""))
+    return Plan(asked.from_toml(content["settings"]), rows)
 
 
 def _parameter(entry: Mapping[str, Any]) -> Parameter:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.plan import Plan, read_plan
-from app.state import Trouble, Watched
+from app.state import Trouble, Watched, called
 from app.work.enquiries import Answer, Enquiries
 from app.work.jobs import Event, Job, JobState, JobStatus
 from app.work.queue import Board
@@ -152,8 +152,7 @@ class Processing:
 
     def enqueue(self, folder: Path, device: str, until: str | None = None) -> Job:
         """Queue a run of any session, as its own params.toml asks at the time it starts."""
-        name = folder.parent.name if folder.name == "session" else folder.stem
-        job = Job(name, "process", {"session": str(folder), "device": device, "until": until})
+        job = Job(called(folder), "process", {"session": str(folder), "device": device, "until": until})
         self._adopt(job)
         self._board.enqueue(job)
         return job

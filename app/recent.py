@@ -9,6 +9,7 @@ from pathlib import Path
 
 from app import places
 from app.parameters import STAGES
+from app.state import called
 
 # Pictures that an export holds, best first.
 PICTURES = ("photograph.png", "albedo.png")
@@ -28,9 +29,7 @@ class Glance:
 
     @property
     def name(self) -> str:
-        """What a person calls it: OUT for `simulate`'s OUT/session."""
-        folder = self.folder
-        return folder.parent.name if folder.name == "session" and folder.parent.name else folder.stem
+        return called(self.folder)
 
     @property
     def capture_unfinished(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from app.state import called
 from engine import metrics, report
 from engine import session as sessions
 from engine.errors import SessionError
@@ -79,7 +80,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
     scores = evaluate(folder, truth) if truth is not None and steps["surface"].done else None
     page = report.html(
         report.Contents(
-            title=folder.resolve().name,
+            title=called(folder.resolve()),
             when=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
             names=tuple(shot.name for shot in sessions.shots(session)),
             photograph=None if frames is None else np.asarray(frames.radiance[view]),

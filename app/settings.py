@@ -29,7 +29,6 @@ class Preferences:
     recent: tuple[str, ...] = ()  # session folders, latest first
     last_folder: str = ""  # where the last file dialog was
     window: str = ""  # size and place, as Qt writes them, in hexadecimal
-    splitters: tuple[str, ...] = ()  # likewise, "name=hex"
 
 
 class Settings:

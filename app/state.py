@@ -7,9 +7,20 @@ Everything here belongs to one thread (the window's); what comes from other thre
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Value = TypeVar("Value")
+
+
+def join(listeners: list[Any], listener: Any) -> Callable[[], None]:
+    """Let `listener` be told; returns what ends that, as often as it is called."""
+    listeners.append(listener)
+
+    def leave() -> None:
+        if listener in listeners:
+            listeners.remove(listener)
+
+    return leave
 
 
 class Watched(Generic[Value]):
@@ -33,13 +44,7 @@ class Watched(Generic[Value]):
 
     def listen(self, listener: Callable[[Value], None]) -> Callable[[], None]:
         """Tell `listener` of every later change; returns what ends that."""
-        self._listeners.append(listener)
-
-        def leave() -> None:
-            if listener in self._listeners:
-                self._listeners.remove(listener)
-
-        return leave
+        return join(self._listeners, listener)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +81,12 @@ def place_of(path: Path) -> Place:
     return Place("photographs", folder)
 
 
+def called(session: Path) -> str:
+    """What a person calls a session: its folder's name, OUT for `simulate`'s OUT/session."""
+    folder = session.absolute()
+    return folder.parent.name if folder.name == "session" and folder.parent.name else folder.stem
+
+
 @dataclass(frozen=True, slots=True)
 class Device:
     """One device in the status bar: a rig, a camera, a GPU."""
@@ -87,11 +98,18 @@ class Device:
 
 
 class State:
-    """The session that is open, and the devices that are connected."""
+    """The session that is open, what one page has of it for the others, and the devices that are connected."""
 
     def __init__(self) -> None:
         self.session: Watched[Path | None] = Watched(None)
+        self.view: Watched[int | None] = Watched(None)  # picked on some page, for the others to turn to
+        self.relit: Watched[Path | None] = Watched(None)  # the surface under another light: see `View3dPage`
+        self.session.listen(self._forget)
         self.devices: Watched[tuple[Device, ...]] = Watched(())
+
+    def _forget(self, folder: Path | None) -> None:
+        self.view.set(None)
+        self.relit.set(None)
 
     def set_device(self, device: Device) -> None:
         """Show a device, in place of what was shown under its key."""

@@ -107,6 +107,12 @@ def fibonacci_sphere(count: int) -> Float[np.ndarray, "d 3"]:
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=-1)
 
 
+def angle_between(a: Float[np.ndarray, "*n 3"], b: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
+    """Radians between vectors, in double precision; atan2 keeps small angles exact where arccos loses them."""
+    a, b = a.astype(np.float64), b.astype(np.float64)
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
+
+
 def align_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
 ) -> tuple[float, Float[np.ndarray, "3 4"]]:

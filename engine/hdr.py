@@ -21,8 +21,9 @@ from engine import exposures, linear
 from engine.develop import averaged, develop, variance
 from engine.errors import HdrError
 from engine.exposures import Merged, SensorNoise
-from engine.images import luminance, read_radiance
+from engine.images import read_radiance
 from engine.progress import Progress
+from engine.radiance import luminance
 from engine.raw import Bracket, Facts, read_facts, read_mosaic
 from engine.types import Frames
 

@@ -13,8 +13,6 @@ from jaxtyping import Bool, Float, Float32, UInt8
 
 from engine.errors import MaskError, RawError
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709
-
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # xy of red, green, blue and white
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
@@ -70,10 +68,6 @@ def read_mask(path: Path, height: int, width: int) -> Bool[np.ndarray, "h w"]:
             f"{path}: the mask is {'all' if mask.any() else 'no'} object; paint the object white on black"
         )
     return mask
-
-
-def luminance(radiance: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-    return np.asarray(radiance @ LUMINANCE.astype(radiance.dtype))
 
 
 def tone_map(radiance: Float[np.ndarray, "h w 3"], anchor: float) -> UInt8[np.ndarray, "h w 3"]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from engine.errors import HdrError
-from engine.images import luminance
+from engine.radiance import luminance
 
 # Blind to planes and edges along an axis; unit response to independent noise after division by 6.
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from engine.errors import TruthError
-from engine.geometry import align_similarity
+from engine.geometry import align_similarity, angle_between
 from engine.truth import Truth
 from engine.types import Poses, Surface
 
@@ -102,7 +102,7 @@ def evaluate(surface: Surface, truth: Truth) -> Evaluation:
         )
     lacking = asked - answered
 
-    angle = np.degrees(angle_between(surface.normal[both].astype(np.float64), truth.normal[both]))
+    angle = np.degrees(angle_between(surface.normal[both], truth.normal[both]))
     albedo, true_albedo = surface.albedo[both].astype(np.float64), truth.albedo[both]
     match = float(true_albedo.mean() / albedo.mean()) if albedo.mean() > 0 else math.nan
     missed = truth.mask & ~surface.mask
@@ -205,11 +205,6 @@ def evaluate_mask(mask: Bool[np.ndarray, "h w"], true_mask: Bool[np.ndarray, "hh
     return MaskEvaluation(
         iou=_iou(mask, true_mask), boundary_mean_px=float((np.mean(there) + np.mean(back)) / 2)
     )
-
-
-def angle_between(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Radians between vectors; atan2 keeps small angles exact where arccos loses them."""
-    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
 
 
 def psnr(error: Float[np.ndarray, "n c"]) -> float:

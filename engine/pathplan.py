@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from engine.geometry import inverse
-from engine.images import luminance
 from engine.light.gaussians import Y00
+from engine.radiance import luminance
 from engine.types import Gaussians, Poses
 
 SIZE = 420.0  # side of one drawing, SVG units

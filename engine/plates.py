@@ -13,9 +13,11 @@ from matplotlib import colormaps
 from PIL import Image
 
 from engine.png import srgb, to_8_bit
+from engine.radiance import luminance
 from engine.types import Panorama
 
 HATCH_PX = 8
+OUTSIDE = 128  # grey
 
 
 def crop(mask: Bool[np.ndarray, "h w"], margin: float = 0.06) -> tuple[slice, slice]:
@@ -68,11 +70,11 @@ def bar(colours: str) -> str:
 
 def panorama(light: Panorama) -> str:
     """The light on a logarithmic scale (a lamp and a wall both show), hatched where it is a guess."""
-    luminance = light.radiance @ np.array([0.2126, 0.7152, 0.0722])
-    middle = float(np.median(luminance[luminance > 0])) if (luminance > 0).any() else 1.0
+    level = luminance(light.radiance)
+    middle = float(np.median(level[level > 0])) if (level > 0).any() else 1.0
     # Radiance at the median becomes mid grey; a hundred times brighter is nearly white.
-    shown = luminance / (luminance + 2.5 * middle)
-    colour = light.radiance / np.maximum(luminance, 1e-12)[..., None]
+    shown = level / (level + 2.5 * middle)
+    colour = light.radiance / np.maximum(level, 1e-12)[..., None]
     image = np.clip(shown[..., None] * (colour + 3 * shown[..., None]) / (1 + 3 * shown[..., None]), 0, 1)
     image = np.repeat(np.repeat(srgb(image), 2, 0), 2, 1) if light.radiance.shape[1] < 768 else srgb(image)
     scale = image.shape[0] // light.radiance.shape[0]
@@ -96,7 +98,9 @@ def _coloured(share: np.ndarray, colours: str) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def _cut_out(image: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> str:
-    return _png(np.concatenate([image, mask[..., None].astype(np.uint8) * 255], axis=-1))
+    # Grey where nothing is: a viewer that knows no transparency must not see a colour that means something.
+    shown = np.where(mask[..., None], image, OUTSIDE).astype(np.uint8)
+    return _png(np.concatenate([shown, mask[..., None].astype(np.uint8) * 255], axis=-1))
 
 
 def _png(image: UInt8[np.ndarray, "h w c"]) -> str:

@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from engine import page, plates
+from engine.geometry import angle_between
+from engine.radiance import relative_error
 from engine.truth import Truth
 from engine.types import Renders, Surface
 
@@ -121,18 +123,6 @@ def renders(
     return page.section("Re-rendered views", text + "".join(rows))
 
 
-def relative_error(
-    photographed: Float[np.ndarray, "h w 3"],
-    rendered: Float[np.ndarray, "h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-) -> Float[np.ndarray, "h w"]:
-    """(rendered - photographed) / photographed of luminance; the floor is 1 % of the object's median."""
-    weights = np.array([0.2126, 0.7152, 0.0722])
-    true, made = photographed @ weights, rendered @ weights
-    floor = 0.01 * float(np.median(true[mask])) if mask.any() else 1.0
-    return (made - true) / np.maximum(true, max(floor, 1e-12))
-
-
 def against(surface: Surface | None, truth: Truth | None, scores: Mapping[str, object] | None) -> str:
     """Scores against a ground truth and maps of the errors; nothing where no truth was given."""
     figures = []
@@ -140,13 +130,14 @@ def against(surface: Surface | None, truth: Truth | None, scores: Mapping[str, o
         both = surface.mask & truth.mask
         cut = plates.crop(both)
         shown = both[cut]
-        cosine, sine = (
-            (surface.normal * truth.normal).sum(-1),
-            np.linalg.norm(np.cross(surface.normal, truth.normal), axis=-1),
-        )
         figures = [
             page.figure(plates.normals(truth.normal[cut], shown), "<b>True normals</b>"),
-            _error(np.degrees(np.arctan2(sine, cosine)), both, "Error of the normal", "degrees"),
+            _error(
+                np.degrees(angle_between(surface.normal, truth.normal)),
+                both,
+                "Error of the normal",
+                "degrees",
+            ),
             page.figure(plates.albedo(truth.albedo[cut], shown), "<b>True albedo</b>"),
             _error(np.abs(surface.albedo - truth.albedo).mean(-1), both, "Error of the albedo", "0 to 1"),
             _error(np.abs(surface.roughness - truth.roughness), both, "Error of the roughness", "0 to 1"),

@@ -22,7 +22,8 @@ p { max-width:68ch; margin:.35rem 0 .9rem; }
   margin:1.75rem 0 0; background:var(--line); border:1px solid var(--line); border-radius:10px;
   overflow:hidden; }
 .numbers div { background:var(--card); padding:.85rem 1rem; }
-.numbers b { display:block; font-size:1.35rem; font-weight:600; font-variant-numeric:tabular-nums; }
+.numbers b { display:block; font-size:1.35rem; font-weight:600; white-space:nowrap;
+  font-variant-numeric:tabular-nums; }
 .numbers span { font-size:.82rem; color:var(--soft); line-height:1.3; display:block; }
 .grid { display:grid; gap:1.5rem 1.25rem; grid-template-columns:repeat(auto-fill,minmax(180px,1fr)); }
 .pair { display:grid; gap:1.25rem; grid-template-columns:repeat(auto-fit,minmax(280px,1fr)); }
@@ -41,7 +42,8 @@ svg .way { fill:none; stroke:var(--line); stroke-width:1; } svg .look { stroke:v
   stroke-width:1; }
 svg .camera { fill:var(--accent); } svg .object { fill:var(--object); }
 svg .scale { stroke:var(--ink); stroke-width:2; } svg .scale-text { fill:var(--ink); font-size:12px; }
-.key { display:inline-block; width:.65em; height:.65em; border-radius:50%; margin:0 .2em 0 .7em; }
+.key { display:inline-block; width:.65em; height:.65em; border-radius:50%; margin:0 .3em 0 .7em; }
+.key:first-child { margin-left:0; }
 .scroll { overflow-x:auto; }
 table { border-collapse:collapse; font-size:.88rem; font-variant-numeric:tabular-nums;
   margin:.5rem 0 1rem; }

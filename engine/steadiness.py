@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from engine.images import luminance
+from engine.radiance import luminance
 from engine.types import Frames
 
 NORMAL_ROOTS = 2.19  # a normal variable's variance over the fourth power of its mean root magnitude

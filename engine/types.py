@@ -9,7 +9,7 @@ unit vectors pointing away from the surface; a normal that faces the camera has 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int8, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,6 @@ class Surface:
 
     Values outside `mask` are zero. `stderr_*` are one standard error, inflated by the misfit.
     `flags` is a bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned.
-    `points_from` says what fixes the depth's absolute scale.
     """
 
     mask: Bool[np.ndarray, "h w"]
@@ -120,6 +119,13 @@ class Surface:
     stderr_roughness: Float[np.ndarray, "h w"]
     residual: Float[np.ndarray, "h w"]  # robust relative misfit
     flags: UInt8[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Horizons:
+    """Where the photographs overruled what the depth says hides the room; pictures of further views need it."""
+
+    level: Int8[np.ndarray, "p s"]  # of the mask's pixels in row order; as in `engine/surface/horizons.py`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,11 +20,11 @@ from app.inspect.runs import Run
 from app.relight.lights import Light
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import TruthError
-from engine.truth import Truth, read_truth
+from engine.geometry import angle_between
+from engine.truth import Truth
 
-FLOOR = (
-    0.02  # of the object's median radiance: the least that an error is taken relative to, as in the solver
-)
+FLOOR = 0.02
+"""Of the object's median radiance: the least that an error is taken relative to, as in the solver."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,7 @@ class Series:
     x: tuple[float, ...]
     y: tuple[float, ...]
     labels: tuple[str, ...] = ()  # one a point, told when it is pointed at
-    kind: str = (
-        "points"  # "points", "line" (with points), "bars", "level" (one horizontal line), "mark" (vertical)
-    )
+    kind: str = "points"  # "points", "line" (with points), "bars", "mark" (one vertical line)
     colour: int = 0  # of the theme's series
     upper: tuple[float, ...] = ()  # ends of whiskers upwards from y
 
@@ -59,12 +57,22 @@ class Chart:
     stacked: bool = False  # bars of one place stand on one another
     lying: bool = False  # bars go to the right, places stand below one another
     x_range: tuple[float, float] | None = None
-    image: UInt8[np.ndarray, "h w 4"] | None = (
-        None  # a panorama: azimuth -180..180, polar angle 0..180 degrees
-    )
+    # A panorama: azimuth -180..180, polar angle 0..180 degrees.
+    image: UInt8[np.ndarray, "h w 4"] | None = None
     missing: str = ""  # why there is nothing yet
     lacking: bool = False  # a child could work more of it out
 
+
+TITLES = {
+    "errors": QT_TRANSLATE_NOOP("maps", "Error against time"),
+    "times": QT_TRANSLATE_NOOP("maps", "Time of the stages"),
+    "views": QT_TRANSLATE_NOOP("maps", "Residual of each view"),
+    "coverage": QT_TRANSLATE_NOOP("maps", "Coverage of the light"),
+    "settling": QT_TRANSLATE_NOOP("maps", "Settling of light and shape"),
+    "distance": QT_TRANSLATE_NOOP("maps", "Distance of the object"),
+    "exposures": QT_TRANSLATE_NOOP("maps", "Exposure of each view"),
+}
+"""The charts there are, in the order they are offered."""
 
 ERRORS = {
     "held_out_error": (
@@ -96,7 +104,7 @@ def errors(found: Sequence[Run], key: str, truth: Truth | None = None) -> Chart:
         )
     return Chart(
         "errors",
-        QT_TRANSLATE_NOOP("maps", "Error against time"),
+        TITLES["errors"],
         QT_TRANSLATE_NOOP("maps", "time of all stages [s]"),
         f"{title} [{unit}]",
         (Series("runs", x, y, labels, "line"),),
@@ -117,7 +125,7 @@ def stage_times(found: Sequence[Run]) -> Chart:
         series.append(Series(stage, tuple(map(float, range(len(found)))), seconds, labels, "bars", i))
     return Chart(
         "times",
-        QT_TRANSLATE_NOOP("maps", "Time of the stages"),
+        TITLES["times"],
         "",
         QT_TRANSLATE_NOOP("maps", "time [s]"),
         tuple(series),
@@ -157,7 +165,7 @@ def view_residuals(shown: Maps) -> Chart:
     registered, known = int(shown.registered.sum()), sum(map(len, rows.values()))
     return Chart(
         "views",
-        QT_TRANSLATE_NOOP("maps", "Residual of each view"),
+        TITLES["views"],
         QT_TRANSLATE_NOOP("maps", "view"),
         QT_TRANSLATE_NOOP("maps", "relative error [%]"),
         tuple(series),
@@ -179,7 +187,7 @@ def settling(run: Run) -> Chart:
     x = tuple(float(i + 1) for i in range(len(turns)))
     return Chart(
         "settling",
-        QT_TRANSLATE_NOOP("maps", "Settling of light and shape"),
+        TITLES["settling"],
         QT_TRANSLATE_NOOP("maps", "turn"),
         QT_TRANSLATE_NOOP("maps", "residual [times the expected noise]"),
         (Series("residual", x, tuple(map(float, turns)), kind="line"),),
@@ -207,7 +215,7 @@ def distance(run: Run, shown: Maps) -> Chart:
         )
     return Chart(
         "distance",
-        QT_TRANSLATE_NOOP("maps", "Distance of the object"),
+        TITLES["distance"],
         f"distance [{unit}]",
         QT_TRANSLATE_NOOP("maps", "misfit"),
         series,
@@ -225,11 +233,10 @@ def distance(run: Run, shown: Maps) -> Chart:
 
 def exposures(shown: Maps) -> Chart:
     """Share of each photograph that no exposure recorded: clipped in all, or lost in the dark."""
-    title = QT_TRANSLATE_NOOP("maps", "Exposure of each view")
     if shown.frames is None:
         return Chart(
             "exposures",
-            title,
+            TITLES["exposures"],
             "",
             "",
             (),
@@ -245,7 +252,7 @@ def exposures(shown: Maps) -> Chart:
         series.append(Series(name, x, share, labels, "bars", colour))
     return Chart(
         "exposures",
-        title,
+        TITLES["exposures"],
         QT_TRANSLATE_NOOP("maps", "view"),
         QT_TRANSLATE_NOOP("maps", "share of the pixels [%]"),
         tuple(series),
@@ -259,10 +266,9 @@ def exposures(shown: Maps) -> Chart:
 
 def coverage(light: Light | None) -> Chart:
     """The light around the object: photographed, only clipped, guessed; by solid angle and by energy."""
-    title = QT_TRANSLATE_NOOP("maps", "Coverage of the light")
     if light is None:
         why = QT_TRANSLATE_NOOP("maps", "not worked out yet; it takes some ten seconds")
-        return Chart("coverage", title, "", "", (), missing=why, lacking=True)
+        return Chart("coverage", TITLES["coverage"], "", "", (), missing=why, lacking=True)
     series = tuple(
         Series(
             name,
@@ -276,7 +282,7 @@ def coverage(light: Light | None) -> Chart:
     )
     return Chart(
         "coverage",
-        title,
+        TITLES["coverage"],
         "",
         QT_TRANSLATE_NOOP("maps", "share [%]"),
         series,
@@ -316,14 +322,6 @@ def known_truth(session: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def load_truth(path: Path) -> Truth:
-    """
-    Raises:
-        TruthError: no truth, or damaged.
-    """
-    return read_truth(path)
-
-
 def _truth_error(run: Run, truth: Truth | None) -> float:
     """Mean degrees between the run's normals and the true ones, where both have a pixel."""
     if truth is None:
@@ -335,5 +333,4 @@ def _truth_error(run: Run, truth: Truth | None) -> float:
     both = shown.mask & truth.mask
     if not both.any():
         return math.nan
-    a, b = shown.normal[both].astype(float), truth.normal[both].astype(float)
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))).mean())
+    return float(np.degrees(angle_between(shown.normal[both], truth.normal[both])).mean())

@@ -13,11 +13,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from app.inspect.falsecolour import Scale
-from app.inspect.maps import Maps
+from app.inspect.maps import LAYERS, Maps
+from app.words import QT_TRANSLATE_NOOP
 from engine.errors import SessionError
+from engine.geometry import angle_between
 
 BAND = 1.96
 TOP_PERCENTILE = 98.0
+DEGREES = LAYERS["stderr_normal"].unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +105,7 @@ def compare(a: Maps, b: Maps) -> Comparison:
     if not both.any():
         raise SessionError("no pixel belongs to the object in both; these are different objects or places")
 
-    angle = np.degrees(_angle(first.normal[both], second.normal[both]))
+    angle = np.degrees(angle_between(first.normal[both], second.normal[both]))
     normal_error = np.degrees(np.hypot(first.stderr_normal, second.stderr_normal)[both])
     albedo = second.albedo[both].mean(-1) - first.albedo[both].mean(-1)
     albedo_error = np.hypot(first.stderr_albedo, second.stderr_albedo)[both]
@@ -118,23 +121,43 @@ def compare(a: Maps, b: Maps) -> Comparison:
 
     return Comparison(
         (
-            made("normal", "Normal: angle between", angle, "degrees", False, normal_error),
-            made("albedo", "Albedo", albedo, "mean of R G B", True, albedo_error),
-            made("roughness", "Roughness", rough, "0 to 1", True, rough_error),
-            made("depth", "Depth", depth, "% of the depth, after one factor"),
-            made("residual", "Misfit", misfit, "% of the radiance"),
-            made("stderr_normal", "Standard error: normal", sure, "degrees"),
+            made(
+                "normal",
+                QT_TRANSLATE_NOOP("maps", "Normal: angle between"),
+                angle,
+                DEGREES,
+                False,
+                normal_error,
+            ),
+            made(
+                "albedo",
+                LAYERS["albedo"].title,
+                albedo,
+                QT_TRANSLATE_NOOP("maps", "mean of R G B"),
+                True,
+                albedo_error,
+            ),
+            made(
+                "roughness",
+                LAYERS["roughness"].title,
+                rough,
+                QT_TRANSLATE_NOOP("maps", "0 to 1"),
+                True,
+                rough_error,
+            ),
+            made(
+                "depth",
+                LAYERS["depth"].title,
+                depth,
+                QT_TRANSLATE_NOOP("maps", "% of the depth, after one factor"),
+            ),
+            made("residual", LAYERS["residual"].title, misfit, LAYERS["residual"].unit),
+            made("stderr_normal", LAYERS["stderr_normal"].title, sure, DEGREES),
         ),
         int(both.sum()),
         int((first.mask | second.mask).sum()),
         factor,
     )
-
-
-def _angle(a: Float[np.ndarray, "p 3"], b: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " p"]:
-    """Radians between unit vectors; atan2 keeps small angles exact."""
-    a, b = a.astype(np.float64), b.astype(np.float64)
-    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
 
 
 def _depth(a: Float[np.ndarray, " p"], b: Float[np.ndarray, " p"]) -> tuple[Float[np.ndarray, " p"], float]:

@@ -28,7 +28,6 @@ SCALES = {
 }
 
 MINUS = "\u2212"  # a true minus, as wide as a plus
-TONES = ("srgb", "log")
 LOG_STOPS = 12.0  # range of the logarithmic curve below white
 FLAGS = (
     (1, "grazing", "e69f00"),
@@ -37,6 +36,7 @@ FLAGS = (
     (8, "ill-conditioned", "cc79a7"),
 )
 """Bits of Surface.flags: bit, meaning, colour (Okabe and Ito's: told apart by colour-blind people too)."""
+CLIPPED = (235, 64, 52)  # red: what is there is a lower bound
 UNFLAGGED = (92, 92, 92)
 SEVERAL = "f2f2f2"  # more than one flag
 
@@ -54,17 +54,18 @@ class Scale:
     colours: str  # a key of SCALES
 
 
+@functools.cache
 def table(colours: str, count: int = 256) -> UInt8[np.ndarray, "k 3"]:
     """A colour scale from low to high, red, green, blue."""
-    return _table(colours, count)
-
-
-@functools.cache
-def _table(colours: str, count: int) -> UInt8[np.ndarray, "k 3"]:
     stops = np.array([_rgb(text) for text in SCALES[colours].split()], float)
     at = np.linspace(0, len(stops) - 1, count)
     mixed = np.stack([np.interp(at, np.arange(len(stops)), stops[:, c]) for c in range(3)], axis=1)
     return np.rint(mixed).astype(np.uint8)
+
+
+def bar(colours: str) -> UInt8[np.ndarray, "1 k 4"]:
+    """A colour scale as a picture one pixel high."""
+    return _bgra(table(colours)[None], None)
 
 
 def scalar(
@@ -112,7 +113,7 @@ def radiance(
     # The table is looked up by square root: even steps for the eye, with an 8-bit step nowhere skipped.
     shown = curve[(np.sqrt(index) * top).astype(np.uint16)]
     if clipped is not None:
-        shown[clipped] = (235, 64, 52)
+        shown[clipped] = CLIPPED
     return _bgra(shown, mask)
 
 

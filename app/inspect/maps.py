@@ -17,9 +17,9 @@ from app.inspect.runs import Run
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import SessionError
 from engine.pipeline import artefacts
+from engine.radiance import relative_error
 from engine.types import Frames, Poses, Renders, Surface
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec.709
 WHITE_VIEWS = 8  # that decide the one exposure of all views
 RADIANCE_UNIT = QT_TRANSLATE_NOOP("maps", "session radiance")
 DIFFERENCE = 0.3  # ends of the scale of photograph against re-rendering, relative
@@ -188,22 +188,6 @@ def rendering(maps: Maps, view: int) -> Float[np.ndarray, "h w 3"] | None:
     picture = np.zeros((*maps.surface.mask.shape, 3), np.float32)
     picture[maps.surface.mask] = flat
     return picture
-
-
-def relative_error(
-    photographed: Float[np.ndarray, "h w 3"],
-    rendered: Float[np.ndarray, "h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-) -> Float[np.ndarray, "h w"]:
-    """(rendered - photographed) / photographed of luminance, as the report has it; NaN outside the mask.
-
-    The floor of the division is 1 % of the object's median.
-    """
-    error = np.full(mask.shape, np.nan, np.float32)
-    true, made = photographed[mask] @ LUMINANCE, rendered[mask] @ LUMINANCE
-    if true.size:
-        error[mask] = (made - true) / np.maximum(true, max(0.01 * float(np.median(true)), 1e-12))
-    return error
 
 
 def values(maps: Maps, key: str) -> Float[np.ndarray, "h w"]:

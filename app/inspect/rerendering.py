@@ -1,9 +1,9 @@
 """Re-render every view of a finished run: what the surface looks like under the light it was solved with.
 
-Runs in a worker child. The solver keeps only the few views it did not fit; here its light, visibility and bounced
-light are made again from the stored results, at the resolution they were solved with. What is not stored are the
-horizons at which the photographs overruled the depth; where there are such, shadows differ a little. Each view is
-kept as `derived/rerendered/FINGERPRINT/NNNN.npy` (radiance of the mask's pixels), and told when it is there.
+Runs in a worker child. The solver keeps only the few views it did not fit; here its light, visibility (with the
+horizons at which the photographs overruled the depth) and bounced light are made again from the stored results, at
+the resolution they were solved with. Each view is kept as `derived/rerendered/FINGERPRINT/NNNN.npy` (radiance of the
+mask's pixels), and told when it is there.
 """
 
 import dataclasses
@@ -22,11 +22,11 @@ from engine.errors import SessionError
 from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
-from engine.surface.pixels import SurfaceParams, rerender, sight_of, subject
+from engine.surface.pixels import SurfaceParams, as_photographed, rerender, sight_of, subject
 from engine.surface.solve import DEPTH_MARGIN
 from engine.surface.surroundings import Room, furnished, light_at
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, lattice_around
-from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
+from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Surface
 
 if TYPE_CHECKING:
     from app.work.worker import Link
@@ -103,10 +103,7 @@ def open_run(run: Run) -> Solved:
     """
     record, report = run.records["surface"], run.reported("surface")
     if not (run.folder("light") / "lamps.json").is_file() or "light_gains" not in report:
-        raise SessionError(
-            f"{run.session}: this result was made by an older version, or its light was removed; process the session"
-            " again to re-render its views"
-        )
+        raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
     frames = artefacts.load(run.folder("hdr"), "frames", Frames)
@@ -131,6 +128,10 @@ class Scene:
     """A run's visibility, worked out once, and its pictures in any view."""
 
     def __init__(self, solved: Solved, progress: "Progress") -> None:
+        """
+        Raises:
+            SessionError: an older version of the method made the result.
+        """
         s, surface = solved, solved.surface
         self._solved = solved
         self.lattice: Lattice = lattice_around(
@@ -138,14 +139,18 @@ class Scene:
             (s.params.probes_across, s.params.probes_across, s.params.probes_deep),
         )  # fmt: skip
         mask = surface.mask
+        if not (s.run.folder("surface") / "horizons.json").is_file():
+            raise _older(s.run)
+        horizons = artefacts.load(s.run.folder("surface"), "horizons", Horizons)
         self._state = newton.begin(
             surface.normal[mask].astype(float), surface.albedo[mask].astype(float),
-            surface.roughness[mask].astype(float),
+            surface.roughness[mask].astype(float), horizons.level,
         )  # fmt: skip
         one = np.nonzero(s.poses.registered)[0][:1]
         who = subject(s.frames, mask, s.poses.camera, one, s.params)
         cells = direction_cells(s.params.directions)
-        self.sight: Sight = sight_of(who, self._state, surface.depth, cells, s.params, progress)
+        by_depth = sight_of(who, self._state, surface.depth, cells, s.params, progress)
+        self.sight: Sight = as_photographed(who, self._state, by_depth, cells)
 
     def light(self, views: Sequence[int], progress: "Progress") -> Incident:
         """What arrives around the object in some views."""
@@ -168,6 +173,13 @@ class Scene:
             "cpu",
         )  # fmt: skip
         return pictures[:, s.surface.mask]
+
+
+def _older(run: Run) -> SessionError:
+    return SessionError(
+        f"{run.session}: this result was made by an older version, or parts of it were removed; process the session"
+        " again to re-render its views"
+    )
 
 
 def _keep(path: Path, flat: Float[np.ndarray, "p 3"]) -> None:

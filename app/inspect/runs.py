@@ -1,4 +1,4 @@
-"""The finished runs of a session: one for every surface that was solved, newest first, read without the engine.
+"""The finished runs of a session: one for every surface that was solved, newest first, read from its records alone.
 
 A run is a folder `stages/surface/FINGERPRINT` and the results it was made from, which its `record.json` names.
 Nothing is planned here: what the present settings would give is asked of `app/results.py`.
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app.state import Trouble
+from engine.pipeline.stages import brief, dotted
 
 STAGES = ("hdr", "segment", "poses", "light", "surface", "export")
 
@@ -87,9 +88,9 @@ def differences(a: Run, b: Run) -> tuple[str, ...]:
     """What was asked otherwise, stage by stage: "surface.directions 1024 -> 2048"."""
     told = []
     for stage in STAGES[:-1]:
-        before, after = (_flat(run.records.get(stage, {}).get("params", {})) for run in (a, b))
+        before, after = (dotted(run.records.get(stage, {}).get("params", {})) for run in (a, b))
         told += [
-            f"{stage}.{name} {_brief(before.get(name))} -> {_brief(after.get(name))}"
+            f"{stage}.{name} {brief(before.get(name))} -> {brief(after.get(name))}"
             for name in sorted(before.keys() | after.keys())
             if before.get(name) != after.get(name)
         ]
@@ -105,7 +106,7 @@ def names(runs: Sequence[Run]) -> tuple[str, ...]:
         {
             f"{stage}.{name}": value
             for stage in STAGES[:-1]
-            for name, value in _flat(run.records.get(stage, {}).get("params", {})).items()
+            for name, value in dotted(run.records.get(stage, {}).get("params", {})).items()
         }
         for run in runs
     ]
@@ -113,7 +114,7 @@ def names(runs: Sequence[Run]) -> tuple[str, ...]:
     differing = [key for key in keys if len({json.dumps(one.get(key)) for one in flat}) > 1]
     told = []
     for run, one in zip(runs, flat, strict=True):
-        values = [f"{key.partition('.')[2]} {_brief(one.get(key))}" for key in differing]
+        values = [f"{key.partition('.')[2]} {brief(one.get(key))}" for key in differing]
         rest = [f"{len(values) - 3} more"] if len(values) > 3 else []
         told.append(" · ".join([run.finished.strftime("%d %b %H:%M"), *values[:3], *rest]))
     return tuple(told)
@@ -150,18 +151,3 @@ def _latest_export(session: Path) -> str | None:
         return (session / "exports" / "latest").resolve(strict=True).name
     except OSError:
         return None
-
-
-def _flat(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Groups of parameters as dotted names."""
-    flat: dict[str, Any] = {}
-    for name, value in params.items():
-        if isinstance(value, dict):
-            flat |= {f"{name}.{inner}": item for inner, item in _flat(value).items()}
-        else:
-            flat[name] = value
-    return flat
-
-
-def _brief(value: Any) -> str:
-    return "unset" if value is None else value if isinstance(value, str) else json.dumps(value)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.inspect.rerendering import POLITE, find, open_run
+from app.relight.files import keep
 from app.relight.lights import coverage_file
 from engine.geometry import inverse, rays, transform
 from engine.light import probes
@@ -23,7 +24,6 @@ from engine.light.gaussians import Y00
 from engine.light.photographs import shown_background
 from engine.pipeline import artefacts
 from engine.pipeline.work import middle_view
-from engine.session import told
 from engine.types import Gaussians, Lamps, Masks
 
 if TYPE_CHECKING:
@@ -73,14 +73,8 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     distance = probes.Cube(whole, origin, cam_from_world[:, :3], 2 * ROWS).look(directions)[1]
     hits = (origin + (directions @ cam_from_world[:, :3]) * distance[..., None]).reshape(-1, 3)
     bare = covered(shown, hits) > covered(clean, hits)
-    with told(to):
-        to.parent.mkdir(parents=True, exist_ok=True)
-        beside = to.with_name(".coverage.partial.npz")
-        np.savez(
-            beside, radiance=radiance, seen=seen, clipped=bare.reshape(seen.shape),
-            view=np.array(solved.frames.names[view]),
-        )  # fmt: skip
-        beside.replace(to)
+    arrays = {"radiance": radiance, "seen": seen, "clipped": bare.reshape(seen.shape)}
+    keep(to, {**arrays, "view": np.array(solved.frames.names[view])})
     return {"file": str(to)}
 
 

@@ -1,5 +1,6 @@
-"""What the child prepared for relighting, read back; relit pictures, written as EXR."""
+"""What the child prepares for relighting, written and read back; relit pictures, written as EXR."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from app.inspect.runs import Run
 from app.relight.relit import Light, Transfer
 from engine.errors import SessionError
+from engine.session import told
 
 FORMAT = 1  # of the files; raised when what is written means something else
 
@@ -28,6 +30,15 @@ def light_file(run: Run, view: int) -> Path:
 def lights_of(run: Run) -> tuple[int, ...]:
     """The views whose light is there."""
     return tuple(sorted(int(path.stem[-4:]) for path in folder(run).glob(f"light-{FORMAT}-*.npz")))
+
+
+def keep(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Whole or not at all."""
+    beside = path.with_name(f".{path.stem}.partial.npz")
+    with told(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(beside, **arrays)  # pyright: ignore[reportArgumentType]
+        beside.replace(path)
 
 
 def load_transfer(path: Path) -> Transfer:

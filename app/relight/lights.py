@@ -10,12 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from app.inspect import falsecolour
-from app.inspect.maps import LUMINANCE
 from app.inspect.runs import Run
 from engine.errors import SessionError
+from engine.radiance import luminance
 
 HATCH_PX = 8
-CLIPPED = (235, 64, 52)
 GUESSED = (240, 150, 60)
 
 
@@ -32,7 +31,7 @@ class Light:
         """Of photographed, only clipped and guessed light: (share of the sphere, share of the energy)."""
         height = len(self.seen)
         solid = np.sin(np.pi * (np.arange(height) + 0.5) / height)[:, None] * np.ones_like(self.seen)
-        energy = solid * (self.radiance @ LUMINANCE)
+        energy = solid * luminance(self.radiance)
         bare = self.seen * self.clipped
         parts = {"photographed": self.seen - bare, "only clipped": bare, "guessed": 1 - self.seen}
         whole = solid.sum(), max(float(energy.sum()), 1e-30)
@@ -43,7 +42,7 @@ class Light:
 
     def picture(self, scale: int = 3) -> UInt8[np.ndarray, "h2 w2 4"]:
         """Logarithmic, so that lamps and walls both show; clipped in red, guesses hatched."""
-        level = self.radiance @ LUMINANCE
+        level = luminance(self.radiance)
         white = float(np.percentile(level, 99.5)) or 1.0
         shown = falsecolour.radiance(self.radiance, white, 0.0, "log")
         shown = shown.repeat(scale, 0).repeat(scale, 1)
@@ -52,7 +51,7 @@ class Light:
         row, column = np.indices(guessed.shape)
         shown[guessed] = (shown[guessed] * 0.6).astype(np.uint8)
         shown[guessed & ((row + column) % HATCH_PX < 2), :3] = GUESSED[::-1]
-        shown[bare, :3] = CLIPPED[::-1]
+        shown[bare, :3] = falsecolour.CLIPPED[::-1]
         shown[..., 3] = 255
         return shown
 

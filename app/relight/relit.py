@@ -230,6 +230,24 @@ def framed(
     return picture, inside
 
 
+def on_maps(
+    transfer: Transfer, pixels: Float[np.ndarray, "p 3"], shape: tuple[int, int]
+) -> Float[np.ndarray, "h w 3"]:
+    """The pixels on the maps' own grid (`shape`: rows, columns), of which the preview's is a whole fraction."""
+    small = np.zeros((*transfer.mask.shape, 3), np.float32)
+    small[transfer.mask] = pixels
+    # Cells at the rim that hold little of the object are not in the preview: they take what is beside them.
+    known = transfer.mask.copy()
+    for down, across in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        beside = np.roll(transfer.mask, (down, across), (0, 1)) & ~known
+        small[beside] = np.roll(small, (down, across), (0, 1))[beside]
+        known |= beside
+    height, width = transfer.mask.shape
+    by = min(shape[0] // height, shape[1] // width)
+    row, column = (np.minimum(np.arange(n) // by, m - 1) for n, m in zip(shape, (height, width), strict=True))
+    return small[row[:, None], column]
+
+
 def white_of(pixels: Float[np.ndarray, "p 3"]) -> float:
     """The radiance to show as white: the 99th percentile of the brightest channel."""
     return float(np.percentile(pixels.max(-1), WHITE_PERCENTILE)) or 1.0

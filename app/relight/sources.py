@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from app.inspect.rerendering import Solved
 from app.relight import relit as relighting
+from app.relight.files import keep
 from app.relight.relit import LATTICE
 from engine.errors import LightError
 from engine.geometry import fibonacci_sphere, inverse, transform
@@ -20,7 +21,6 @@ from engine.images import read_radiance, srgb_decode
 from engine.light import probes
 from engine.light.cells import nearest_cells
 from engine.light.globes import lamplight
-from engine.session import told
 from engine.types import Gaussians, Lamps
 
 if TYPE_CHECKING:
@@ -133,12 +133,3 @@ def _no_lamps() -> dict[str, np.ndarray]:
         "lamp_centre": np.zeros((0, 3)), "lamp_radius": np.zeros(0), "lamp_radiance": np.zeros((0, 3)),
         "lamp_group": np.zeros(0, int), "lamp_clipped": np.zeros(0, bool),
     }  # fmt: skip
-
-
-def keep(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Whole or not at all."""
-    beside = path.with_name(f".{path.stem}.partial.npz")
-    with told(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(beside, **arrays)  # pyright: ignore[reportArgumentType]
-        beside.replace(path)

@@ -20,8 +20,9 @@ from jaxtyping import Bool, Float, Int
 
 from app.inspect.rerendering import POLITE, find, open_run
 from app.relight import files as relighting_files
+from app.relight.files import keep
 from app.relight.relit import CELLS, TILE_UNIT
-from app.relight.sources import keep, recovered
+from app.relight.sources import recovered
 from engine.geometry import fibonacci_sphere, rays, resized
 from engine.light.cells import shared_cells
 from engine.session import told

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,23 +19,6 @@ from app.viewer import protocol
 from app.viewer.canvas import Canvas, NoGraphics
 from app.viewer.drawing import Drawing
 from app.viewer.frames import FrameWriter
-from app.viewer.protocol import (
-    Contents,
-    Frame,
-    Load,
-    Loaded,
-    Look,
-    Memory,
-    Note,
-    Paint,
-    Ping,
-    Pong,
-    Probe,
-    Probed,
-    Ready,
-    Refused,
-    Unable,
-)
 from engine.errors import RoomlightError
 
 RENDERERS = ("auto", "opengl", "filament")
@@ -47,14 +31,14 @@ class Inbox:
         self._stream = stream
         self._changed = threading.Condition()
         self._waiting: deque[Any] = deque()
-        self._look: Look | None = None
+        self._look: protocol.Look | None = None
 
     def start(self) -> None:
         threading.Thread(target=self._read, name="inbox", daemon=True).start()
 
     def put(self, message: Any) -> None:
         with self._changed:
-            if isinstance(message, Look):
+            if isinstance(message, protocol.Look):
                 self._look = message
             else:
                 self._waiting.append(message)
@@ -81,14 +65,13 @@ class Service:
     """Answers messages by drawing; lives in the thread that made the canvas."""
 
     def __init__(self, canvas: Canvas, answers: BinaryIO) -> None:
-        self._drawing = Drawing(canvas, note=lambda text: self.say(Note(text)))
+        self._drawing = Drawing(canvas, note=lambda text: self.say(protocol.Note(text)))
         self._answers = answers
         self._writer: FrameWriter | None = None
-        self._contents: Contents | None = None
+        self._contents: protocol.Contents | None = None
 
     def say(self, message: Any) -> None:
-        self._answers.write(protocol.encode(message))
-        self._answers.flush()
+        say(self._answers, message)
 
     @property
     def busy(self) -> bool:
@@ -102,7 +85,7 @@ class Service:
         height, width, _ = drawn.pixels.shape
         slot, stamp = self._writer.write(drawn.pixels)
         self.say(
-            Frame(
+            protocol.Frame(
                 self._drawing.number,
                 slot,
                 stamp,
@@ -116,36 +99,34 @@ class Service:
 
     def handle(self, message: Any) -> None:
         match message:
-            case Look():
+            case protocol.Look():
                 self._drawing.look(message)
-            case Ping(number):
-                self.say(Pong(number))
-            case Memory(name, slot_bytes):
+            case protocol.Ping(number):
+                self.say(protocol.Pong(number))
+            case protocol.Memory(name, slot_bytes):
                 if self._writer is not None:
                     self._writer.close()
                 self._writer = FrameWriter(name, slot_bytes)
-            case Load(folder):
+            case protocol.Load(folder):
                 self._load(Path(folder))
-            case Probe(number, x, y):
-                self.say(Probed(number, self._drawing.probe(x, y)))
-            case Paint(layer, path):
+            case protocol.Probe(number, x, y):
+                self.say(protocol.Probed(number, self._drawing.probe(x, y)))
+            case protocol.Paint(layer, path):
                 self._paint(layer, Path(path))
 
     def _load(self, folder: Path) -> None:
         from app.viewer.scene import load
 
         try:
-            scene = load(folder, lambda text: self.say(Note(text)))
+            scene = load(folder, lambda text: self.say(protocol.Note(text)))
         except (RoomlightError, OSError) as error:
-            self.say(Refused(str(error)))
+            self.say(protocol.Refused(str(error)))
             return
         self._drawing.load(scene)
         self._contents = scene.contents
-        self.say(Loaded(scene.contents))
+        self.say(protocol.Loaded(scene.contents))
 
     def _paint(self, name: str, path: Path) -> None:
-        from dataclasses import replace
-
         from app.viewer.shades import painted
 
         parts = self._drawing.parts
@@ -154,17 +135,21 @@ class Service:
         try:
             radiance = np.load(path, allow_pickle=False)
         except (OSError, ValueError) as error:
-            self.say(Note(f"{path}: cannot be read ({error}); the layer {name} stays as it was"))
+            self.say(protocol.Note(f"{path}: cannot be read ({error}); the layer {name} stays as it was"))
             return
         shape = parts.scene.layers["shaded"].colours.shape
         if radiance.shape != shape:
-            self.say(Note(f"{path}: is {radiance.shape}, the maps are {shape}; layer {name} stays as it was"))
+            self.say(
+                protocol.Note(
+                    f"{path}: is {radiance.shape}, the maps are {shape}; layer {name} stays as it was"
+                )
+            )
             return
         parts.paint(name, painted(radiance))
         self._drawing.restart()
         surfaces = tuple(dict.fromkeys((*self._contents.surfaces, name)))
         self._contents = replace(self._contents, surfaces=surfaces)
-        self.say(Loaded(self._contents))
+        self.say(protocol.Loaded(self._contents))
 
 
 def make_canvas(renderer: str) -> Canvas:
@@ -194,29 +179,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     answers = _own_stdout()
     inbox = Inbox(sys.stdin.buffer)
     inbox.start()
-
-    def say(message: Any) -> None:
-        answers.write(protocol.encode(message))
-        answers.flush()
-
-    say(Note("starting the 3D view"))
+    say(answers, protocol.Note("starting the 3D view"))
     try:
         canvas = make_canvas(args.renderer)
     except NoGraphics as error:
-        say(Unable(error.reason, error.remedy))
+        say(answers, protocol.Unable(error.reason, error.remedy))
         return 3
-    say(Note("preparing the 3D view"))
+    say(answers, protocol.Note("preparing the 3D view"))
     from app.viewer.sprites import prepare
 
     prepare()
     service = Service(canvas, answers)
-    service.say(Ready(canvas.name))
+    service.say(protocol.Ready(canvas.name))
     while True:
         message = inbox.take(wait=not service.busy)
         if message is not None:
             service.handle(message)
         else:
             service.step()
+
+
+def say(answers: BinaryIO, message: Any) -> None:
+    answers.write(protocol.encode(message))
+    answers.flush()
 
 
 def _own_stdout() -> BinaryIO:

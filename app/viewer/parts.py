@@ -79,10 +79,6 @@ class Parts:
         for level in range(LEVELS):
             self._kept.pop(("surface", level), None)
 
-    @property
-    def painted(self) -> tuple[str, ...]:
-        return tuple(self._painted)
-
     def solid(self, style: Style, level: int) -> dict[str, Part]:
         """Meshes and lines by name; `level` 0 in full, 1 for while the eye moves."""
         scene, found = self.scene, {}

@@ -13,8 +13,6 @@ from app.viewer.orbit import Orbit, Vector
 from engine.pipeline.artefacts import plain, revive
 
 LAYERS = ("surface", "emitters", "lamps", "cameras", "points", "axes", "grid")
-EMITTERS = ("points", "ellipsoids", "splats")
-SURFACES = ("shaded", "albedo", "normals", "roughness", "confidence")
 Colour = tuple[int, int, int]  # sRGB, 0 to 255
 AXES: tuple[Colour, Colour, Colour] = ((222, 84, 74), (122, 176, 66), (74, 134, 222))
 """Of x, y and z, everywhere."""
@@ -25,8 +23,8 @@ class Style:
     """What is shown and how."""
 
     visible: tuple[str, ...] = ("surface", "emitters", "lamps", "cameras", "axes")  # of LAYERS
-    surface: str = "shaded"  # of SURFACES, or a painted layer
-    emitters: str = "points"  # of EMITTERS
+    surface: str = "shaded"  # of `Contents.surfaces`: those of app/viewer/shades.py, and painted layers
+    emitters: str = "points"  # or "ellipsoids", "splats"
     exposure_ev: float = 0.0  # of the emitters and lamps, relative to what suits the room
     view: int = -1  # the surface stands where it was in this view; -1: the first registered one
     open_front: bool = True  # emitters between the eye and the cameras are left out

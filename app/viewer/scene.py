@@ -13,11 +13,12 @@ from jaxtyping import Float, Int
 from app.viewer import frusta
 from app.viewer.protocol import Contents, Legend
 from app.viewer.reading import Results, read
-from app.viewer.shades import Layer, layers, luminance
+from app.viewer.shades import Layer, layers
 from engine import mesh
 from engine.errors import ExportError
 from engine.geometry import inverse, transform
 from engine.light.gaussians import radiance_towards, rotations
+from engine.radiance import luminance
 from engine.types import Camera, Gaussians, Lamps, Poses, Surface
 
 Vectors = Float[np.ndarray, "n 3"]

@@ -11,9 +11,9 @@ from jaxtyping import Float, UInt8
 from app.inspect.falsecolour import table
 from app.viewer.protocol import Legend
 from engine.png import srgb, to_8_bit
+from engine.radiance import luminance
 from engine.types import Surface
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 CLAY = (196, 192, 186)
 """What a shaded surface is made of."""
 
@@ -25,10 +25,6 @@ class Layer:
     colours: UInt8[np.ndarray, "h w 3"]
     lit: bool = False
     legend: Legend | None = None
-
-
-def luminance(radiance: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-    return radiance @ _LUMINANCE
 
 
 def bright(radiance: Float[np.ndarray, "*n 3"], white: float) -> Float[np.ndarray, "*n"]:

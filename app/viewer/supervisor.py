@@ -19,24 +19,6 @@ from app.viewer.events import Event, Picture, Status
 from app.viewer.frames import FrameReader, MemoryFull, slot_bytes
 from app.viewer.orbit import Orbit
 from app.viewer.process import Child
-from app.viewer.protocol import (
-    Frame,
-    Load,
-    Loaded,
-    Look,
-    Memory,
-    Note,
-    Paint,
-    Ping,
-    Pong,
-    Probe,
-    Probed,
-    ProtocolError,
-    Ready,
-    Refused,
-    Style,
-    Unable,
-)
 from app.viewer.watch import FRAME, LOADED, PONG, READY, Patience, Restarts, Watch
 
 PING_EVERY_S = 2.0
@@ -62,7 +44,7 @@ class Supervisor:
         self._thread: threading.Thread | None = None
         # What is wanted, guarded by the lock.
         self._folder: str | None = None
-        self._look: Look | None = None
+        self._look: protocol.Look | None = None
         self._count = 0
         self._orders: deque[Any] = deque()
         # The rest belongs to the thread.
@@ -71,8 +53,8 @@ class Supervisor:
         self._restarts = Restarts(self._patience)
         self._reader: FrameReader | None = None
         self._status = Status()
-        self._paints: dict[str, Paint] = {}
-        self._sent: dict[int, Look] = {}
+        self._paints: dict[str, protocol.Paint] = {}
+        self._sent: dict[int, protocol.Look] = {}
         self._told = -1  # number of the newest look that was sent
         self._renderer, self._on_screen = "auto", False
         self._pinged = 0.0
@@ -83,14 +65,14 @@ class Supervisor:
             self._folder = None if folder is None else str(folder)
         self._order("show")
 
-    def look(self, orbit: Orbit, width: int, height: int, moving: bool, style: Style) -> int:
+    def look(self, orbit: Orbit, width: int, height: int, moving: bool, style: protocol.Style) -> int:
         """Draw this; returns its number."""
         shrink = max((width * height / MOST_PIXELS) ** 0.5, 1.0)
         with self._lock:
             self._count += 1
             number = self._count
             size = max(int(width / shrink), 1), max(int(height / shrink), 1)
-            self._look = Look(number, orbit, *size, moving, style)
+            self._look = protocol.Look(number, orbit, *size, moving, style)
         self._wake()
         return number
 
@@ -99,12 +81,12 @@ class Supervisor:
         with self._lock:
             self._count += 1
             number = self._count
-        self._order(Probe(number, x, y))
+        self._order(protocol.Probe(number, x, y))
         return number
 
     def paint(self, layer: str, path: Path) -> None:
         """Give the surface a layer of its own colours, until another session is shown; see protocol.Paint."""
-        self._order(Paint(layer, str(path)))
+        self._order(protocol.Paint(layer, str(path)))
 
     def retry(self) -> None:
         """Try again after the view got stuck."""
@@ -188,15 +170,15 @@ class Supervisor:
                 self._start("starting")
             elif self._child is not None and not self._watch.owes(READY):
                 self._load()
-        elif isinstance(order, Paint):
+        elif isinstance(order, protocol.Paint):
             self._paints[order.layer] = order
             if self._ready:
                 self._say(order)
-        elif isinstance(order, Probe):
+        elif isinstance(order, protocol.Probe):
             if self._ready:
                 self._say(order)
             else:
-                self._listener(Probed(order.number, ()))
+                self._listener(protocol.Probed(order.number, ()))
 
     @property
     def _ready(self) -> bool:
@@ -248,7 +230,7 @@ class Supervisor:
     def _load(self) -> None:
         if self._folder is None:
             return
-        self._say(Load(self._folder))
+        self._say(protocol.Load(self._folder))
         for paint in self._paints.values():
             self._say(paint)
         self._watch.asked(LOADED, self._clock())
@@ -271,7 +253,7 @@ class Supervisor:
             if self._reader is not None:
                 self._reader.close()
             self._reader = reader
-            self._say(Memory(reader.name, reader.slot_bytes))
+            self._say(protocol.Memory(reader.name, reader.slot_bytes))
         self._sent = {number: sent for number, sent in self._sent.items() if number >= self._told}
         self._sent[look.number] = look
         self._told = look.number
@@ -282,7 +264,7 @@ class Supervisor:
         now = self._clock()
         if self._child is not None and now - self._pinged >= PING_EVERY_S and not self._watch.owes(PONG):
             self._pinged = now
-            self._say(Ping(int(now)))
+            self._say(protocol.Ping(int(now)))
             self._watch.asked(PONG, now)
 
     def _say(self, message: Any) -> None:
@@ -293,32 +275,32 @@ class Supervisor:
         now = self._clock()
         try:
             message = protocol.decode(line)
-        except ProtocolError:
+        except protocol.ProtocolError:
             return  # a library's own words, which no watchdog should mind
         match message:
-            case Ready(renderer):
+            case protocol.Ready(renderer):
                 self._watch.heard(READY, now)
                 self._tell(renderer=renderer)
                 self._load()
-            case Note(text):
+            case protocol.Note(text):
                 self._watch.lives(now)
                 if self._status.state != "restarting":
                     self._tell(message=text)
-            case Loaded(contents):
+            case protocol.Loaded(contents):
                 self._watch.heard(LOADED, now)
                 if contents.folder == self._folder:
                     self._listener(contents)
                     self._tell(state="showing", message="")
-            case Refused(reason):
+            case protocol.Refused(reason):
                 self._watch.heard(LOADED, now)
                 self._tell(state="refused", message=reason)
-            case Unable(reason, remedy):
+            case protocol.Unable(reason, remedy):
                 self._unable(reason, remedy)
-            case Frame():
+            case protocol.Frame():
                 self._show(message, now)
-            case Probed():
+            case protocol.Probed():
                 self._listener(message)
-            case Pong():
+            case protocol.Pong():
                 self._watch.heard(PONG, now)
 
     def _unable(self, reason: str, remedy: str) -> None:
@@ -332,7 +314,7 @@ class Supervisor:
             message = f"The 3D view cannot run: {reason}."
             self._tell(state="unable", message=message, remedy=remedy, details=details)
 
-    def _show(self, frame: Frame, now: float) -> None:
+    def _show(self, frame: protocol.Frame, now: float) -> None:
         if frame.number == self._told:
             self._watch.heard(FRAME, now)
         look = self._sent.get(frame.number)

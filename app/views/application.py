@@ -13,13 +13,14 @@ from PySide6.QtWidgets import QApplication, QWidget
 from app import crash
 from app.settings import Settings
 from app.state import Trouble
-from app.views import theme
+from app.views import pages, theme
 from app.views.bridge import Bridge
 from app.views.main_window import MainWindow
 from app.views.trouble import show_trouble
 
 TRANSLATIONS = Path(__file__).parents[1] / "translations"
 SIGNAL_LOOK_MS = 200
+PRELOAD_MS = 500  # after the window was shown, so that the window comes first
 
 translate = QCoreApplication.translate
 
@@ -39,6 +40,7 @@ def run(session: Path | None) -> int:
         window.status.say(text)
     if session is not None:
         QTimer.singleShot(0, window, lambda: window.go_to_session(session.absolute()))
+    QTimer.singleShot(PRELOAD_MS, window, pages.preload)
     _heed_ctrl_c(window)
     return app.exec()
 

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import (
     QFileDialog,
     QFrame,
@@ -23,30 +22,22 @@ from PySide6.QtWidgets import (
 )
 
 from app.inspect import charting, maps, runs
-from app.inspect.charting import ERRORS, Chart
+from app.inspect.charting import ERRORS, TITLES, Chart
 from app.inspect.runs import Run
 from app.relight import lights as light_files
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
 from app.views.errand import Errand
-from app.views.pages import Shell
+from app.views.page_actions import page_action
+from app.views.pages import Shell, tell
 from app.views.readout import told
-from app.views.trouble import show_trouble
-from engine.truth import Truth
+from app.words import sentence
+from engine.truth import Truth, read_truth
 
 if TYPE_CHECKING:
     from app.views.chart_view import ChartView
 
-CHARTS = (
-    ("errors", "Error against time"),
-    ("times", "Time of the stages"),
-    ("views", "Residual of each view"),
-    ("coverage", "Coverage of the light"),
-    ("settling", "Settling of light and shape"),
-    ("distance", "Distance of the object"),
-    ("exposures", "Exposure of each view"),
-)
 OF_ALL_RUNS = ("errors", "times")
 LIST = """QListWidget { padding: 6px; } QListWidget::item { padding: 6px 8px; border-radius: 4px; }
 QListWidget::item:selected { background: palette(highlight); color: palette(highlighted-text); }"""
@@ -73,7 +64,7 @@ class ChartsPage(QWidget):
         self.list.setFixedWidth(210)
         self.list.setStyleSheet(LIST)
         self.list.setFrameShape(QFrame.Shape.NoFrame)
-        for key, title in CHARTS:
+        for key, title in TITLES.items():
             item = QListWidgetItem(told(title))
             item.setData(Qt.ItemDataRole.UserRole, key)
             self.list.addItem(item)
@@ -207,7 +198,7 @@ class ChartsPage(QWidget):
             importlib.import_module("app.views.chart_view")
             return make()
 
-        self._background.ask("chart", work, self._show, self._fail)
+        self._background.ask("chart", work, self._show, self._say)
 
     def _pick_run(self, index: int) -> None:
         self.errand.stop()
@@ -229,14 +220,15 @@ class ChartsPage(QWidget):
                 self.draw()
             self.error_box.setCurrentIndex(at)
 
-        self._background.ask("truth", lambda: charting.load_truth(path), got, self._tell)
+        self._background.ask("truth", lambda: read_truth(path), got, self._tell)
 
     # Export
 
     def save_csv(self, to: Path) -> None:
         """The chart's numbers."""
-        if self._chart is not None:
-            self._write(to, lambda: to.write_text(charting.as_csv(self._chart)) if self._chart else 0)
+        chart = self._chart
+        if chart is not None:
+            self._write(to, lambda: to.write_text(charting.as_csv(chart)))
 
     def save_picture(self, to: Path) -> None:
         """The chart as PNG or SVG, by the file's name."""
@@ -261,18 +253,8 @@ class ChartsPage(QWidget):
             (self.tr("Drawing (SVG)…"), "svg", "", self.save_picture),
             (self.tr("Numbers (CSV)…"), "csv", "Ctrl+Shift+C", self.save_csv),
         ):
-            action = QAction(text, self)
-            if keys:
-                action.setShortcut(QKeySequence(keys))
-                action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            action.triggered.connect(lambda checked, suffix=suffix, save=save: self._save_as(suffix, save))
-            self.addAction(action)
-            menu.addAction(action)
-        refresh = QAction(self.tr("Look for new results"), self)
-        refresh.setShortcut(QKeySequence("F5"))
-        refresh.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-        refresh.triggered.connect(lambda checked: self.refresh())
-        self.addAction(refresh)
+            menu.addAction(page_action(self, text, keys, functools.partial(self._save_as, suffix, save)))
+        page_action(self, self.tr("Look for new results"), "F5", self.refresh)
         self.export.setMenu(menu)
 
     def _save_as(self, suffix: str, save: Callable[[Path], None]) -> None:
@@ -313,22 +295,29 @@ class ChartsPage(QWidget):
         self.draw()
 
     def _show(self, chart: Chart) -> None:
-        from app.views.chart_view import ChartView
-
+        if chart.missing:
+            self.message.setText(told(sentence(chart.missing)))
+            self.stack.setCurrentWidget(self.message)
+        elif self._view is None:
+            self._make_view()
+            session = self._session
+            # Making, drawing and painting each take their time: a turn of the event loop for each.
+            QTimer.singleShot(0, self, lambda: self._show(chart) if session == self._session else None)
+            return
+        else:
+            self._view.show_chart(chart)
+            self.stack.setCurrentWidget(self._view)
         self._chart = chart
         self.heading.setText(told(chart.title))
         self.said.setText(said(chart))
-        if chart.missing:
-            self.message.setText(told(chart.missing[:1].upper() + chart.missing[1:]))
-            self.stack.setCurrentWidget(self.message)
-        else:
-            if self._view is None:
-                self._view = ChartView(self)
-                self._view.pointed.connect(self.pointed.setText)
-                self.stack.addWidget(self._view)
-            self._view.show_chart(chart)
-            self.stack.setCurrentWidget(self._view)
         self._show_buttons()
+
+    def _make_view(self) -> None:
+        from app.views.chart_view import ChartView
+
+        self._view = ChartView(self)
+        self._view.pointed.connect(self.pointed.setText)
+        self.stack.addWidget(self._view)
 
     def _show_buttons(self) -> None:
         key = self.key
@@ -351,18 +340,12 @@ class ChartsPage(QWidget):
         self._chart = None
         self.heading.clear()
         self.said.clear()
-        self.message.setText(f"{why.what}\n{why.remedy[:1].upper()}{why.remedy[1:]}")
+        self.message.setText(f"{why.what}\n{sentence(why.remedy)}")
         self.stack.setCurrentWidget(self.message)
         self._show_buttons()
 
-    def _fail(self, fault: Trouble) -> None:
-        self._say(fault)
-
     def _tell(self, fault: Trouble) -> None:
-        if self._shell is not None:
-            self._shell.wishes.trouble.emit(fault)
-        else:
-            show_trouble(self.window(), fault)
+        tell(self._shell, self, fault)
 
 
 def said(chart: Chart) -> str:
@@ -372,4 +355,4 @@ def said(chart: Chart) -> str:
 
 def _found(session: Path) -> tuple[tuple[Run, ...], Truth | None]:
     path = charting.known_truth(session)
-    return runs.runs_of(session), None if path is None else charting.load_truth(path)
+    return runs.runs_of(session), None if path is None else read_truth(path)

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from app.inspect import falsecolour
 from app.inspect.falsecolour import MINUS, Scale
+from app.views.pixels import image_of
 from app.views.theme import colours
 
 HEIGHT = 22
@@ -37,8 +38,7 @@ class Legend(QWidget):
         self._scale, self._note, self._kind = scale, note, kind
         self._image = None
         if scale is not None:
-            row = falsecolour.table(scale.colours)[None]
-            self._image = _rgb_image(row)
+            self._image = image_of(falsecolour.bar(scale.colours))
             self._note = f"{number(scale.low)} … {number(scale.high)} {scale.unit}"
         elif kind == "normal":
             self._image = _normal_disc(normal_frame)
@@ -124,12 +124,6 @@ def number(value: float) -> str:
     return f"{value:.3g}".replace("-", MINUS)
 
 
-def _rgb_image(rgb: np.ndarray) -> QImage:
-    height, width = rgb.shape[:2]
-    rgb = np.ascontiguousarray(rgb)
-    return QImage(rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888).copy()
-
-
 def _normal_disc(frame: str) -> QImage:
     """A ball seen by the camera, coloured as its normals."""
     side = 4 * DISC
@@ -137,6 +131,4 @@ def _normal_disc(frame: str) -> QImage:
     x, y = np.meshgrid(at, at)
     inside = x * x + y * y < 1
     normal = np.stack([x, y, -np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1).astype(np.float32)
-    pixels = falsecolour.normals(normal, inside, frame)
-    image = QImage(pixels.data, side, side, 4 * side, QImage.Format.Format_ARGB32_Premultiplied)
-    return image.copy()
+    return image_of(falsecolour.normals(normal, inside, frame))

@@ -9,14 +9,13 @@ from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QVBoxLayou
 
 from app.inspect import maps
 from app.inspect.maps import LAYERS, Look, Maps, Picture
+from app.state import Trouble
 from app.views.background import Background
 from app.views.image_view import ImageView
 from app.views.legend import Legend
 from app.views.readout import told
 from app.views.viewport import Viewport
-
-# A list to choose from that reads as a title; colours are the palette's.
-FLAT = "QComboBox { border: none; background: transparent; padding: 1px 4px; font-weight: 600; }"
+from app.words import QT_TRANSLATE_NOOP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,10 +51,11 @@ class MapPanel(QFrame):
         self._background = background
         self._showing: Showing | None = None
         self._drawn: Look | None = None
+        self._drawn_of: Maps | None = None
         self.view = ImageView(self, viewport)
         self.legend = Legend(self)
         self.picker = QComboBox()
-        self.picker.setStyleSheet(FLAT)
+        self.picker.setObjectName("flat")
         self.picker.setAccessibleName(self.tr("Map"))
         self.picker.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         for key in layers:
@@ -98,18 +98,15 @@ class MapPanel(QFrame):
         if not self.isVisible():
             return
         look = showing.look(self.layer)
-        same_run = self._shown_maps is showing.maps
-        if self._drawn == look and same_run:
+        if self._drawn == look and self._drawn_of is showing.maps:
             return
-        self._drawn, self._shown_maps = look, showing.maps
+        self._drawn, self._drawn_of = look, showing.maps
         self._background.ask(
             self._key,
             lambda: maps.picture(showing.maps, look),
             lambda made: self._draw(look, made),
             self._fail,
         )
-
-    _shown_maps: Maps | None = None
 
     def redraw(self) -> None:
         """Draw again, though nothing was chosen otherwise: a re-rendering arrived."""
@@ -150,7 +147,7 @@ class MapPanel(QFrame):
         self.view.show_picture(made.levels)
         self.legend.show_scale(made.scale, told(made.note), look.layer, look.normal_frame)
 
-    def _fail(self, fault) -> None:
+    def _fail(self, fault: Trouble) -> None:
         self.view.show_picture(None, message=f"{fault.what}\n{fault.remedy}")
         self.legend.show_scale(None)
 
@@ -158,7 +155,15 @@ class MapPanel(QFrame):
 def missing(look: Look, showing: Showing | None) -> str:
     """Why a picture is not there."""
     if showing is None or showing.maps.frames is None:
-        return told("The photographs' radiance is not there any more; process the session again")
+        return told(
+            QT_TRANSLATE_NOOP(
+                "maps", "The photographs' radiance is not there any more; process the session again"
+            )
+        )
     if look.layer in ("rerendered", "difference"):
-        return told("This view is not re-rendered yet: Re-render all views, under Swipe, does it")
-    return told("Not there")
+        return told(
+            QT_TRANSLATE_NOOP(
+                "maps", "This view is not re-rendered yet: Re-render all views, under Swipe, does it"
+            )
+        )
+    return told(QT_TRANSLATE_NOOP("maps", "Not there"))

@@ -19,17 +19,17 @@ from app.inspect import maps, runs
 from app.inspect.maps import Maps
 from app.inspect.readings import under
 from app.inspect.runs import Run
-from app.state import Trouble, place_of
+from app.state import Trouble, called, place_of
 from app.views.background import Background
 from app.views.map_panel import Showing
 from app.views.maps_bar import MapsBar
-from app.views.maps_compare import MapsCompare, folder_name
+from app.views.maps_compare import MapsCompare
 from app.views.maps_grid import MapsGrid
 from app.views.maps_swipe import MapsSwipe
-from app.views.pages import Shell
+from app.views.pages import Shell, tell
 from app.views.readout import Readout
-from app.views.trouble import show_trouble
 from app.views.viewport import Viewport
+from app.words import sentence
 
 
 class MapsPage(QWidget):
@@ -44,6 +44,7 @@ class MapsPage(QWidget):
         self._runs: tuple[Run, ...] = ()
         self._others: list[Run] = []  # of other sessions, to compare with
         self._maps: Maps | None = None
+        self._picked: int | None = None  # a view to turn to once its run is there
         self._background = Background(self, "maps")
         self.viewport = Viewport(self)
 
@@ -75,7 +76,7 @@ class MapsPage(QWidget):
         self.compare.other_session.connect(self._ask_other)
         self.bar.mode_picked.connect(self.set_mode)
         self.bar.run_picked.connect(self._pick_run)
-        self.bar.changed.connect(self._show_all)
+        self.bar.changed.connect(self._changed)
         self.bar.arranged.connect(self.grid.arrange)
         self.grid.arranged.connect(self.bar.show_arrangement)
         self.bar.save_wanted.connect(self.save_picture)
@@ -87,6 +88,8 @@ class MapsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        shell.state.view.listen(self._turn_to)
+        self._turn_to(shell.state.view.value)
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's results; returns at once."""
@@ -194,13 +197,26 @@ class MapsPage(QWidget):
             mask = loaded.surface.mask
             self.viewport.show(mask.shape[1], mask.shape[0], maps.object_box(loaded))
             self.bar.offer_views(loaded)
+            self._turn_to(self._picked)
             self._offer(None)
             self.empty.hide()
             self.body.show()
         self._show_all()
         self._read()
 
-    def _show_all(self, *args: object) -> None:
+    def _turn_to(self, view: int | None) -> None:
+        """Show the view that was picked on another page."""
+        self._picked = view
+        if view is not None and self._maps is not None:
+            self._picked = None
+            self.bar.choose_view(view)
+
+    def _changed(self) -> None:
+        if self._shell is not None and self._maps is not None:
+            self._shell.state.view.set(self.bar.view)
+        self._show_all()
+
+    def _show_all(self) -> None:
         """Panes that are hidden remember it and draw when shown."""
         showing = self.showing
         for pane in (self.grid, self.swipe, self.compare):
@@ -228,7 +244,7 @@ class MapsPage(QWidget):
         names = [*runs.names(self._runs)]
         if chosen is None and len(self._runs) > 1 and self._maps is not None:
             chosen = next(run for run in self._runs if run != self._maps.run)
-        names += [f"{folder_name(run.session)}: {run.finished:%d %b %H:%M}" for run in self._others]
+        names += [f"{called(run.session)}: {run.finished:%d %b %H:%M}" for run in self._others]
         every = [*self._runs, *self._others]
         self.compare.offer(names, every.index(chosen) if chosen in every else None)
         self._load_other(chosen)
@@ -274,7 +290,7 @@ class MapsPage(QWidget):
         self.body.hide()
         self.empty.show()
         self.empty_what.setText(why.what)
-        self.empty_remedy.setText(why.remedy[:1].upper() + why.remedy[1:])
+        self.empty_remedy.setText(sentence(why.remedy))
 
     def _fail_load(self, fault: Trouble) -> None:
         self._maps = None
@@ -282,7 +298,4 @@ class MapsPage(QWidget):
         self._show_empty(fault)
 
     def _tell(self, fault: Trouble) -> None:
-        if self._shell is not None:
-            self._shell.wishes.trouble.emit(fault)
-        else:
-            show_trouble(self.window(), fault)
+        tell(self._shell, self, fault)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QAction, QActionGroup, QKeySequence
+from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -20,6 +20,7 @@ from app.inspect.maps import Maps
 from app.views.boxes import box_of, widened
 from app.views.map_panel import Showing
 from app.views.maps_grid import ARRANGEMENTS
+from app.views.page_actions import page_action
 from app.views.viewport import Viewport
 
 EV_STEPS = 3  # of the slider, per stop
@@ -113,9 +114,12 @@ class MapsBar(QFrame):
         """A run as it is to be looked at."""
         if maps is None:
             return None
-        view = max(self.view_box.currentIndex(), 0)
         ev = self.ev.value() / EV_STEPS
-        return Showing(maps, view, self._frame, ev, self._tone, self.clipped.isChecked())
+        return Showing(maps, self.view, self._frame, ev, self._tone, self.clipped.isChecked())
+
+    @property
+    def view(self) -> int:
+        return max(self.view_box.currentIndex(), 0)
 
     def show_mode(self, mode: int) -> None:
         self.modes[mode].setChecked(True)
@@ -139,6 +143,10 @@ class MapsBar(QFrame):
             first = maps.held_out[0] if maps.held_out else 0
         self.view_box.setCurrentIndex(min(first, self.view_box.count() - 1))
         self.view_box.blockSignals(False)
+
+    def choose_view(self, view: int) -> None:
+        if 0 <= view < self.view_box.count():
+            self.view_box.setCurrentIndex(view)
 
     def step_view(self, by: int) -> None:
         """The next or an earlier view, round and round."""
@@ -220,11 +228,7 @@ class MapsBar(QFrame):
     def _action(
         self, page: QWidget, text: str, keys: str, call: Callable[[], object], menu: QMenu | None = None
     ) -> QAction:
-        action = QAction(text, page)
-        action.setShortcut(QKeySequence(keys))
-        action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-        action.triggered.connect(lambda checked: call())
-        page.addAction(action)
+        action = page_action(page, text, keys, call)
         if menu is not None:
             menu.addAction(action)
         return action

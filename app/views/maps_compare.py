@@ -1,8 +1,8 @@
 """Two runs side by side, their signed difference, and its numbers."""
 
 import math
-from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import (
@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 from app.inspect import falsecolour
 from app.inspect.comparing import Comparison, compare
 from app.inspect.falsecolour import MINUS
-from app.inspect.maps import Maps
+from app.inspect.maps import LAYERS, Maps
 from app.inspect.runs import differences
 from app.state import Trouble
 from app.views.background import Background
@@ -33,11 +33,15 @@ from app.views.legend import Legend
 from app.views.map_panel import MapPanel, Showing
 from app.views.readout import NOTHING, told
 from app.views.viewport import Viewport
+from app.words import QT_TRANSLATE_NOOP
 
 QUANTITIES = ("normal", "albedo", "roughness", "depth", "residual", "stderr_normal")
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-COLUMNS = ("median", "mean", "95 % below", "mean, signed", "expected")
+COLUMNS = (
+    QT_TRANSLATE_NOOP("maps", "median"), QT_TRANSLATE_NOOP("maps", "mean"), QT_TRANSLATE_NOOP("maps", "95 % below"),
+    QT_TRANSLATE_NOOP("maps", "mean, signed"), QT_TRANSLATE_NOOP("maps", "expected"),
+)  # fmt: skip
 
 
 class MapsCompare(QWidget):
@@ -59,7 +63,7 @@ class MapsCompare(QWidget):
         self.quantity = QComboBox()
         self.quantity.setAccessibleName(self.tr("Quantity"))
         for key in QUANTITIES:
-            self.quantity.addItem(told(_TITLES[key]), key)
+            self.quantity.addItem(told(LAYERS[key].title), key)
         self.quantity.currentIndexChanged.connect(self._draw)
         self.changed = Elided()
         self.changed.setObjectName("dim")
@@ -223,13 +227,15 @@ class MapsCompare(QWidget):
         """The numbers, and what differs."""
         for row, key in enumerate(QUANTITIES):
             summary = None if found is None else found.of(key).summary()
-            title = _TITLES[key] if summary is None else f"{summary.title}, {summary.unit}"
+            title = (
+                told(LAYERS[key].title) if summary is None else f"{told(summary.title)}, {told(summary.unit)}"
+            )
             numbers = [NOTHING] * len(COLUMNS)
             if summary is not None:
                 values = (summary.median, summary.mean, summary.most, summary.bias)
                 numbers = [_number(value, signed=i == 3) for i, value in enumerate(values)]
                 numbers.append(NOTHING if math.isnan(summary.expected) else f"{100 * summary.expected:.0f} %")
-            for column, text in enumerate([told(title), *numbers]):
+            for column, text in enumerate([title, *numbers]):
                 item = QTableWidgetItem(text)
                 if column:
                     item.setTextAlignment(RIGHT)
@@ -271,8 +277,6 @@ class MapsCompare(QWidget):
         difference = found.of(key)
 
         def drawn():
-            import numpy as np
-
             scale = difference.scale()
             known = np.isfinite(difference.values)
             return falsecolour.halves(falsecolour.scalar(difference.values, known, scale)), scale
@@ -281,14 +285,10 @@ class MapsCompare(QWidget):
             self.difference.show_picture(made[0])
             self.legend.show_scale(made[1])
 
-        self.title.setText(told("Angle between A and B") if key == "normal" else f"B {MINUS} A")
+        self.title.setText(
+            told(QT_TRANSLATE_NOOP("maps", "Angle between A and B")) if key == "normal" else f"B {MINUS} A"
+        )
         self._background.ask("difference", drawn, show)
-
-
-_TITLES = {
-    "normal": "Normal", "albedo": "Albedo", "roughness": "Roughness", "depth": "Depth", "residual": "Misfit",
-    "stderr_normal": "Standard error: normal",
-}  # fmt: skip
 
 
 def _as(showing: Showing, other: Maps) -> Showing:
@@ -303,8 +303,3 @@ def _number(value: float, signed: bool) -> str:
     if math.isnan(value):
         return NOTHING
     return (f"{value:+.3g}" if signed else f"{value:.3g}").replace("-", MINUS)
-
-
-def folder_name(folder: Path) -> str:
-    """What a session is called beside others."""
-    return folder.name if folder.name != "session" else f"{folder.parent.name}/session"

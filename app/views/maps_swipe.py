@@ -5,7 +5,7 @@ page is left.
 """
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QCoreApplication, Qt, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import (
     QFrame,
@@ -25,7 +25,9 @@ from app.views.legend import Legend
 from app.views.map_panel import MapPanel, Showing
 from app.views.readout import told
 from app.views.viewport import Viewport
+from app.words import QT_TRANSLATE_NOOP
 from app.work.jobs import Event
+from engine.radiance import relative_error
 
 DIMMED = 90  # of 256
 
@@ -129,7 +131,10 @@ class MapsSwipe(QWidget):
     def _show(self, drawn: "tuple[Picture | None, Picture | None, str]") -> None:
         photograph, rendering, said = drawn
         if photograph is None:
-            self.view.show_picture(None, message=told("The photographs' radiance is not there any more"))
+            self.view.show_picture(
+                None,
+                message=told(QT_TRANSLATE_NOOP("maps", "The photographs' radiance is not there any more")),
+            )
         else:
             self.view.show_picture(photograph.levels, rendering.levels if rendering is not None else None)
         self.said.setText(said)
@@ -146,16 +151,25 @@ def _draw(showing: Showing) -> tuple[Picture | None, Picture | None, str]:
         inside = rendering.levels[0][..., 3] > 0
         base[inside] = rendering.levels[0][inside]
         rendering = Picture(falsecolour.halves(base), None)
-    view = showing.view
-    kind = told("kept out of the fit") if view in showing.maps.held_out else told("part of the fit")
-    if view < len(showing.maps.registered) and not showing.maps.registered[view]:
-        return photograph, rendering, told("This view has no pose, so it cannot be re-rendered")
-    if rendering is None:
-        return photograph, rendering, f"{kind} · " + told("not re-rendered yet")
-    photographed, made = maps.photograph(showing.maps, view), maps.rendering(showing.maps, view)
-    assert photographed is not None
-    assert made is not None
-    error = np.abs(maps.relative_error(photographed, made, showing.maps.surface.mask))
-    known = error[np.isfinite(error)]
-    said = f"{kind} · " + told("difference of luminance: median") + f" {100 * np.median(known):.1f} %, "
-    return photograph, rendering, said + told("95 % below") + f" {100 * np.percentile(known, 95):.0f} %"
+    return photograph, rendering, _said(showing)
+
+
+def _said(showing: Showing) -> str:
+    """How far photograph and re-rendering are apart, or why that is not known."""
+    shown, view, translate = showing.maps, showing.view, QCoreApplication.translate
+    if view < len(shown.registered) and not shown.registered[view]:
+        return translate("maps", "This view has no pose, so it cannot be re-rendered")
+    photographed, made = maps.photograph(shown, view), maps.rendering(shown, view)
+    kind = (
+        translate("maps", "kept out of the fit")
+        if view in shown.held_out
+        else translate("maps", "part of the fit")
+    )
+    if photographed is None or made is None:
+        return f"{kind} · " + translate("maps", "not re-rendered yet")
+    error = np.abs(relative_error(photographed, made, shown.surface.mask))
+    middle, most = 100 * np.nanpercentile(error, [50, 95])
+    apart = translate("maps", "difference of luminance: median {0:.1f} %, 95 % below {1:.0f} %").format(
+        middle, most
+    )
+    return f"{kind} · {apart}"

@@ -5,6 +5,7 @@ at any time and returns at once, and may have `use(shell: Shell)`, which is call
 """
 
 import importlib
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QWidget
 
+from app.state import Trouble
+from app.views.trouble import show_trouble
 from app.words import QT_TRANSLATE_NOOP
 
 if TYPE_CHECKING:
@@ -23,35 +26,43 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PageRow:
-    """One row of the rail."""
+    """One row of the rail; the page `maps` is `MapsPage` of `app/views/maps.py`."""
 
     key: str
-    title: str  # translated in the context "pages"
-    shortcut: str
-    module: str
-    kind: str  # the class in `module`
+    title: str  # translated in the context "pages", as the tip
     tip: str
+    number: int
+
+    @property
+    def shortcut(self) -> str:
+        return f"Ctrl+{self.number}"
 
 
-PAGES = (
-    PageRow("start", QT_TRANSLATE_NOOP("pages", "Start"), "Ctrl+1", "app.views.start", "StartPage",
-            QT_TRANSLATE_NOOP("pages", "New capture, sessions, import")),
-    PageRow("capture", QT_TRANSLATE_NOOP("pages", "Capture"), "Ctrl+2", "app.views.capture", "CapturePage",
-            QT_TRANSLATE_NOOP("pages", "Turn the rig and photograph")),
-    PageRow("process", QT_TRANSLATE_NOOP("pages", "Process"), "Ctrl+3", "app.views.process", "ProcessPage",
-            QT_TRANSLATE_NOOP("pages", "Photographs to surface")),
-    PageRow("mask", QT_TRANSLATE_NOOP("pages", "Mask"), "Ctrl+4", "app.views.mask", "MaskPage",
-            QT_TRANSLATE_NOOP("pages", "Paint what is object and what is room")),
-    PageRow("view3d", QT_TRANSLATE_NOOP("pages", "3D"), "Ctrl+5", "app.views.view3d", "View3dPage",
-            QT_TRANSLATE_NOOP("pages", "Light, cameras and surface in space")),
-    PageRow("maps", QT_TRANSLATE_NOOP("pages", "Maps"), "Ctrl+6", "app.views.maps", "MapsPage",
-            QT_TRANSLATE_NOOP("pages", "Normals, albedo, roughness, depth, errors")),
-    PageRow("charts", QT_TRANSLATE_NOOP("pages", "Charts"), "Ctrl+7", "app.views.charts", "ChartsPage",
-            QT_TRANSLATE_NOOP("pages", "Errors, residuals, coverage")),
-    PageRow("relight", QT_TRANSLATE_NOOP("pages", "Relight"), "Ctrl+8", "app.views.relight", "RelightPage",
-            QT_TRANSLATE_NOOP("pages", "The object under another light")),
-    PageRow("export", QT_TRANSLATE_NOOP("pages", "Export"), "Ctrl+9", "app.views.export", "ExportPage",
-            QT_TRANSLATE_NOOP("pages", "Files for other programs")),
+PAGES = tuple(
+    PageRow(*row, number)
+    for number, row in enumerate(
+        (
+            ("start", QT_TRANSLATE_NOOP("pages", "Start"),
+             QT_TRANSLATE_NOOP("pages", "New capture, sessions, import")),
+            ("capture", QT_TRANSLATE_NOOP("pages", "Capture"),
+             QT_TRANSLATE_NOOP("pages", "Turn the rig and photograph")),
+            ("process", QT_TRANSLATE_NOOP("pages", "Process"),
+             QT_TRANSLATE_NOOP("pages", "Photographs to surface")),
+            ("mask", QT_TRANSLATE_NOOP("pages", "Mask"),
+             QT_TRANSLATE_NOOP("pages", "Paint what is object and what is room")),
+            ("view3d", QT_TRANSLATE_NOOP("pages", "3D"),
+             QT_TRANSLATE_NOOP("pages", "Light, cameras and surface in space")),
+            ("maps", QT_TRANSLATE_NOOP("pages", "Maps"),
+             QT_TRANSLATE_NOOP("pages", "Normals, albedo, roughness, depth, errors")),
+            ("charts", QT_TRANSLATE_NOOP("pages", "Charts"),
+             QT_TRANSLATE_NOOP("pages", "Errors, residuals, coverage")),
+            ("relight", QT_TRANSLATE_NOOP("pages", "Relight"),
+             QT_TRANSLATE_NOOP("pages", "The object under another light")),
+            ("export", QT_TRANSLATE_NOOP("pages", "Export"),
+             QT_TRANSLATE_NOOP("pages", "Files for other programs")),
+        ),
+        1,
+    )
 )  # fmt: skip
 
 
@@ -85,12 +96,29 @@ class UsesShell(Protocol):
     def use(self, shell: Shell) -> None: ...
 
 
-def load(row: PageRow) -> type[QWidget] | None:
-    """The page's class; None while nobody has written it."""
-    try:
-        module = importlib.import_module(row.module)
-    except ModuleNotFoundError as error:
-        if error.name != row.module:
-            raise
-        return None
-    return getattr(module, row.kind)
+def load(row: PageRow) -> type[QWidget]:
+    """The page's class."""
+    module = importlib.import_module(f"app.views.{row.key}")
+    return getattr(module, f"{row.key.capitalize()}Page")
+
+
+def preload() -> None:
+    """Import what pages are made of, in a thread: a page's first show then only has to make it.
+
+    The first of them to be shown would else cost the window's thread a fifth of a second, numpy above all.
+    """
+
+    def work() -> None:
+        for row in PAGES:
+            load(row)
+        importlib.import_module("app.views.chart_view")
+
+    threading.Thread(target=work, name="preload", daemon=True).start()
+
+
+def tell(shell: Shell | None, page: QWidget, fault: Trouble) -> None:
+    """Tell a page's trouble: through the window, or right here where the page stands alone."""
+    if shell is not None:
+        shell.wishes.trouble.emit(fault)
+    else:
+        show_trouble(page.window(), fault)

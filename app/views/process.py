@@ -25,6 +25,7 @@ from app.views.run_bar import RunBar
 from app.views.settings_edit import SettingsEdit
 from app.views.stage_column import StageColumn, title
 from app.views.trouble import show_trouble
+from app.work.enquiries import Answer
 from app.work.jobs import JobState
 from engine.pipeline.settings import Settings
 
@@ -63,6 +64,7 @@ class ProcessPage(QWidget):
         self.tabs.addTab(self.queue, self.tr("Queue"))
         self.bar.device.setCurrentText(shell.settings.value.device)
         shell.board.listen(self._bridge.latest(self._show_job))
+        shell.enquiries.ask("gpu", self._bridge.queued(self._take_gpu))
         self.show_session(shell.state.session.value)
 
     def show_session(self, folder: Path | None) -> None:
@@ -134,12 +136,14 @@ class ProcessPage(QWidget):
 
     # --- model to widget
 
+    def _take_gpu(self, answer: Answer) -> None:
+        if self._shell is not None and answer.content is not None and answer.content["name"]:
+            self._shell.state.set_device(Device("gpu", answer.content["name"]))
+
     def _show_plan(self) -> None:
         plan = self.model.plan.value if self.model is not None else None
         self.bar.show_session(self._folder)
         self.bar.show_settings(plan.settings if plan is not None else None)
-        if plan is not None and plan.cuda and self._shell is not None:
-            self._shell.state.set_device(Device("gpu", plan.cuda))
         self._show_job()
         self._show_parameters()
 

@@ -7,10 +7,11 @@ from PySide6.QtGui import QFontDatabase
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QWidget
 
 from app.inspect.readings import Reading
+from app.words import QT_TRANSLATE_NOOP
 
-# Title, row, column, and its contents at the longest: the strip stands still while the mouse moves.
+# Title (but for the first, one of `app/inspect/maps.py`), row, column, and its contents at the longest: the strip stands still while the mouse moves.
 CELLS = (
-    ("Pixel", 0, 0, "0000, 0000"),
+    (QT_TRANSLATE_NOOP("maps", "Pixel"), 0, 0, "0000, 0000"),
     ("Normal", 1, 0, "+0.000 +0.000 +0.000 ± 0.00°"),
     ("Photograph", 0, 1, "0.0000 0.0000 0.0000"),
     ("Albedo", 1, 1, "0.000 0.000 0.000 ± 0.0000"),

@@ -4,13 +4,14 @@ A child prepares the surface once (its result is kept with the session); frames 
 own, and only the newest wish is drawn.
 """
 
+import itertools
 import tempfile
 import time
 from collections import deque
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QAction, QKeySequence
+import numpy as np
+from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -28,10 +29,11 @@ from app.relight.relit import Light, Setting, Transfer
 from app.state import Trouble
 from app.views.background import Background
 from app.views.errand import Errand
-from app.views.pages import Shell
+from app.views.page_actions import page_action
+from app.views.pages import Shell, tell
 from app.views.relight_canvas import RelightCanvas
 from app.views.relight_controls import RelightControls
-from app.views.trouble import show_trouble
+from app.words import sentence
 
 PLAY_MS = 33
 PLAY_DEGREES_S = 24.0
@@ -50,6 +52,8 @@ class RelightPage(QWidget):
         self._run: Run | None = None
         self._transfer: Transfer | None = None
         self._light: Light | None = None
+        self._grid = (0, 0)  # rows and columns of the maps
+        self._numbers = itertools.count(1)
         self._white = 1.0
         self._drawing = self._stale = False
         self._ends: deque[float] = deque(maxlen=FRAMES)
@@ -88,6 +92,7 @@ class RelightPage(QWidget):
         self.controls.panorama_wanted.connect(self._ask_panorama)
         self.controls.saved.connect(self._ask_save)
         self.controls.playing.connect(self._play)
+        self.controls.in_space.connect(self.show_in_space)
         self._timer = QTimer(self)
         self._timer.setInterval(PLAY_MS)
         self._timer.timeout.connect(lambda: self.controls.turn_by(PLAY_DEGREES_S * PLAY_MS / 1000, 0.0))
@@ -176,7 +181,7 @@ class RelightPage(QWidget):
         if self._run is not None and run.fingerprint == self._run.fingerprint and self._transfer is not None:
             return
         self._forget()
-        self._run = run
+        self._run, self._grid = run, shown.surface.mask.shape
         views = [(name, i) for i, name in enumerate(shown.names) if shown.registered[i]]
         self.controls.offer(views, None)
         there = relighting_files.lights_of(run)
@@ -211,21 +216,14 @@ class RelightPage(QWidget):
         """Light the object with a picture."""
         if self._transfer is None:
             return
-        self._scratch = self._scratch or tempfile.TemporaryDirectory(prefix="roomlight-")
-        request = {"file": str(path), "to": str(Path(self._scratch.name) / "panorama.npz")}
+        request = {"file": str(path), "to": str(self._scrap("panorama.npz"))}
         self.errand.begin(self.tr("Read panorama"), "panorama", request)
 
     def _take(self, task: str, result: dict) -> None:
         if task == "panorama":
-            self._background.ask(
-                "light",
-                lambda: relighting_files.load_light(Path(result["light"])),
-                self._use_panorama,
-                self._tell,
-            )
-        else:
-            if self._run is not None:
-                self._load(self._run, int(result["view"]))
+            self._load_panorama(Path(result["light"]))
+        elif self._run is not None:
+            self._load(self._run, int(result["view"]))
 
     def _fail(self, fault: Trouble) -> None:
         if self._transfer is None:
@@ -260,12 +258,20 @@ class RelightPage(QWidget):
             light, self.tr("Recovered from the photographs, as in view {name}.").format(name=light.name)
         )
 
-    def _use_panorama(self, light: Light) -> None:
+    def _load_panorama(self, path: Path) -> None:
         transfer = self._transfer
         if transfer is None:
             return
+
+        def work() -> tuple[Light, float]:
+            light = relighting_files.load_light(path)
+            return light, relighting.white_of(relighting.relit(transfer, light, Setting()))
+
+        self._background.ask("light", work, lambda made: self._use_panorama(*made), self._tell)
+
+    def _use_panorama(self, light: Light, white: float) -> None:
         self.controls.view.setCurrentIndex(-1)
-        self._white = relighting.white_of(relighting.relit(transfer, light, Setting()))
+        self._white = white
         self._show_light(light, self.tr("Panorama {name}, exposed for the object.").format(name=light.name))
 
     def _show_light(self, light: Light, said: str) -> None:
@@ -300,11 +306,37 @@ class RelightPage(QWidget):
         self.canvas.show_words("")
 
     def _say_nothing(self, why: Trouble) -> None:
-        self.canvas.show_words(f"{why.what}\n{why.remedy[:1].upper()}{why.remedy[1:]}")
+        self.canvas.show_words(f"{why.what}\n{sentence(why.remedy)}")
         self.errand.offer("")
         self.said.clear()
 
+    def show_in_space(self) -> None:
+        """Let the 3D page show the surface as it is lit now."""
+        transfer, light, maps_grid = self._transfer, self._light, self._grid
+        if transfer is None or light is None or self._shell is None:
+            return
+        shell, setting = self._shell, self.controls.setting()
+        bright = 2.0**self.controls.exposure_ev / self._white
+        # A name of its own each time: the 3D page reads it when it comes to it.
+        to = self._scrap(f"relit-{next(self._numbers)}.npy")
+
+        def work() -> Path:
+            lit = relighting.relit(transfer, light, setting) * np.float32(bright)
+            np.save(to, relighting.on_maps(transfer, lit, maps_grid))
+            return to
+
+        def done(path: Path) -> None:
+            shell.state.relit.set(path)
+            shell.wishes.show_page.emit("view3d")
+
+        self._background.ask("space", work, done, self._tell)
+
     # Files
+
+    def _scrap(self, name: str) -> Path:
+        """A file that lasts as long as the page."""
+        self._scratch = self._scratch or tempfile.TemporaryDirectory(prefix="roomlight-")
+        return Path(self._scratch.name) / name
 
     def _ask_panorama(self) -> None:
         start = str(self._session.parent if self._session else Path.home())
@@ -354,21 +386,15 @@ class RelightPage(QWidget):
             (self.tr("Show the light behind the object"), "B", self.controls.behind.toggle),
             (self.tr("Load a panorama"), "Ctrl+L", self._ask_panorama),
             (self.tr("Save picture"), "Ctrl+Shift+S", lambda: self._ask_save("png")),
+            (self.tr("Show the surface in this light on the 3D page"), "Ctrl+Shift+D", self.show_in_space),
             (self.tr("Brighter"), "E", lambda: self.controls.ev.setValue(self.controls.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.controls.ev.setValue(self.controls.ev.value() - 1)),
             (self.tr("Look for new results"), "F5", self.refresh),
         ):
-            action = QAction(text, self)
-            action.setShortcut(QKeySequence(keys))
-            action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            action.triggered.connect(lambda checked, call=call: call())
-            self.addAction(action)
+            page_action(self, text, keys, call)
 
     def _tell(self, fault: Trouble) -> None:
-        if self._shell is not None:
-            self._shell.wishes.trouble.emit(fault)
-        else:
-            show_trouble(self.window(), fault)
+        tell(self._shell, self, fault)
 
 
 def _found(session: Path) -> tuple[Run | None, Maps | None]:

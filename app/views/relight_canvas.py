@@ -5,6 +5,7 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, QSizeF, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from app.views.pixels import image_of
 from app.views.theme import colours
 
 DEGREES_PER_PIXEL = 0.4
@@ -35,11 +36,7 @@ class RelightCanvas(QWidget):
 
     def show_pixels(self, pixels: np.ndarray) -> None:
         """A picture of `falsecolour`."""
-        pixels = np.ascontiguousarray(pixels)
-        height, width = pixels.shape[:2]
-        self._image = QImage(
-            pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied
-        ).copy()
+        self._image = image_of(pixels)
         self.update()
 
     def show_words(self, words: str) -> None:

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QImage, QPixmap
+from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QCheckBox,
     QFrame,
@@ -20,6 +21,7 @@ from PySide6.QtWidgets import (
 from app.inspect.falsecolour import MINUS
 from app.relight.relit import Setting
 from app.views.boxes import box_of
+from app.views.pixels import image_of
 
 WIDTH = 310
 TIMES = "\u00d7"
@@ -36,6 +38,7 @@ class RelightControls(QScrollArea):
     view_picked = Signal(int)  # of the recovered light
     panorama_wanted = Signal()
     saved = Signal(str)  # "png" or "exr"
+    in_space = Signal()  # asks for the surface in this light on the 3D page
     playing = Signal(bool)
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -130,6 +133,10 @@ class RelightControls(QScrollArea):
             button.clicked.connect(lambda checked, kind=kind: self.saved.emit(kind))
             row.addWidget(button)
         self._column.addLayout(row)
+        self.space = QPushButton(self.tr("Show in &3D"))
+        self.space.setAccessibleName(self.tr("Show the surface in this light on the 3D page"))
+        self.space.clicked.connect(self.in_space)
+        self._column.addWidget(self.space)
         self._column.addStretch(1)
 
     # What is set
@@ -190,11 +197,9 @@ class RelightControls(QScrollArea):
             )
             self.lamps.append(self._strength(i + 1, name, tip))
 
-    def show_light(self, pixels) -> None:
+    def show_light(self, pixels: np.ndarray) -> None:
         """The small panorama."""
-        height, width = pixels.shape[:2]
-        image = QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied)
-        self.picture.setPixmap(QPixmap.fromImage(image.copy()))
+        self.picture.setPixmap(QPixmap.fromImage(image_of(pixels)))
 
     # Building
 

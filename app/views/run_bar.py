@@ -6,6 +6,7 @@ from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QWidget
 
+from app.state import called
 from app.views.editors import Number
 from engine.pipeline.settings import PRESETS, Settings
 
@@ -74,10 +75,7 @@ class RunBar(QWidget):
         self.show_queued(False)
 
     def show_session(self, folder: Path | None) -> None:
-        if folder is None:
-            self.name.setText(self.tr("No session is open"))
-        else:
-            self.name.setText(folder.parent.name if folder.name == "session" else folder.stem)
+        self.name.setText(self.tr("No session is open") if folder is None else called(folder))
         self.name.setToolTip(str(folder or ""))
 
     def show_settings(self, settings: Settings | None) -> None:

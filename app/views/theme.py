@@ -122,7 +122,8 @@ def qt_palette(ours: Palette) -> QPalette:
 
 
 def _sheet(ours: Palette) -> str:
-    """What a palette cannot say. Names: QLabel#title, #heading, #dim; QFrame#card, #panel; QPushButton#primary, #stop."""
+    """What a palette cannot say. Names: QLabel#title, #heading, #dim; QFrame#card, #panel; QPushButton#primary, #stop;
+    QComboBox#flat (a list that reads as a title)."""
     check = "check-on-dark.svg" if ours.dark else "check-on-light.svg"
     return f"""
     QLabel#title {{ font-size: 18pt; font-weight: 600; }}
@@ -184,6 +185,7 @@ def _sheet(ours: Palette) -> str:
     QPushButton#stop {{ background: {ours.bad}; color: {ours.window}; border-radius: 4px; padding: 5px 14px;
         font-weight: 700; }}
     QPushButton#primary:focus, QPushButton#stop:focus {{ border: 2px solid {ours.text}; padding: 4px 13px; }}
+    QComboBox#flat {{ border: none; background: transparent; padding: 1px 4px; font-weight: 600; }}
     QToolButton#rail {{ border: none; border-radius: 5px; color: {ours.dim}; font-size: 8pt; padding-top: 4px; }}
     QToolButton#rail:hover {{ background: {ours.window}; }}
     QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.state import Trouble
+from app.words import sentence
 
 __all__ = ["Trouble", "TroubleDialog", "show_trouble"]
 
@@ -39,7 +40,7 @@ class TroubleDialog(QDialog):
         words.setSpacing(8)
         words.addWidget(what)
         if trouble.remedy:
-            words.addWidget(_selectable(trouble.remedy[:1].upper() + trouble.remedy[1:]))
+            words.addWidget(_selectable(sentence(trouble.remedy)))
         words.addStretch()
         top = QHBoxLayout()
         top.setSpacing(14)

@@ -33,6 +33,7 @@ from app.views.view3d_cover import Banner, Cover, Photograph
 from app.views.view3d_panel import ViewPanel
 from app.views.view3d_turn import Turn
 
+RELIT = "relit"
 SETTLE_MS = 130  # without a move until the picture is drawn as well as possible
 TURN_MS = 240  # from one standard view to the next
 BANNER_MS = 7000
@@ -42,7 +43,7 @@ UNSEEN_MS = 300_000  # the drawing process holds half a gigabyte; a page that no
 class View3dPage(QWidget):
     """A picture, a panel beside it; see showing.Showing for what it knows."""
 
-    view_picked = Signal(int)  # this view's photograph is asked for
+    view_picked = Signal(int)  # this view's photograph is asked for; other pages turn to it too
 
     def __init__(
         self,
@@ -58,6 +59,8 @@ class View3dPage(QWidget):
         self._supervise, self._supervisor = supervise, None
         self._session: Path | None = None
         self._loaded: dict[str, Path] | None = None  # stages that are shown
+        self._relit: Path | None = None
+        self._to_relit = False  # the surface is to be shown relit once it can be
         self._shell: Shell | None = None
         self._background = Background(self, "view3d")
         self._bridge = Bridge(self)
@@ -86,6 +89,9 @@ class View3dPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.view_picked.connect(shell.state.view.set)
+        shell.state.relit.listen(self._paint_relit)
+        self._paint_relit(shell.state.relit.value)
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session; returns at once. While the page is hidden, nothing is started."""
@@ -108,10 +114,11 @@ class View3dPage(QWidget):
         if folder is not None and self.isVisible():
             self._background.ask("stages", lambda: stages_of(folder), self._found)
 
-    def paint_surface(self, layer: str, path: Path) -> None:
-        """Give the surface a layer of its own colours, "relit" say: a .npy file on the maps' grid, linear, 1 is white."""
-        if self._supervisor is not None:
-            self._supervisor.paint(layer, path)
+    def _paint_relit(self, path: Path | None) -> None:
+        """Give the surface a layer "relit", and turn to it: a .npy file on the maps' grid, linear, 1 is white."""
+        self._relit, self._to_relit = path, path is not None
+        if path is not None and self._supervisor is not None and self._loaded is not None:
+            self._supervisor.paint(RELIT, path)
 
     def take_screenshot(self, path: Path) -> Trouble | None:
         """Write what is seen as PNG; the trouble where that fails."""
@@ -150,7 +157,10 @@ class View3dPage(QWidget):
     def _found(self, stages: dict[str, Path]) -> None:
         if stages != self._loaded and self._session is not None:
             self._loaded = stages
-            self._begin().show(self._session)
+            supervisor = self._begin()
+            supervisor.show(self._session)
+            if self._relit is not None:
+                supervisor.paint(RELIT, self._relit)
             self._ask(moving=False)
 
     def _begin(self) -> Supervisor:
@@ -180,7 +190,10 @@ class View3dPage(QWidget):
             self._take_status(event)
         elif isinstance(event, Contents):
             if event.folder == str(self._session):
-                self._show(showing.opened(self.state, event, self._aspect))
+                state = showing.opened(self.state, event, self._aspect)
+                if self._to_relit and RELIT in event.surfaces:
+                    self._to_relit, state = False, showing.styled(state, surface=RELIT)
+                self._show(state)
                 self._ask(moving=False)
                 if not self._quiet.isActive():
                     self._say_missing()
@@ -225,6 +238,7 @@ class View3dPage(QWidget):
         self.turn.arrived.connect(self._arrive)
         self.cover.retry.connect(lambda: self._begin().retry())
         self.photograph.closed.connect(self._close_photograph)
+        self.photograph.in_maps.connect(self._go_to_maps)
         self._actions["close"].setEnabled(False)
 
     def _make_actions(self) -> dict[str, QAction]:
@@ -238,6 +252,7 @@ class View3dPage(QWidget):
                 "previous": lambda: self._step(-1),
                 "next": lambda: self._step(1),
                 "photograph": self._show_photograph,
+                "maps": self._go_to_maps,
                 "through": lambda: self._turn_to(showing.looking_through(self.state).eye),
                 "screenshot": self._ask_screenshot,
                 "close": self._close_photograph,
@@ -269,6 +284,13 @@ class View3dPage(QWidget):
         self.photograph.open(folder, view, contents.names[view] if view < len(contents.names) else str(view))
         self._actions["close"].setEnabled(True)
         self.view_picked.emit(view)
+
+    def _go_to_maps(self) -> None:
+        """To the view's photograph and re-rendering, at full size."""
+        view = showing.standing(self.state)
+        if view >= 0 and self._shell is not None:
+            self.view_picked.emit(view)
+            self._shell.wishes.show_page.emit("maps")
 
     def _close_photograph(self) -> None:
         self.photograph.hide()

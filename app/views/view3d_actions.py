@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Mapping
 
-from PySide6.QtCore import QCoreApplication, Qt
-from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtCore import QCoreApplication
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QWidget
+
+from app.views.page_actions import page_action
 
 
 def make(page: QWidget, calls: Mapping[str, Callable[[], None]]) -> dict[str, QAction]:
@@ -26,17 +28,13 @@ def make(page: QWidget, calls: Mapping[str, Callable[[], None]]) -> dict[str, QA
         ("previous", tr("Previous"), tr("Previous view"), ("[",)),
         ("next", tr("Next"), tr("Next view"), ("]",)),
         ("photograph", tr("Photograph"), tr("Show this view's photograph"), ("P",)),
+        ("maps", tr("In Maps"), tr("Show this view in Maps"), ("M",)),
         ("through", tr("Look through"), tr("Look from where it was taken"), ("L",)),
         ("screenshot", tr("Screenshot…"), tr("Save a screenshot"), ("Ctrl+Shift+S",)),
         ("close", tr("Close photograph"), tr("Close the photograph"), ("Esc",)),
     )
     made = {}
     for key, text, tip, keys in rows:
-        action = QAction(tip, page)
-        action.setIconText(text)  # of its button
-        action.setShortcuts([QKeySequence(name) for name in keys])
-        action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-        action.triggered.connect(lambda checked, call=calls[key]: call())
-        page.addAction(action)
-        made[key] = action
+        made[key] = page_action(page, tip, keys, calls[key])
+        made[key].setIconText(text)  # of its button
     return made

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QRect, Qt, Signal
-from PySide6.QtGui import QGuiApplication, QImage, QPixmap
+from PySide6.QtCore import QRect, Qt, Signal, SignalInstance
+from PySide6.QtGui import QGuiApplication, QPixmap
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -22,7 +22,9 @@ from app.viewer.events import Status
 from app.viewer.photograph import photograph
 from app.views.background import Background
 from app.views.icons import icon
+from app.views.pixels import image_of
 from app.views.theme import DARK, colours
+from app.words import sentence
 
 PHOTOGRAPH_PX = 230
 
@@ -96,8 +98,8 @@ class Cover(QFrame):
 
     def _show(self, told: Trouble, busy: bool = False, stuck: bool = False) -> None:
         self._trouble = told
-        self.what.setText(told.what[:1].upper() + told.what[1:])
-        self.remedy.setText(told.remedy[:1].upper() + told.remedy[1:])
+        self.what.setText(sentence(told.what))
+        self.remedy.setText(sentence(told.remedy))
         self.remedy.setVisible(bool(told.remedy))
         self.busy.setVisible(busy)
         self.again.setVisible(stuck)
@@ -154,6 +156,7 @@ class Photograph(QFrame):
     """The photograph of the chosen camera, in the upper right corner."""
 
     closed = Signal()
+    in_maps = Signal()  # asks for the same photograph on the Maps page
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -164,14 +167,11 @@ class Photograph(QFrame):
         self.picture.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.picture.setWordWrap(True)
         self.picture.setMinimumSize(120, 80)
-        self.shut = QToolButton()
-        self.shut.setAutoRaise(True)
-        self.shut.setIcon(icon("remove", colours(self).dim, 14))
-        self.shut.setAccessibleName(self.tr("Close the photograph"))
-        self.shut.setToolTip(self.tr("Close the photograph (Esc)"))
-        self.shut.clicked.connect(self.closed)
+        self.larger = self._button("maps", self.tr("Show this view in Maps"), "M", self.in_maps)
+        self.shut = self._button("remove", self.tr("Close the photograph"), "Esc", self.closed)
         top = QHBoxLayout()
         top.addWidget(self.name, 1)
+        top.addWidget(self.larger)
         top.addWidget(self.shut)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 3, 6, 6)
@@ -179,6 +179,15 @@ class Photograph(QFrame):
         layout.addLayout(top)
         layout.addWidget(self.picture)
         self.hide()
+
+    def _button(self, sign: str, text: str, keys: str, told: SignalInstance) -> QToolButton:
+        button = QToolButton()
+        button.setAutoRaise(True)
+        button.setIcon(icon(sign, colours(self).dim, 14))
+        button.setAccessibleName(text)
+        button.setToolTip(f"{text} ({keys})")
+        button.clicked.connect(told)
+        return button
 
     def open(self, folder: Path, view: int, name: str) -> None:
         """Read a view's photograph, away from the window's thread, and show it."""
@@ -189,12 +198,9 @@ class Photograph(QFrame):
         self._background.ask("photograph", lambda: photograph(folder, view), self._show, self._tell)
 
     def _show(self, pixels: np.ndarray) -> None:
-        height, width = pixels.shape[:2]
-        pixels = np.ascontiguousarray(pixels)
-        image = QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied)
         ratio = self.devicePixelRatioF()
         side = round(min(PHOTOGRAPH_PX, max(_room(self).width() // 3, 120)) * ratio)
-        scaled = QPixmap.fromImage(image).scaled(
+        scaled = QPixmap.fromImage(image_of(pixels)).scaled(
             side, side, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
         )
         scaled.setDevicePixelRatio(ratio)

@@ -15,8 +15,8 @@ from typing import Any
 from app.work.worker import Link
 from engine.errors import Cancelled, RoomlightError
 
-# Lower comes first: a plan shows at once, pictures can wait.
-URGENCY = {"plan": 0, "thumbnail": 1}
+# Lower comes first: a plan shows at once, pictures can wait, and torch takes seconds to load.
+URGENCY = {"plan": 0, "thumbnail": 1, "gpu": 2}
 
 
 def serve(request: Mapping[str, Any], link: Link) -> None:
@@ -38,7 +38,7 @@ def serve(request: Mapping[str, Any], link: Link) -> None:
 
 def answer_one(number: int, content: Mapping[str, Any], link: Link) -> None:
     """One question; whatever goes wrong is its answer, and the next is heard all the same."""
-    answers = {"plan": plan, "thumbnail": thumbnail}
+    answers = {"plan": plan, "thumbnail": thumbnail, "gpu": gpu}
     try:
         answer = answers[content["question"]](content)
     except RoomlightError as error:
@@ -72,7 +72,6 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
     defaults = {step.stage.name: _defaults(step.stage, settings.preset) for step in steps}
     return {
         "settings": asked.to_toml(settings),
-        "cuda": _cuda(),
         "stages": [
             {
                 "name": step.stage.name,
@@ -81,8 +80,6 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
                 "reasons": list(step.reasons),
                 "folder": str(step.folder),
                 "took_s": _took(step.folder.parent),
-                "seeded": step.stage.seeded,
-                "inputs": list(step.stage.inputs),
                 "parameters": _parameters(step.stage.name, step.params, defaults[step.stage.name]),
             }
             for step in steps
@@ -132,11 +129,11 @@ def _took(folder: Path) -> float | None:
     return max(runs)[1] if runs else None
 
 
-def _cuda() -> str:
-    """The name of the CUDA device; "" where torch finds none."""
+def gpu(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The name of the CUDA device; "" where torch finds none. Question: nothing."""
     import torch
 
-    return torch.cuda.get_device_name(0) if torch.cuda.is_available() else ""
+    return {"name": torch.cuda.get_device_name(0) if torch.cuda.is_available() else ""}
 
 
 def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,6 +143,7 @@ def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
 
     from engine import images
     from engine import session as sessions
+    from engine.radiance import luminance
 
     session = sessions.open_session(Path(content["session"]))
     views = sessions.shots(session)
@@ -156,7 +154,7 @@ def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
     radiance = read(files[len(files) // 2])
     by = max(1, min(radiance.shape[:2]) // int(content["edge_px"]))
     small = cv2.resize(radiance, None, fx=1 / by, fy=1 / by, interpolation=cv2.INTER_AREA)
-    middle = float(np.median(images.luminance(small))) or 1e-6
+    middle = float(np.median(luminance(small))) or 1e-6
     toned = images.tone_map(np.ascontiguousarray(small, np.float32), middle)
     to = Path(content["to"])
     to.parent.mkdir(parents=True, exist_ok=True)

@@ -20,6 +20,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from app.state import join
+
 Event = Mapping[str, Any]
 
 PATIENCE_S = 15.0  # after a cancel; stages are finished by one rename, so ending one at any moment is safe
@@ -107,11 +109,11 @@ class Job:
 
     def listen(self, listener: Callable[[JobStatus], None]) -> Callable[[], None]:
         """Tell `listener` of every later status; returns what ends that."""
-        return _join(self._listeners, listener)
+        return join(self._listeners, listener)
 
     def listen_events(self, listener: Callable[[Event], None]) -> Callable[[], None]:
         """Tell `listener` of every event of the child as it came, before the status that follows from it."""
-        return _join(self._event_listeners, listener)
+        return join(self._event_listeners, listener)
 
     def start(self) -> None:
         """Start the child; does nothing for a job that was started or cancelled before."""
@@ -283,16 +285,6 @@ class Job:
                 self._telling = False
             if status.ended:
                 self._ended.set()
-
-
-def _join(listeners: list[Any], listener: Any) -> Callable[[], None]:
-    listeners.append(listener)
-
-    def leave() -> None:
-        if listener in listeners:
-            listeners.remove(listener)
-
-    return leave
 
 
 def _event(line: bytes) -> Event | None:

@@ -21,10 +21,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
 
-from engine.images import luminance
 from engine.light import kernels_cpu
 from engine.light.photographs import Photographs
 from engine.light.rasterise import Run, Shapes, project
+from engine.radiance import luminance
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _FAINT = np.float32(2e-4)

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import label
 
-from engine.images import luminance
 from engine.light.photographs import Photographs, around, camera_centres
+from engine.radiance import luminance
 
 BRIGHT = 6.0
 """A spot's luminance, at least, in units of the background's mean."""

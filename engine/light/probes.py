@@ -18,7 +18,6 @@ from jaxtyping import Float
 from numba import njit
 
 from engine.errors import LightError
-from engine.images import luminance
 from engine.light import kernels_cpu as kernel
 from engine.light import tiles
 from engine.light.cells import FACES, CellMap, nearest_cells, pixel_solid_angles, shared_cells
@@ -27,6 +26,7 @@ from engine.light.fill import fill_energy, neighbourhood
 from engine.light.gaussians import radiance_towards
 from engine.light.rasterise import Pinhole, Shapes, render, shapes, workers
 from engine.progress import Progress
+from engine.radiance import luminance
 from engine.types import Gaussians
 
 FINEST = 4

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from engine.errors import LightError
-from engine.images import luminance
 from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
@@ -25,6 +24,7 @@ from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
 from engine.light.sweep import knee_of
 from engine.progress import Progress
+from engine.radiance import luminance
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 

@@ -153,10 +153,10 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     reasons = []
     if last["version"] != stage.version:
         reasons.append(f"the stage's method is new (version {last['version']} -> {stage.version})")
-    before, now = _flat(last["params"]), _flat(params)
+    before, now = dotted(last["params"]), dotted(params)
     for name in sorted(now.keys() | before.keys()):
         if before.get(name) != now.get(name):
-            reasons.append(f"params.{name} {_brief(before.get(name))} -> {_brief(now.get(name))}")
+            reasons.append(f"params.{name} {brief(before.get(name))} -> {brief(now.get(name))}")
     changed = [
         name
         for name in sorted(inputs.keys() | last["inputs"].keys())
@@ -166,12 +166,12 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     return tuple(reasons)
 
 
-def _flat(params: Mapping[str, Any]) -> dict[str, Any]:
+def dotted(params: Mapping[str, Any]) -> dict[str, Any]:
     """Groups of parameters as dotted names."""
     flat: dict[str, Any] = {}
     for name, value in params.items():
         if isinstance(value, dict):
-            flat |= {f"{name}.{inner}": item for inner, item in _flat(value).items()}
+            flat |= {f"{name}.{inner}": item for inner, item in dotted(value).items()}
         else:
             flat[name] = value
     return flat
@@ -192,5 +192,6 @@ def _told_inputs(changed: Sequence[str], old: Hashes, new: Hashes) -> list[str]:
     return told
 
 
-def _brief(value: Any) -> str:
+def brief(value: Any) -> str:
+    """A parameter's value in a reason or a name."""
     return "unset" if value is None else value if isinstance(value, str) else json.dumps(value)

@@ -154,15 +154,15 @@ def light(work: Work) -> Records:
 
 
 def surface(work: Work) -> Records:
-    """surface, renders of the views kept out, report."""
+    """surface, renders of the views kept out, horizons that further renders need, report."""
     from engine.surface.solve import solve
 
-    found, renders, report = solve(
+    found, renders, horizons, report = solve(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
         work.load("light", "lamps", Lamps), work.params, work.device, work.seed, work.progress,
     )  # fmt: skip
-    return {"surface": found, "renders": renders, "report": report}
+    return {"surface": found, "renders": renders, "horizons": horizons, "report": report}
 
 
 def export(work: Work) -> Records:

@@ -8,7 +8,7 @@ the surface. A "row" is the response of one pixel to unit radiance from every di
     diffuse[p, d] = k_d / pi * max(0, n.l)        to be multiplied by albedo
     specular[p, d] = f_s * max(0, n.l)
 
-`rows` is the Numba kernel, `rows_reference` says the same in torch (and is what runs on CUDA).
+`rows` is the Numba kernel; `engine/surface/brdf_reference.py` says the same in torch.
 """
 
 import math
@@ -17,7 +17,6 @@ from typing import no_type_check
 import numba
 import numpy as np
 from jaxtyping import Float, UInt8
-from torch import Tensor
 
 F0 = 0.04
 """Normal reflectance of a dielectric of index 1.5, as in the paper's Disney model (specular = 0.5)."""
@@ -102,28 +101,3 @@ def rows_into(
         np.ascontiguousarray(views, np.float32), d[0], d[1], d[2], visible, full_diffuse,
         np.float32(floor), diffuse, specular,
     )  # fmt: skip
-
-
-def rows_reference(
-    normals: Float[Tensor, "p 3"],
-    roughness: Float[Tensor, " p"],
-    views: Float[Tensor, "p 3"],
-    directions: Float[Tensor, "d 3"],
-    visible: Tensor,
-    full_diffuse: bool,
-    floor: float,
-) -> tuple[Float[Tensor, "p d"], Float[Tensor, "p d"]]:
-    """The same rows, plainly, in torch and the tensors' own precision."""
-    nl = (normals @ directions.T).clamp(min=0) * visible
-    nv = (normals * views).sum(1).clamp(min=1e-3)[:, None]
-    a2 = roughness[:, None] ** 4 + floor
-    lh = ((1 + views @ directions.T) / 2).clamp(min=1e-6).sqrt()
-    nh = (nl + nv) / (2 * lh)
-    ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1).clamp(min=1e-7) ** 2)
-    fresnel = F0 + (1 - F0) * (1 - lh) ** 5
-    masking = 1 / ((nl + (a2 + (1 - a2) * nl**2).sqrt()) * (nv + (a2 + (1 - a2) * nv**2).sqrt()))
-    diffuse = nl / math.pi
-    if full_diffuse:
-        retro = 2 * roughness[:, None] * lh**2 - 0.5
-        diffuse = diffuse * (1 + retro * (1 - nl) ** 5) * (1 + retro * (1 - nv) ** 5)
-    return diffuse, ggx * fresnel * masking * nl

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from engine.geometry import project, transform
-from engine.images import luminance
+from engine.radiance import luminance
 from engine.surface.transport import Incident
 from engine.types import Frames, Gaussians, Masks, Poses
 

@@ -27,7 +27,7 @@ from engine.surface.pixels import (
 from engine.surface.rough import rough
 from engine.surface.surroundings import furnished, light_at
 from engine.surface.transport import lattice_around
-from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 DEPTH_MARGIN = 0.2
 """Half of the depth range the probes cover, relative to the object's distance."""
@@ -74,7 +74,7 @@ def solve(
     device: str,
     seed: int,
     progress: Progress,
-) -> tuple[Surface, Renders, SurfaceReport]:
+) -> tuple[Surface, Renders, Horizons, SurfaceReport]:
     """Solve the surface; `seed` picks the pixels that vote on the light.
 
     Raises:
@@ -101,12 +101,13 @@ def solve(
     here = light.views(np.arange(len(fitted)))
     who = subject(frames, mask, poses.camera, fitted, params)
     depth = depth_of(who, state, z, progress.part(0.65, 0.67))
-    sight = who.flat(z)
     for turn in range(params.rounds):
         span = progress.part(0.67 + 0.31 * turn / params.rounds, 0.67 + 0.31 * (turn + 1) / params.rounds)
         sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.95))
         depth = depth_of(who, state, z, span.part(0.95, 1))
+    # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
+    sight = sight_of(who, state, depth, light.directions, params, progress.part(0.98, 1))
     sight = as_photographed(who, state, sight, light.directions)
     certainty = confidence(state, who.seen, sight)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
@@ -143,4 +144,4 @@ def solve(
         image(mask, state.spread * params.model_error),
         image(mask, certainty.flags).astype(np.uint8),
     )
-    return surface, Renders(kept_out, pictures), report
+    return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), report

@@ -15,11 +15,10 @@ from typing import no_type_check
 
 import numba
 import numpy as np
-import torch
 from jaxtyping import Bool, Float, Int
 
 from engine.geometry import fibonacci_sphere, unproject
-from engine.surface.brdf import lobe_floor, rows_into, rows_reference
+from engine.surface.brdf import lobe_floor, rows_into
 from engine.surface.visibility import Occlusion
 from engine.types import Camera
 
@@ -220,6 +219,11 @@ class Responses:
         return out
 
     def _on_device(self, normals, roughness, views, directions, energy, hidden, variants):
+        # Only here: torch takes seconds to load.
+        import torch
+
+        from engine.surface.brdf_reference import rows_reference
+
         def there(array):
             return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.device)
 

@@ -13,7 +13,8 @@ import numpy as np
 from engine.geometry import fibonacci_sphere
 from engine.light.gaussians import Y00
 from engine.pipeline import artefacts
-from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
+from engine.surface.visibility import SECTORS
+from engine.types import Camera, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 from tests.engine.ball import ball
 
 CAMERA = Camera(40, 30, 44.0, 44.0, 19.5, 15.5)
@@ -67,9 +68,17 @@ def photographs(shape: Surface, off: float = 1.0) -> Frames:
 
 
 def finished(
-    session: Path, fingerprint: str = "aaaa", finished_at: float = 1e9, with_export: bool = True, **changes
+    session: Path,
+    fingerprint: str = "aaaa",
+    finished_at: float = 1e9,
+    with_export: bool = True,
+    level: int = 0,
+    **changes,
 ) -> Path:
-    """Write a run; `changes` replace fields of its surface. Several runs may share a session."""
+    """Write a run; `changes` replace fields of its surface, `level` is every pixel's horizon (0: as the depth has it).
+
+    Several runs may share a session.
+    """
     shape = replace(surface(), **changes)
     frames = photographs(surface())
     gaussians, lamps = room()
@@ -89,6 +98,7 @@ def finished(
         finished_at,
         surface=shape,
         renders=Renders(HELD_OUT, made),
+        horizons=Horizons(np.full((int(shape.mask.sum()), SECTORS), level, np.int8)),
     )
     report = {
         "held_out_error": 0.1,

@@ -34,18 +34,17 @@ def content(settings: Mapping[str, Any] | None = None, done: int = 0, folder: st
                 "reasons": changed or ([] if number < done else ["never ran"]),
                 "folder": f"{folder}/stages/{name}/0",
                 "took_s": 10.0 if number < done else None,
-                "seeded": name in ("light", "surface"),
-                "inputs": list(STAGES[:number]),
                 "parameters": parameters,
             }
         )
-    return {"settings": asked, "cuda": "", "stages": stages}
+    return {"settings": asked, "stages": stages}
 
 
 class Questions:
     """Stands in for Enquiries: keeps what was asked, answers when told to."""
 
-    def __init__(self, done: int = 0, at_once: bool = True) -> None:
+    def __init__(self, done: int = 0, at_once: bool = True, gpu: str = "") -> None:
+        self.gpu = gpu
         self.asked: list[dict[str, Any]] = []
         self.open: list[tuple[dict[str, Any], Any]] = []
         self.done, self.at_once = done, at_once
@@ -65,6 +64,8 @@ class Questions:
         asked, then = self.open.pop(place)
         if asked["question"] == "plan":
             then(Answer(content(asked.get("settings"), self.done, asked["session"])))
+        elif asked["question"] == "gpu":
+            then(Answer({"name": self.gpu}))
         else:
             then(Answer({"picture": None}))
 

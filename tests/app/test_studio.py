@@ -1,22 +1,50 @@
-"""`roomlight simulate` through the command line, in a room of coarse paint: what it writes, what it refuses."""
+"""`roomlight simulate` through the command line, with a bare room and a coarse object: what it writes, what it refuses."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.cli import main
 from engine import session as sessions
 from engine.truth import read_truth
-from hardware.virtual.studio import rooms, samples
+from hardware.virtual.studio import objects, rooms, samples, solids
+from hardware.virtual.studio.objects import Body
+from hardware.virtual.studio.rooms import Panel, Room, Sheet
 from tests.app.calls import digest, refused
+
+SIDE_M = 3.0
+
+
+def bare() -> Room:
+    """Six mottled walls around the middle, a glowing sheet under the ceiling."""
+    paint = np.random.default_rng(0).uniform(0.3, 0.7, (8, 8, 3)).astype(np.float32)
+    centre = np.array([0.0, 0.0, SIDE_M / 2])
+    walls = []
+    for inwards in (*np.eye(3), *-np.eye(3)):
+        right, down = np.roll(inwards, 1), np.cross(np.roll(inwards, 1), inwards)
+        corner = centre - SIDE_M / 2 * (inwards + right + down)
+        walls.append(Panel(corner, SIDE_M * right, SIDE_M * down, paint))
+    glow = np.full((2, 2, 3), 5.0, np.float32)
+    lamp = Sheet(
+        np.array([-0.5, -0.5, SIDE_M - 0.05]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), glow
+    )
+    return Room("window", tuple(walls), (), (lamp,), centre)
+
+
+def ball() -> Body:
+    solid = solids.ball(24, lambda directions: np.full(len(directions), 0.118))
+    count = len(solid.vertices)
+    return Body("sphere", solid, np.full((count, 3), 0.5), np.full(count, 0.5))
 
 
 @pytest.fixture(autouse=True, scope="module")
 def cheap(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Big texels, few paths, and a cache of this file's own."""
+    """Little to build, few paths, and a cache of this file's own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rooms, "TEXEL_M", 0.08)
+        patch.setitem(rooms.ROOMS, "window", bare)
+        patch.setitem(objects.OBJECTS, "sphere", ball)
         patch.setattr(samples, "PILOT", 4)
         patch.setattr(samples, "FEWEST", 4)
         patch.setattr(samples, "MOST", 8)

@@ -13,6 +13,11 @@ import trimesh
 
 from app import results
 from app.cli import main
+from app.inspect import runs
+from app.inspect.rerendering import Scene, open_run
+from engine.pipeline import artefacts
+from engine.progress import Progress
+from engine.types import Renders
 from tests.end_to_end import bundled
 
 # Half the pixels each way, a coarse sphere of directions, a small light: a minute on two cores.
@@ -113,6 +118,13 @@ def test_colmap_opens_its_model_with_every_view(exported: Path) -> None:
     assert len(model.points3D) > 200
     (camera,) = model.cameras.values()
     assert (camera.width, camera.height) == (160, 120)
+
+
+def test_a_view_rendered_again_is_the_solvers_own_picture(session: Path) -> None:
+    solved = open_run(runs.runs_of(session)[0])
+    own = artefacts.load(solved.run.folder("surface"), "renders", Renders)
+    again = Scene(solved, Progress()).rendered(own.views, Progress())
+    np.testing.assert_allclose(again, own.radiance[:, solved.surface.mask], rtol=1e-4, atol=1e-6)
 
 
 def test_the_report_needs_no_other_file(session: Path, tmp_path: Path) -> None:

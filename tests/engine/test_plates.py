@@ -25,6 +25,13 @@ def test_maps_are_transparent_outside_the_object():
     assert image[top, column, 1] > 220  # green is up
 
 
+def test_outside_the_object_no_colour_means_anything_even_where_transparency_is_not_known():
+    inside = np.array([[True, False]])
+    image = opened(plates.scalar(np.array([[-1.0, -1.0]]), inside, -1.0, 1.0, "RdBu_r"))
+    assert image[0, 0, 2] > image[0, 0, 0] + 60  # the map's blue end
+    assert (image[0, 1] == [plates.OUTSIDE] * 3 + [0]).all()
+
+
 def test_scalars_take_the_colour_maps_ends():
     values = np.array([[0.0, 2.0, 9.0, -5.0]])
     image = opened(plates.scalar(values, np.ones((1, 4), bool), 0.0, 2.0, "viridis"))

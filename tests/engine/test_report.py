@@ -9,8 +9,8 @@ import pytest
 
 from engine import report
 from engine.hdr import HdrReport, Step
+from engine.radiance import relative_error
 from engine.report import Contents, StageRun
-from engine.report_maps import relative_error
 from engine.truth import Truth
 from engine.types import Poses, Renders
 from tests.engine.ball import CAMERA, ball

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -21,7 +22,8 @@ from engine.geometry import fibonacci_sphere, rays
 from engine.light.cells import face_directions
 from engine.light.probes import panorama_directions
 from engine.progress import Progress
-from engine.surface.brdf import lobe_floor, rows, rows_reference
+from engine.surface.brdf import lobe_floor, rows
+from engine.surface.brdf_reference import rows_reference
 from tests.app import furnace
 
 CAMERA = furnace.CAMERA
@@ -39,7 +41,7 @@ def arrays() -> dict[str, np.ndarray]:
 
 @pytest.fixture
 def transfer(tmp_path: Path) -> Transfer:
-    light_sources.keep(tmp_path / "transfer.npz", arrays())
+    relighting_files.keep(tmp_path / "transfer.npz", arrays())
     return relighting_files.load_transfer(tmp_path / "transfer.npz")
 
 
@@ -258,7 +260,7 @@ def test_what_hides_the_room_throws_its_own_light(tmp_path: Path) -> None:
     scene = light_transfer.Small(
         camera, mask, normal, np.full((32, 32, 3), 0.8), np.full((32, 32), 1.0), depth, (0, 0, 32, 32)
     )
-    light_sources.keep(tmp_path / "t.npz", light_transfer.build(scene, False, Progress()))
+    relighting_files.keep(tmp_path / "t.npz", light_transfer.build(scene, False, Progress()))
     transfer = relighting_files.load_transfer(tmp_path / "t.npz")
     light = light_of(np.ones((64, 128, 3), np.float32))
     together = relit(transfer, light, Setting()).reshape(32, 32, 3)[..., 0]
@@ -361,3 +363,15 @@ def test_a_panorama_becomes_a_light_file(tmp_path: Path) -> None:
     light = relighting_files.load_light(to)
     assert light.name == "a.png"
     assert light.energy.sum(0) == pytest.approx(4 * np.pi * 0.503, rel=0.01)
+
+
+def test_a_preview_on_the_maps_grid_covers_the_object_to_its_rim() -> None:
+    transfer = SimpleNamespace(mask=np.zeros((4, 5), bool))
+    transfer.mask[1:3, 1:4] = True
+    pixels = np.arange(18, dtype=np.float32).reshape(6, 3)
+    whole = relighting.on_maps(transfer, pixels, (13, 16))  # type: ignore[arg-type]
+    assert whole.shape == (13, 16, 3)
+    assert (whole[3, 3] == pixels[0]).all()
+    assert (whole[8, 11] == pixels[5]).all()
+    assert (whole[5, 13] == pixels[2]).all()  # beside the rim
+    assert (whole[12] == whole[11]).all()  # the row that did not make a whole cell

@@ -13,30 +13,13 @@ import numpy as np
 
 from app.viewer import protocol
 from app.viewer.frames import FrameWriter
-from app.viewer.protocol import (
-    Contents,
-    Frame,
-    Load,
-    Loaded,
-    Look,
-    Memory,
-    Note,
-    Paint,
-    Ping,
-    Pong,
-    Probe,
-    Probed,
-    Ready,
-    Refused,
-    Unable,
-)
 
 POSE = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5)
 
 
-def contents(folder: str, surfaces: tuple[str, ...] = ("shaded", "albedo")) -> Contents:
+def contents(folder: str, surfaces: tuple[str, ...] = ("shaded", "albedo")) -> protocol.Contents:
     """Two cameras in front of one another, some of everything."""
-    return Contents(
+    return protocol.Contents(
         folder, "m", ("first", "second"), (POSE, (*POSE[:-1], 0.8)), 1.5, 0.8, 0.1, 0.3, emitters=12, lamps=1,
         triangles=34, points=5, surfaces=surfaces, room_radius=2.0, radius=0.5,
     )  # fmt: skip
@@ -64,31 +47,31 @@ def main() -> None:
         while args.hang_at == place:
             time.sleep(60)
 
-    say(Note("starting"))
+    say(protocol.Note("starting"))
     reach("ready")
     if args.unable or (args.needs_screen and "DISPLAY" not in os.environ):
-        say(Unable("it is a fake", "use a real one"))
+        say(protocol.Unable("it is a fake", "use a real one"))
         return
-    say(Ready("Filament" if args.filament_dies and args.renderer == "auto" else "Fake"))
+    say(protocol.Ready("Filament" if args.filament_dies and args.renderer == "auto" else "Fake"))
     writer, surfaces, folder = None, ("shaded", "albedo"), ""
     for line in sys.stdin.buffer:
         if args.noise:
             sys.stdout.buffer.write(b"[Open3D INFO] something to say\n\xff\n")
         match protocol.decode(line):
-            case Memory(name, size):
+            case protocol.Memory(name, size):
                 writer = FrameWriter(name, size)
-            case Load(wanted):
+            case protocol.Load(wanted):
                 reach("load")
                 folder = wanted
                 say(
-                    Refused("it is damaged; restore it")
+                    protocol.Refused("it is damaged; restore it")
                     if args.refuse
-                    else Loaded(contents(folder, surfaces))
+                    else protocol.Loaded(contents(folder, surfaces))
                 )
-            case Paint(layer, _):
+            case protocol.Paint(layer, _):
                 surfaces = (*surfaces, layer)
-                say(Loaded(contents(folder, surfaces)))
-            case Look() as look:
+                say(protocol.Loaded(contents(folder, surfaces)))
+            case protocol.Look() as look:
                 reach("look")
                 if args.filament_dies and args.renderer == "auto":
                     os._exit(18)
@@ -96,11 +79,11 @@ def main() -> None:
                 assert writer is not None
                 pixels = np.full((look.height, look.width, 4), look.number % 251, np.uint8)
                 slot, stamp = writer.write(pixels)
-                say(Frame(look.number, slot, stamp, look.width, look.height, 1, True, 1.0))
-            case Ping(number):
-                say(Pong(number))
-            case Probe(number, x, y):
-                say(Probed(number, (x, y, 1.0)))
+                say(protocol.Frame(look.number, slot, stamp, look.width, look.height, 1, True, 1.0))
+            case protocol.Ping(number):
+                say(protocol.Pong(number))
+            case protocol.Probe(number, x, y):
+                say(protocol.Probed(number, (x, y, 1.0)))
 
 
 if __name__ == "__main__":

@@ -14,23 +14,6 @@ from app.viewer import protocol
 from app.viewer.child import Inbox, Service
 from app.viewer.frames import FrameReader
 from app.viewer.orbit import Orbit
-from app.viewer.protocol import (
-    Frame,
-    Load,
-    Loaded,
-    Look,
-    Memory,
-    Note,
-    Paint,
-    Ping,
-    Pong,
-    Probe,
-    Probed,
-    Ready,
-    Refused,
-    Style,
-    Unable,
-)
 from tests.app.viewer import made
 from tests.app.viewer.fake_canvas import FakeCanvas
 
@@ -38,22 +21,22 @@ ROOT = Path(__file__).parents[3]
 EYE = Orbit((0.0, 0.0, 0.0), 3.0, 0.4, 0.2)
 
 
-def look(number: int, moving: bool = True, style: Style = Style()) -> Look:  # noqa: B008
-    return Look(number, EYE, 40, 30, moving, style)
+def look(number: int, moving: bool = True, style: protocol.Style = protocol.Style()) -> protocol.Look:  # noqa: B008
+    return protocol.Look(number, EYE, 40, 30, moving, style)
 
 
 def test_of_several_looks_only_the_newest_is_taken_and_after_the_rest() -> None:
     inbox = Inbox(io.BytesIO())
-    for message in (look(1), Ping(1), look(2), Load("/x"), look(3)):
+    for message in (look(1), protocol.Ping(1), look(2), protocol.Load("/x"), look(3)):
         inbox.put(message)
     taken = [inbox.take(wait=False) for _ in range(4)]
-    assert taken == [Ping(1), Load("/x"), look(3), None]
+    assert taken == [protocol.Ping(1), protocol.Load("/x"), look(3), None]
 
 
 def test_waiting_for_a_message_ends_with_the_next_one() -> None:
     inbox = Inbox(io.BytesIO())
-    threading.Timer(0.05, lambda: inbox.put(Ping(9))).start()
-    assert inbox.take(wait=True) == Ping(9)
+    threading.Timer(0.05, lambda: inbox.put(protocol.Ping(9))).start()
+    assert inbox.take(wait=True) == protocol.Ping(9)
 
 
 class Talk:
@@ -74,7 +57,7 @@ class Talk:
         return [protocol.decode(line) for line in self.stream.getvalue().splitlines()]
 
     def begin(self, folder: Path) -> list[object]:
-        return self(Memory(self.reader.name, self.reader.slot_bytes), Load(str(folder)))
+        return self(protocol.Memory(self.reader.name, self.reader.slot_bytes), protocol.Load(str(folder)))
 
 
 @pytest.fixture
@@ -87,15 +70,15 @@ def talk():
 def test_a_session_is_loaded_with_signs_of_life(talk: Talk, tmp_path: Path) -> None:
     *notes, loaded = talk.begin(made.session(tmp_path / "s"))
     assert notes
-    assert all(isinstance(note, Note) for note in notes)
-    assert isinstance(loaded, Loaded)
+    assert all(isinstance(note, protocol.Note) for note in notes)
+    assert isinstance(loaded, protocol.Loaded)
     assert loaded.contents.emitters == 400
 
 
 def test_a_wish_is_answered_with_a_picture_in_the_memory(talk: Talk, tmp_path: Path) -> None:
     talk.begin(made.session(tmp_path / "s"))
     (frame,) = talk(look(5))
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, protocol.Frame)
     assert (frame.number, frame.width, frame.height, frame.last) == (5, 40, 30, True)
     pixels = talk.reader.copy(frame.slot, frame.stamp, 4800)
     assert pixels is not None
@@ -105,29 +88,34 @@ def test_a_wish_is_answered_with_a_picture_in_the_memory(talk: Talk, tmp_path: P
 def test_at_rest_pictures_come_until_the_last(talk: Talk, tmp_path: Path) -> None:
     talk.begin(made.session(tmp_path / "s"))
     frames = talk(look(6, moving=False))
-    assert [frame.last for frame in frames if isinstance(frame, Frame)] == [False, False, False, True]
+    assert [frame.last for frame in frames if isinstance(frame, protocol.Frame)] == [
+        False,
+        False,
+        False,
+        True,
+    ]
 
 
 def test_a_damaged_session_is_refused_and_the_service_lives(talk: Talk, tmp_path: Path) -> None:
     (*_, refused) = talk.begin(tmp_path)
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, protocol.Refused)
     assert "not a session" in refused.reason
-    assert talk(Ping(3)) == [Pong(3)]
+    assert talk(protocol.Ping(3)) == [protocol.Pong(3)]
 
 
 def test_a_probe_is_answered(talk: Talk, tmp_path: Path) -> None:
     talk.begin(made.session(tmp_path / "s"))
     talk(look(1))
-    (probed,) = talk(Probe(2, 0.1, 0.5))
-    assert isinstance(probed, Probed)
+    (probed,) = talk(protocol.Probe(2, 0.1, 0.5))
+    assert isinstance(probed, protocol.Probed)
     assert len(probed.point) == 3
 
 
 def test_a_painted_layer_joins_the_surfaces(talk: Talk, tmp_path: Path) -> None:
     talk.begin(made.session(tmp_path / "s"))
     np.save(tmp_path / "relit.npy", np.full((24, 24, 3), 0.5, np.float32))
-    (loaded,) = talk(Paint("relit", str(tmp_path / "relit.npy")))
-    assert isinstance(loaded, Loaded)
+    (loaded,) = talk(protocol.Paint("relit", str(tmp_path / "relit.npy")))
+    assert isinstance(loaded, protocol.Loaded)
     assert loaded.contents.surfaces[-1] == "relit"
 
 
@@ -136,8 +124,8 @@ def test_a_layer_that_does_not_fit_is_said(talk: Talk, tmp_path: Path, shape: tu
     talk.begin(made.session(tmp_path / "s"))
     if shape is not None:
         np.save(tmp_path / "relit.npy", np.zeros(shape))
-    (note,) = talk(Paint("relit", str(tmp_path / "relit.npy")))
-    assert isinstance(note, Note)
+    (note,) = talk(protocol.Paint("relit", str(tmp_path / "relit.npy")))
+    assert isinstance(note, protocol.Note)
     assert "stays as it was" in note.text
 
 
@@ -156,14 +144,14 @@ def test_the_process_draws_a_session_and_ends_with_its_window(tmp_path: Path) ->
         assert child.stdin is not None
         assert child.stdout is not None
         heard = iter(protocol.decode(line) for line in child.stdout)  # every line is a message
-        first = next(message for message in heard if isinstance(message, Ready | Unable))
-        if isinstance(first, Unable):
+        first = next(message for message in heard if isinstance(message, protocol.Ready | protocol.Unable))
+        if isinstance(first, protocol.Unable):
             pytest.skip("no OpenGL on this machine")
-        wish = Look(1, EYE, 160, 120, True, Style(emitters="ellipsoids"))
-        for message in (Memory(reader.name, reader.slot_bytes), Load(str(folder)), wish):
+        wish = protocol.Look(1, EYE, 160, 120, True, protocol.Style(emitters="ellipsoids"))
+        for message in (protocol.Memory(reader.name, reader.slot_bytes), protocol.Load(str(folder)), wish):
             child.stdin.write(protocol.encode(message))
         child.stdin.flush()
-        frame = next(message for message in heard if isinstance(message, Frame))
+        frame = next(message for message in heard if isinstance(message, protocol.Frame))
         pixels = reader.copy(frame.slot, frame.stamp, frame.width * frame.height * 4)
         assert pixels is not None
         picture = np.frombuffer(pixels, np.uint8).reshape(frame.height, frame.width, 4)

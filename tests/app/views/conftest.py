@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -63,6 +64,13 @@ def stop(board: Board) -> None:
     for job in board.active:
         job.kill()
         job.wait(30)
+
+
+def active(window: QWidget, qtbot: QtBot) -> None:
+    """Give the window the keyboard: without a window manager that takes effect only once it is on the screen."""
+    until(qtbot, lambda: window.windowHandle() is not None and window.windowHandle().isExposed())
+    window.activateWindow()
+    until(qtbot, window.isActiveWindow)
 
 
 def until(qtbot: QtBot, what: Callable[[], object], timeout_ms: int = 30_000) -> None:

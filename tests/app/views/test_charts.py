@@ -12,8 +12,9 @@ from PySide6.QtGui import QImage
 from pytestqt.qtbot import QtBot
 
 from app.inspect import runs
+from app.inspect.charting import TITLES
 from app.relight.lights import coverage_file
-from app.views.charts import CHARTS, ChartsPage
+from app.views.charts import ChartsPage
 from app.views.pages import Shell
 from tests.app import furnace
 from tests.app.inspect.test_charting import half_seen
@@ -42,7 +43,7 @@ def page(qtbot: QtBot, shell: Shell, session: Path) -> ChartsPage:
 
 
 def choose(page: ChartsPage, key: str, qtbot: QtBot) -> None:
-    page.list.setCurrentRow([name for name, _ in CHARTS].index(key))
+    page.list.setCurrentRow(list(TITLES).index(key))
     until(qtbot, lambda: page.chart is not None and page.chart.key == key and not page._background.busy)
 
 
@@ -63,7 +64,7 @@ def test_without_results_it_says_what_to_do(qtbot: QtBot, shell: Shell, tmp_path
     assert not page.export.isEnabled()
 
 
-@pytest.mark.parametrize("key", [key for key, _ in CHARTS])
+@pytest.mark.parametrize("key", list(TITLES))
 def test_every_chart_is_drawn(page: ChartsPage, qtbot: QtBot, session: Path, key: str) -> None:
     keep_light(session)
     choose(page, key, qtbot)

@@ -2,11 +2,13 @@
 
 import ast
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QShortcut
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractScrollArea,
@@ -18,17 +20,23 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QListView,
+    QMenu,
+    QPushButton,
+    QScrollBar,
+    QSlider,
     QTabBar,
+    QVBoxLayout,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
 
 from app.state import Trouble
 from app.views.main_window import MainWindow
-from app.views.pages import PAGES
+from app.views.pages import PAGES, PageRow, load
 from tests.app.calls import ROOT
-from tests.app.views.conftest import until
+from tests.app.views.conftest import active, until
 
+FIRST_SHOW_S = 0.3  # of processor time; a tenth is usual
 # What a person operates. Parts inside of these (the line of a spin box, a list that pops up) belong to them.
 CONTROLS = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit, QAbstractScrollArea)
 
@@ -63,16 +71,38 @@ def nameless(root: QWidget) -> list[str]:
     ]
 
 
+OPERATED = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit)
+
+
 def unreachable(root: QWidget) -> list[str]:
-    """Buttons that the keyboard cannot press: no focus by Tab and no shortcut."""
+    """Controls that the keyboard cannot operate: no focus by Tab, and no key of their own or of their action."""
+    keys = {key.toString() for action in every_action(root) for key in action.shortcuts()}
+    keys |= {shortcut.key().toString() for shortcut in root.findChildren(QShortcut)}
     return [
         f"{type(widget).__name__} {widget.accessibleName()!r}"
         for widget in controls(root)
-        if isinstance(widget, QAbstractButton)
-        and widget.isEnabled()
+        if isinstance(widget, OPERATED)
+        and not isinstance(widget, QScrollBar)  # what it shows is reached by the keys of what it scrolls
         and not widget.focusPolicy() & Qt.FocusPolicy.TabFocus
-        and widget.shortcut().isEmpty()
-        and widget.toolTip().count("(") == 0  # tool buttons name the shortcut of the action they stand for
+        and not (isinstance(widget, QAbstractButton) and not widget.shortcut().isEmpty())
+        # Tool buttons name the key of the action they stand for.
+        and not keys & set(re.findall(r"\(([^()]+)\)", widget.toolTip()))
+    ]
+
+
+def every_action(root: QWidget) -> list[QAction]:
+    return [*root.actions(), *root.findChildren(QAction)]
+
+
+def keyless(root: QWidget) -> list[str]:
+    """Actions that neither a key nor a menu reaches."""
+    in_menus = {id(action) for menu in root.findChildren(QMenu) for action in menu.actions()}
+    in_menus |= {id(action) for widget in root.findChildren(QWidget) for action in widget.actions()
+                 if widget.contextMenuPolicy() == Qt.ContextMenuPolicy.ActionsContextMenu}  # fmt: skip
+    return [
+        action.text()
+        for action in every_action(root)
+        if action.text() and not action.shortcuts() and id(action) not in in_menus and action.menu() is None
     ]
 
 
@@ -83,8 +113,28 @@ def test_every_control_of_a_page_has_a_name_and_is_reached(
     window.open_session(session)
     window.show_page(key)
     qtbot.wait(50)
-    assert nameless(window.page(key)) == []
-    assert unreachable(window.page(key)) == []
+    page = window.page(key)
+    assert page.isVisible()
+    assert len(list(controls(page))) >= 4
+    assert nameless(page) == []
+    assert unreachable(page) == []
+    assert keyless(page) == []
+
+
+@pytest.mark.parametrize("row", PAGES[1:], ids=lambda row: row.key)
+def test_the_first_show_of_a_page_costs_the_window_little(
+    window: MainWindow, qtbot: QtBot, row: PageRow
+) -> None:
+    load(row)  # in the window a thread did this before
+    start = time.thread_time()
+    window.show_page(row.key)
+    QApplication.processEvents()
+    assert time.thread_time() - start < FIRST_SHOW_S
+
+
+def test_the_menus_reach_every_action_of_the_window(window: MainWindow) -> None:
+    assert len(every_action(window)) > 20
+    assert keyless(window) == []
 
 
 def test_rail_and_status_bar_have_names(window: MainWindow) -> None:
@@ -102,31 +152,33 @@ def test_dialogs_have_names(window: MainWindow, qtbot: QtBot) -> None:
         dialog.close()
 
 
+def focused() -> QWidget:
+    widget = QApplication.focusWidget()
+    assert widget is not None  # a key for nobody would end the process
+    return widget
+
+
 def test_tab_walks_through_the_whole_start_page(window: MainWindow, qtbot: QtBot) -> None:
-    window.activateWindow()
+    active(window, qtbot)
     page = window.page("start")
     page.new_capture.setFocus()  # type: ignore[attr-defined]
     seen = []
     for _ in range(60):
-        focus = QApplication.focusWidget()
-        if focus is not None:
-            seen.append(focus.accessibleName())
-        qtbot.keyClick(focus or window, Qt.Key.Key_Tab)
+        seen.append(focused().accessibleName())
+        qtbot.keyClick(focused(), Qt.Key.Key_Tab)
     assert {"New capture", "Open session", "Import photographs", "Start"} <= set(seen)
 
 
 def test_arrows_walk_along_the_rail(window: MainWindow, qtbot: QtBot) -> None:
-    window.activateWindow()
+    active(window, qtbot)
     window.rail.buttons["start"].setFocus()
     for row in PAGES[1:3]:
-        qtbot.keyClick(QApplication.focusWidget(), Qt.Key.Key_Down)
+        qtbot.keyClick(focused(), Qt.Key.Key_Down)
         assert window.stack.currentWidget() is window.page(row.key)
 
 
 def test_names_are_said_for_what_they_are(qtbot: QtBot) -> None:
     """The walk itself finds a control without a name."""
-    from PySide6.QtWidgets import QPushButton, QVBoxLayout
-
     page = QWidget()
     qtbot.addWidget(page)
     layout = QVBoxLayout(page)
@@ -134,16 +186,27 @@ def test_names_are_said_for_what_they_are(qtbot: QtBot) -> None:
     good.setAccessibleName("a")
     out.setAccessibleName("c")
     out.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    for button in (good, bad, out):
-        layout.addWidget(button)
+    dumb, slid = QPushButton("d"), QSlider()
+    dumb.setAccessibleName("d")
+    dumb.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    dumb.setToolTip("d (Ctrl+D)")
+    slid.setAccessibleName("s")
+    slid.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    for widget in (good, bad, out, dumb, slid):
+        layout.addWidget(widget)
     assert len(nameless(page)) == 1
-    assert len(unreachable(page)) == 1
+    assert unreachable(page) == ["QPushButton 'c'", "QPushButton 'd'", "QSlider 's'"]
+    action = QAction("d", page)
+    assert keyless(page) == ["d"]
+    action.setShortcut("Ctrl+D")
+    assert keyless(page) == []
+    assert unreachable(page) == ["QPushButton 'c'", "QSlider 's'"]
 
 
 SAID = {
     "setText", "setToolTip", "setWindowTitle", "setPlaceholderText", "setAccessibleName", "setAccessibleDescription",
     "setInformativeText", "addTab", "addMenu", "showMessage", "setTitle", "setLabelText", "setWhatsThis", "setHeaderLabels",
-    "QLabel", "QPushButton", "QCheckBox", "QRadioButton", "QAction", "QGroupBox",
+    "told", "QLabel", "QPushButton", "QCheckBox", "QRadioButton", "QAction", "QGroupBox",
 }  # fmt: skip
 NAMES = {"Roomlight"}
 

@@ -8,7 +8,6 @@ from unittest.mock import Mock
 import pytest
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
 from app.settings import Settings
@@ -58,21 +57,7 @@ def test_every_page_can_be_shown_by_its_key(window: MainWindow, row: PageRow, qt
     page = window.stack.currentWidget()
     assert page is window._pages[row.key]
     assert window.rail.buttons[row.key].isChecked()
-    kind = load(row)
-    if kind is not None:
-        assert isinstance(page, kind)
-    else:
-        assert "not part of this version" in page.findChildren(QLabel)[0].text()
-
-
-def test_a_page_that_fails_to_import_says_so_and_a_missing_one_does_not(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    (tmp_path / "broken_page.py").write_text("import no_such_library_anywhere")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModuleNotFoundError, match="no_such_library"):
-        load(PageRow("x", "X", "", "broken_page", "Page", ""))
-    assert load(PageRow("x", "X", "", "app.views.no_such_page", "Page", "")) is None
+    assert isinstance(page, load(row))
 
 
 def test_opening_a_session_names_it_and_tells_every_page(

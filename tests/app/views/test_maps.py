@@ -16,7 +16,7 @@ from app.views.map_panel import MapPanel
 from app.views.maps import MapsPage
 from app.views.pages import Shell
 from tests.app import furnace
-from tests.app.views.conftest import until
+from tests.app.views.conftest import active, until
 from tests.app.work.children import QUICK, WILLING, job
 
 MIDDLE = QPointF(20.5 / 40, 15.5 / 40)
@@ -151,7 +151,7 @@ def test_another_layer_is_drawn_when_it_is_chosen(page: MapsPage, qtbot: QtBot, 
 
 def test_keys_change_mode_and_view(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
     shown(page, two_runs, qtbot)
-    page.activateWindow()
+    active(page, qtbot)
     page.grid.panels[0].view.setFocus()
     before = page.bar.view_box.currentIndex()
     qtbot.keyClick(page.grid.panels[0].view, Qt.Key.Key_BracketRight)
@@ -259,6 +259,22 @@ def test_two_runs_are_compared_with_numbers(page: MapsPage, qtbot: QtBot, two_ru
     assert drawn(page.compare.second)
 
 
+def test_a_view_picked_elsewhere_is_turned_to_now_or_when_it_is_there(
+    page: MapsPage, qtbot: QtBot, two_runs: Path, shell: Shell
+) -> None:
+    shell.state.session.set(two_runs)
+    shell.state.view.set(7)
+    shown(page, two_runs, qtbot)
+    assert page.showing is not None
+    assert page.showing.view == 7
+    page.bar.step_view(1)
+    assert shell.state.view.value == 8
+    shell.state.view.set(7)
+    assert page.showing.view == 7
+    shell.state.session.set(None)
+    assert shell.state.view.value is None
+
+
 def test_another_session_can_stand_beside(
     page: MapsPage, qtbot: QtBot, two_runs: Path, tmp_path: Path
 ) -> None:
@@ -267,7 +283,7 @@ def test_another_session_can_stand_beside(
     shown(page, two_runs, qtbot)
     page.set_mode(2)
     page.compare_with_session(other)
-    until(qtbot, lambda: "bear.session" in page.compare.with_run.currentText())
+    until(qtbot, lambda: page.compare.with_run.currentText().startswith("bear: "))
     until(
         qtbot,
         lambda: page.compare.comparison is not None and page.compare.comparison.of("albedo").known.max() < 0,

@@ -73,6 +73,19 @@ def test_the_column_shows_each_stage_and_chooses_the_first_to_run(page: ProcessP
     assert not page.grab().isNull()
 
 
+def test_a_gpu_that_is_found_stands_in_the_status_bar(
+    shell: Shell, questions: Questions, qtbot: QtBot
+) -> None:
+    questions.gpu = "A card"
+    page = ProcessPage()
+    qtbot.addWidget(page)
+    page.use(shell)
+    until(
+        qtbot,
+        lambda: [(device.key, device.told) for device in shell.state.devices.value] == [("gpu", "A card")],
+    )
+
+
 def test_an_edit_is_kept_shows_what_it_touches_and_can_be_undone(
     page: ProcessPage, questions: Questions, qtbot: QtBot
 ) -> None:

@@ -31,14 +31,14 @@ VIEW = 4
 def keep_light(to: Path, name: str = "view04") -> None:
     light = with_lamp(light_of(sky()), (0.6, -0.3, 0.2))
     fields = {field: np.asarray(getattr(light, field)) for field in type(light).__slots__ if field != "name"}
-    light_sources.keep(to, {**fields, "name": np.array(name), "lamp_clipped": np.array([True])})
+    relighting_files.keep(to, {**fields, "name": np.array(name), "lamp_clipped": np.array([True])})
 
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     session = furnace.finished(tmp_path_factory.mktemp("relight") / "lion.session")
     run = runs.runs_of(session)[0]
-    light_sources.keep(relighting_files.transfer_file(run), arrays())
+    relighting_files.keep(relighting_files.transfer_file(run), arrays())
     keep_light(relighting_files.light_file(run, VIEW))
     return session
 
@@ -252,7 +252,7 @@ def test_a_panorama_becomes_the_light(page: RelightPage, qtbot: QtBot, session: 
     def make(name, task, request):
         assert task == "panorama"
         light = light_sources.as_light(np.full((32, 64, 3), [0.2, 0.4, 5.0], np.float32))
-        light_sources.keep(
+        relighting_files.keep(
             Path(request["to"]), {**light, "name": np.array("beach.hdr"), **light_sources._no_lamps()}
         )
         return job(f'emit("done", result={{"light": {request["to"]!r}}})', name, task, request)
@@ -329,3 +329,21 @@ def test_closing_the_session_takes_the_picture_away(page: RelightPage, qtbot: Qt
     page.show_session(None)
     assert page.canvas.image is None
     assert not page.controls.isEnabled()
+
+
+def test_the_surface_in_this_light_is_handed_to_the_3d_page(
+    page: RelightPage, qtbot: QtBot, session: Path, shell: Shell
+) -> None:
+    ready(page, session, qtbot)
+    with qtbot.waitSignal(shell.wishes.show_page, timeout=30_000) as asked:
+        qtbot.mouseClick(page.controls.space, Qt.MouseButton.LeftButton)
+    assert asked.args == ["view3d"]
+    assert shell.state.relit.value is not None
+    lit = np.load(shell.state.relit.value)
+    mask = furnace.surface().mask
+    assert lit.shape == (*mask.shape, 3)
+    assert np.percentile(lit[mask].max(-1), 99) == pytest.approx(1, abs=0.05)  # exposed as on this page
+    page.controls.ev.setValue(-3)
+    with qtbot.waitSignal(shell.wishes.show_page, timeout=30_000):
+        page.show_in_space()
+    np.testing.assert_allclose(np.load(shell.state.relit.value), lit / 2, rtol=1e-5)

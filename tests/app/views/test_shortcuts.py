@@ -8,7 +8,7 @@ from pytestqt.qtbot import QtBot
 from app.views.main_window import MainWindow
 from app.views.pages import PAGES
 from app.views.shortcuts import ShortcutsDialog, collect
-from tests.app.views.conftest import until
+from tests.app.views.conftest import active, until
 
 
 def test_actions_and_shortcuts_are_found_once(qtbot: QtBot) -> None:
@@ -30,7 +30,7 @@ def test_actions_and_shortcuts_are_found_once(qtbot: QtBot) -> None:
 
 
 def test_question_mark_opens_the_sheet(window: MainWindow, qtbot: QtBot) -> None:
-    window.activateWindow()
+    active(window, qtbot)
     qtbot.keyClick(window, Qt.Key.Key_Question)
     until(qtbot, lambda: window.findChildren(ShortcutsDialog))
     (dialog,) = window.findChildren(ShortcutsDialog)

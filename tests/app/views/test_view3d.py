@@ -22,6 +22,7 @@ from app.viewer.protocol import LAYERS, Style
 from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
 from app.viewer.watch import Patience
+from app.views.pages import Shell
 from app.views.view3d import View3dPage
 from tests.app.viewer import fake_child, made
 
@@ -347,6 +348,39 @@ def test_clicking_a_camera_asks_for_its_photograph(qtbot, open_page: View3dPage)
     qtbot.waitUntil(lambda: not open_page.photograph.picture.pixmap().isNull(), timeout=BOUND_MS)
     qtbot.keyClick(open_page.canvas, Qt.Key.Key_Escape)
     assert not open_page.photograph.isVisible()
+
+
+def test_the_photograph_is_offered_on_the_maps_page_too(qtbot, open_page: View3dPage, shell: Shell) -> None:
+    open_page.use(shell)
+    qtbot.mouseClick(open_page.canvas, Qt.MouseButton.LeftButton, pos=camera_pixel(open_page, 1))
+    assert shell.state.view.value == 1
+    for ask in (
+        lambda: qtbot.mouseClick(open_page.photograph.larger, Qt.MouseButton.LeftButton),
+        lambda: qtbot.keyClick(open_page.canvas, Qt.Key.Key_M),
+    ):
+        shell.state.view.set(None)
+        with qtbot.waitSignal(shell.wishes.show_page, timeout=BOUND_MS) as asked:
+            ask()
+        assert (asked.args, shell.state.view.value) == (["maps"], 1)
+    open_page.view_picked.disconnect()
+    open_page._shell = None
+
+
+def test_a_surface_relit_elsewhere_is_shown_now_or_when_the_view_begins(
+    qtbot, page: Open, session: Path, shell: Shell
+) -> None:
+    one = page()
+    one.use(shell)
+    shell.state.session.set(session)
+    shell.state.relit.set(Path("/relit-1.npy"))
+    one.show_session(session)
+    qtbot.waitUntil(lambda: one.state.style.surface == "relit", timeout=BOUND_MS)
+    one._restyle(showing.styled(one.state, surface="albedo"))
+    shell.state.relit.set(Path("/relit-2.npy"))
+    qtbot.waitUntil(lambda: one.state.style.surface == "relit", timeout=BOUND_MS)
+    shell.state.session.set(None)
+    assert shell.state.relit.value is None
+    assert one._relit is None
 
 
 def test_clicking_beside_every_camera_asks_for_nothing(qtbot, open_page: View3dPage) -> None:

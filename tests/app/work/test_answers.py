@@ -3,8 +3,11 @@
 import json
 import os
 import queue
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -16,6 +19,7 @@ from app.work.worker import Link
 from engine import session as sessions
 from engine.errors import Cancelled
 from engine.pipeline import settings as asked
+from tests.app.calls import ROOT
 from tests.app.sessions import HEIGHT, WIDTH, small
 
 
@@ -100,21 +104,39 @@ def test_a_session_without_photographs_has_no_thumbnail(tmp_path: Path) -> None:
     assert not to.exists()
 
 
+def test_a_machine_says_its_gpu_as_torch_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch = SimpleNamespace(is_available=lambda: False, get_device_name=lambda index: f"card {index}")
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=torch))
+    assert answer(question="gpu")["answer"] == {"name": ""}
+    torch.is_available = lambda: True
+    assert answer(question="gpu")["answer"] == {"name": "card 0"}
+
+
+def test_a_plan_waits_for_no_torch(session: Path) -> None:
+    code = (
+        "import sys; from app.work import answers\n"
+        f"answers.plan({{'session': {str(session)!r}}})\n"
+        "print([name for name in ('torch', 'open3d', 'mitsuba') if name in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert said.stdout.splitlines()[-1] == "[]"
+
+
 def test_plans_go_before_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     read, write = os.pipe()
     link = Link(write)
-    for number, question in enumerate(("thumbnail", "thumbnail", "plan")):
+    for number, question in enumerate(("gpu", "thumbnail", "thumbnail", "plan")):
         link.take(json.dumps({"command": "ask", "id": number, "question": question}).encode())
     order: queue.Queue[int] = queue.Queue()
 
     def one(number: int, content: Mapping[str, Any], link: Link) -> None:
         order.put(number)
-        if order.qsize() == 3:
+        if order.qsize() == 4:
             link.take(b'{"command": "cancel"}')
 
     monkeypatch.setattr(answers, "answer_one", one)
     with pytest.raises(Cancelled):
         answers.serve({}, link)
-    assert [order.get_nowait() for _ in range(3)] == [2, 0, 1]
+    assert [order.get_nowait() for _ in range(4)] == [3, 1, 2, 0]
     os.close(write)
     os.close(read)

@@ -173,7 +173,7 @@ sys.stdin.read()
 
 
 def test_killing_the_window_leaves_no_worker_and_a_session_that_resumes(
-    orphan: tuple[subprocess.Popen[str], int], session: Path
+    orphan: tuple[subprocess.Popen[str], int], session: Path, pipe: Pipe
 ) -> None:
     window, child = orphan
     window.send_signal(signal.SIGKILL)
@@ -183,9 +183,8 @@ def test_killing_the_window_leaves_no_worker_and_a_session_that_resumes(
         time.sleep(0.05)
     with sessions.lock(sessions.open_session(session)):
         pass
-    job = Job("a", "process", {"session": str(session), "device": "cpu", "until": "segment"})
-    job.start()
-    assert job.wait(LONG_S).state is JobState.DONE
+    last = run("process", {"session": str(session), "device": "cpu", "until": "segment"}, pipe)
+    assert last["event"] == "done", last
 
 
 def _state(pid: int) -> str:

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.geometry import fibonacci_sphere
-from engine.surface.brdf import F0, lobe_floor, rows, rows_reference
+from engine.surface.brdf import F0, lobe_floor, rows
+from engine.surface.brdf_reference import rows_reference
 
 UP = np.array([[0.0, 0.0, 1.0]])
 

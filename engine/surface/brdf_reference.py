@@ -1,0 +1,36 @@
+"""The rows of `engine/surface/brdf.py` once more, plainly, in torch: what the kernel is held against, and runs on CUDA.
+
+A file of its own: torch takes seconds to load, and neither planning nor solving on a CPU has a use for it.
+"""
+
+import math
+
+from jaxtyping import Float
+from torch import Tensor
+
+from engine.surface.brdf import F0
+
+
+def rows_reference(
+    normals: Float[Tensor, "p 3"],
+    roughness: Float[Tensor, " p"],
+    views: Float[Tensor, "p 3"],
+    directions: Float[Tensor, "d 3"],
+    visible: Tensor,
+    full_diffuse: bool,
+    floor: float,
+) -> tuple[Float[Tensor, "p d"], Float[Tensor, "p d"]]:
+    """(diffuse, specular) rows in the tensors' own precision; arguments as `brdf.rows` takes them."""
+    nl = (normals @ directions.T).clamp(min=0) * visible
+    nv = (normals * views).sum(1).clamp(min=1e-3)[:, None]
+    a2 = roughness[:, None] ** 4 + floor
+    lh = ((1 + views @ directions.T) / 2).clamp(min=1e-6).sqrt()
+    nh = (nl + nv) / (2 * lh)
+    ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1).clamp(min=1e-7) ** 2)
+    fresnel = F0 + (1 - F0) * (1 - lh) ** 5
+    masking = 1 / ((nl + (a2 + (1 - a2) * nl**2).sqrt()) * (nv + (a2 + (1 - a2) * nv**2).sqrt()))
+    diffuse = nl / math.pi
+    if full_diffuse:
+        retro = 2 * roughness[:, None] * lh**2 - 0.5
+        diffuse = diffuse * (1 + retro * (1 - nl) ** 5) * (1 + retro * (1 - nv) ** 5)
+    return diffuse, ggx * fresnel * masking * nl
