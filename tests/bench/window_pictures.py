@@ -1,0 +1,137 @@
+"""Pictures of the real window for the README: a capture under way, processing, the 3D view, the maps.
+
+    xvfb-run -a -s "-screen 0 1280x900x24" python -m tests.bench.window_pictures TO --session FINISHED
+
+FINISHED is a session with results; it is copied. What is grabbed is what the screen shows, at 1240 x 780. Fails where a
+picture is blank. Look at every one before it goes into the README.
+"""
+
+import argparse
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtGui import QImage
+
+from app.viewer import orbit
+from app.views.capture import CapturePage
+from app.views.main_window import MainWindow
+from app.views.maps import MapsPage
+from app.views.process import ProcessPage
+from app.views.view3d import View3dPage
+from app.work.jobs import JobState
+from tests.end_to_end import windowed
+from tests.end_to_end.windowed import until
+
+SIZE = 1240, 780
+MOST_BYTES = 250_000
+QUALITIES = (92, 88, 84, 80, 75, 70)
+NEARER = 1.7
+SETTLED_S = 1.0  # what is drawn in a thread, and fades and scrolls, has its time
+STUDIO = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roomlight" / "studio"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("to", type=Path)
+    parser.add_argument("--session", type=Path, required=True, help="with results")
+    parser.add_argument("--rig", default="virtual:grbl?speed=20")
+    parser.add_argument(
+        "--camera", default=f"virtual:?room=study&object=blob&size=320x240&cache={STUDIO}",
+        help="its room is baked the first time, which takes minutes",
+    )  # fmt: skip
+    parser.add_argument("--poses", type=int, default=48)
+    parser.add_argument("--shot", type=int, default=26, help="grab the capture after so many")
+    parser.add_argument("--until", type=float, default=0.3, help="share of the stage at which to grab")
+    args = parser.parse_args()
+    args.to.mkdir(parents=True, exist_ok=True)
+    blank = []
+    with tempfile.TemporaryDirectory(prefix="roomlight-pictures-") as scratch:
+        os.environ.update(windowed.own_places(Path(scratch) / "xdg"))
+        session = Path(scratch) / "demo.session"
+        shutil.copytree(args.session, session)
+        with windowed.opened() as window:
+            window.resize(*SIZE)
+            for name, image in pages(window, session, Path(scratch), args):
+                to = save(image, args.to / name)
+                print(f"{to}: {image.width()} x {image.height()}, {to.stat().st_size / 1000:.0f} kB")
+                if windowed.is_blank(image):
+                    blank.append(name)
+    if blank:
+        print(f"blank: {', '.join(blank)}")
+    return 1 if blank else 0
+
+
+def pages(
+    window: MainWindow, session: Path, scratch: Path, args: argparse.Namespace
+) -> Iterator[tuple[str, QImage]]:
+    """Each page in a state worth looking at."""
+    window.go_to_session(session)
+    view = windowed.page(window, "view3d", View3dPage)
+    windowed.scene_of(view)
+    closer(view)
+    yield "view3d", grabbed(window)
+    maps = windowed.page(window, "maps", MapsPage)
+    for layer in ("photograph", "normal", "albedo", "depth"):
+        windowed.map_of(maps, layer)
+    yield "maps", grabbed(window)
+    process = windowed.page(window, "process", ProcessPage)
+    windowed.planned(process)
+    # The surface once more, with another parameter, so that stages done and under way are seen.
+    process.column.chosen.emit("surface")
+    process.parameters.edited.emit("surface.passes", 7)
+    until(lambda: process.start.isEnabled(), "the edit is planned")
+    job = windowed.begin(process)
+    until(lambda: job.status.ended or job.status.fraction > args.until, "the surface is under way")
+    yield "process", grabbed(window)
+    process.stop.trigger()
+    status = windowed.ended(job)
+    if status.state is JobState.FAILED:
+        raise RuntimeError(f"{status.message}\n{status.details}")
+    capture = windowed.page(window, "capture", CapturePage)
+    capture.new_capture()
+    windowed.connect(capture, args.rig, args.camera)
+    windowed.choose_plan(capture, "suited", args.poses)
+    windowed.start(capture, scratch / "blob.session")
+    until(lambda: windowed.taken(capture.state) >= args.shot, "the capture is under way", 3600)
+    until(lambda: capture.scene.coverage.panorama.image is not None, "the light that was seen")
+    yield "capture", grabbed(window)
+    capture.does.end.trigger()
+    windowed.finished(capture)
+
+
+def closer(view: View3dPage) -> None:
+    """Cameras and object fill the picture; the surface wears its own colours."""
+    view.banner.hide()
+    view.panel.surface_chosen.emit("albedo")
+    eye = orbit.aimed(view.state.eye, np.array(view.state.contents.centre))
+    view.canvas.eye_moved.emit(orbit.zoomed(eye, NEARER), False)
+    before = view.canvas.picture
+    until(lambda: view.canvas.picture is not before, "a nearer picture")
+    windowed.scene_of(view)
+
+
+def grabbed(window: MainWindow) -> QImage:
+    """What the screen shows of the window."""
+    windowed.live(SETTLED_S)
+    return window.screen().grabWindow(window.winId()).toImage().convertToFormat(QImage.Format.Format_RGB888)
+
+
+def save(image: QImage, stem: Path) -> Path:
+    """As JPEG, as good as the size allows."""
+    to = stem.with_suffix(".jpg")
+    for quality in QUALITIES:
+        image.save(str(to), quality=quality)
+        if to.stat().st_size <= MOST_BYTES:
+            return to
+    raise RuntimeError(f"{to}: too large at any quality")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
