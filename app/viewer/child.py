@@ -21,6 +21,7 @@ from app.viewer.drawing import Drawing
 from app.viewer.frames import FrameWriter
 from engine.errors import RoomlightError
 
+NICE = 8
 RENDERERS = ("auto", "opengl", "filament")
 
 
@@ -185,6 +186,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except NoGraphics as error:
         say(answers, protocol.Unable(error.reason, error.remedy))
         return 3
+    # Within the window's own session: pictures may come later, keys and clicks may not.
+    os.nice(NICE)
     say(answers, protocol.Note("preparing the 3D view"))
     from app.viewer.sprites import prepare
 

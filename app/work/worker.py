@@ -33,9 +33,8 @@ TASKS = {
     "panorama": "app.relight.sources:serve_panorama",
 }
 
-# These stand back for the window, and for a capture, when both want the same core.
-PATIENT = frozenset({"process", "import", "report"})
-NICE = 5
+# How far a task stands back for the window when both want the same core, a capture less than a solve.
+NICE = {"desk": 8, "process": 15, "import": 15, "report": 15}
 
 GRACE_S = 10.0
 PROGRESS_EVERY_S = 0.05
@@ -190,8 +189,7 @@ def main(argv: Sequence[str]) -> int:
     def work(request: Mapping[str, Any], link: Link) -> Mapping[str, Any] | None:
         return find(name)(request, link)
 
-    if name in PATIENT:
-        os.nice(NICE)
+    cores.stand_back(NICE.get(name, 0))
     code = perform(work, json.loads(request), link)
     os.close(out)
     return code
