@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PageRow:
-    """One row of the rail; the page `maps` is `MapsPage` of `app/views/maps.py`."""
+    """One row of the rail; the page `maps` is `MapsPage` of `app/views/maps/page.py`."""
 
     key: str
     title: str  # translated in the context "pages", as the tip
@@ -98,7 +98,7 @@ class UsesShell(Protocol):
 
 def load(row: PageRow) -> type[QWidget]:
     """The page's class."""
-    module = importlib.import_module(f"app.views.{row.key}")
+    module = importlib.import_module(f"app.views.{row.key}.page")
     return getattr(module, f"{row.key.capitalize()}Page")
 
 
@@ -111,7 +111,7 @@ def preload() -> None:
     def work() -> None:
         for row in PAGES:
             load(row)
-        importlib.import_module("app.views.chart_view")
+        importlib.import_module("app.views.charts.view")
 
     threading.Thread(target=work, name="preload", daemon=True).start()
 

@@ -23,10 +23,10 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Qt, QTimer
 
 from app.viewer import orbit
-from app.views.capture import CapturePage
+from app.views.capture.page import CapturePage
 from app.views.main_window import MainWindow
-from app.views.process import ProcessPage
-from app.views.view3d import View3dPage
+from app.views.process.page import ProcessPage
+from app.views.view3d.page import View3dPage
 from app.work.jobs import Job
 from tests.app.viewer import made
 from tests.end_to_end import bundled, windowed

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from app.views.capture import CapturePage
+from app.views.capture.page import CapturePage
 from tests.end_to_end import windowed
 from tests.end_to_end.windowed import until
 

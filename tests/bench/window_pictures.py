@@ -18,11 +18,11 @@ import numpy as np
 from PySide6.QtGui import QImage
 
 from app.viewer import orbit
-from app.views.capture import CapturePage
+from app.views.capture.page import CapturePage
 from app.views.main_window import MainWindow
-from app.views.maps import MapsPage
-from app.views.process import ProcessPage
-from app.views.view3d import View3dPage
+from app.views.maps.page import MapsPage
+from app.views.process.page import ProcessPage
+from app.views.view3d.page import View3dPage
 from app.work.jobs import JobState
 from tests.end_to_end import windowed
 from tests.end_to_end.windowed import until

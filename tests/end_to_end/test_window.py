@@ -19,15 +19,15 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 from app.capture.panel import Panel
 from app.state import place_of
 from app.views import pages
-from app.views.capture import CapturePage
-from app.views.charts import ChartsPage
-from app.views.export import ExportPage
+from app.views.capture.page import CapturePage
+from app.views.charts.page import ChartsPage
+from app.views.export.page import ExportPage
 from app.views.main_window import MainWindow
-from app.views.maps import MapsPage
+from app.views.maps.page import MapsPage
 from app.views.pages import PageRow
-from app.views.process import ProcessPage
-from app.views.start import StartPage
-from app.views.view3d import View3dPage
+from app.views.process.page import ProcessPage
+from app.views.start.page import StartPage
+from app.views.view3d.page import View3dPage
 from app.work.jobs import Job, JobState
 from engine import session as sessions
 from tests.end_to_end import bundled, windowed

@@ -18,12 +18,12 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QWidget
 from app.capture.panel import PanelState
 from app.settings import Settings
 from app.views import application, theme
-from app.views.capture import CapturePage
-from app.views.export import ExportPage
+from app.views.capture.page import CapturePage
+from app.views.export.page import ExportPage
 from app.views.main_window import MainWindow
-from app.views.maps import MapsPage
-from app.views.process import ProcessPage
-from app.views.view3d import View3dPage
+from app.views.maps.page import MapsPage
+from app.views.process.page import ProcessPage
+from app.views.view3d.page import View3dPage
 from app.work.jobs import Job, JobState, JobStatus
 
 PATIENCE_S = 240.0  # for anything to happen on a machine that has other work; nothing takes as long by itself

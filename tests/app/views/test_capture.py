@@ -11,7 +11,7 @@ from pytestqt.qtbot import QtBot
 
 from app.capture import order as capture_order
 from app.capture.order import Order, Pose
-from app.views.capture import CapturePage
+from app.views.capture.page import CapturePage
 from app.views.main_window import MainWindow
 from app.views.pages import Shell
 from app.work.jobs import JobState

@@ -14,7 +14,7 @@ from pytestqt.qtbot import QtBot
 from app.inspect import runs
 from app.inspect.charting import TITLES
 from app.relight.lights import coverage_file
-from app.views.charts import ChartsPage
+from app.views.charts.page import ChartsPage
 from app.views.pages import Shell
 from tests.app import furnace
 from tests.app.inspect.test_charting import half_seen

@@ -9,8 +9,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QDesktopServices
 from pytestqt.qtbot import QtBot
 
-from app.views import export as page_module
-from app.views.export import ExportPage
+from app.views.export import page as page_module
+from app.views.export.page import ExportPage
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
 from app.work.enquiries import Answer

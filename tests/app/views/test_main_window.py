@@ -15,7 +15,7 @@ from app.views import theme
 from app.views.importing import ImportDialog
 from app.views.main_window import MainWindow
 from app.views.pages import PAGES, PageRow, load
-from app.views.process import ProcessPage
+from app.views.process.page import ProcessPage
 from app.views.trouble import TroubleDialog
 from app.work import queue_file
 from app.work.jobs import JobState
@@ -31,7 +31,7 @@ HEAVY = (
 
 def test_the_window_opens_without_heavy_libraries() -> None:
     code = (
-        "import sys, app.views.main_window, app.views.application, app.views.start\n"
+        "import sys, app.views.main_window, app.views.application, app.views.start.page\n"
         f"print([name for name in {HEAVY!r} if name in sys.modules])"
     )
     answer = subprocess.run(

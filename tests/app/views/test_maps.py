@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QFile
 from pytestqt.qtbot import QtBot
 
 from app.inspect import maps, runs
-from app.views.map_panel import MapPanel
-from app.views.maps import MapsPage
+from app.views.maps.page import MapsPage
+from app.views.maps.panel import MapPanel
 from app.views.pages import Shell
 from tests.app import furnace
 from tests.app.views.conftest import active, until

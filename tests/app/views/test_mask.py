@@ -19,8 +19,8 @@ from app.mask_files import STROKES, WAITING
 from app.masking import ADD, NOTHING, TAKE
 from app.settings import Settings
 from app.state import State, trouble
-from app.views.mask import MaskPage
-from app.views.mask_bar import grown
+from app.views.mask.bar import grown
+from app.views.mask.page import MaskPage
 from app.views.pages import Shell, Wishes
 from app.work import answers
 from app.work.enquiries import Answer

@@ -12,8 +12,8 @@ from app import processing
 from app.processing import CardState
 from app.views.editors import Number
 from app.views.pages import Shell
-from app.views.process import ProcessPage
-from app.views.stage_column import told
+from app.views.process.page import ProcessPage
+from app.views.process.stages import told
 from app.views.trouble import TroubleDialog
 from app.work.jobs import Job, JobState
 from tests.app.plans import Questions

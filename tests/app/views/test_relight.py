@@ -17,8 +17,8 @@ from app.relight import relit as relighting
 from app.relight import sources as light_sources
 from app.relight.relit import Setting
 from app.views.pages import Shell
-from app.views.relight import RelightPage
-from app.views.relight_controls import strength
+from app.views.relight.controls import strength
+from app.views.relight.page import RelightPage
 from tests.app import furnace
 from tests.app.relight.test_relit import arrays, light_of, sky, with_lamp
 from tests.app.views.conftest import until

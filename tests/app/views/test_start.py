@@ -9,8 +9,8 @@ from pytestqt.qtbot import QtBot
 
 from app.recent import Glance
 from app.views.pages import Shell
-from app.views.session_cards import GLANCE, PHOTO, told_state
-from app.views.start import StartPage
+from app.views.start.cards import GLANCE, PHOTO, told_state
+from app.views.start.page import StartPage
 from tests.app.plans import Questions
 from tests.app.views.conftest import make_session, until
 
@@ -53,7 +53,7 @@ def test_a_picture_that_is_there_is_shown(page: StartPage, qtbot: QtBot, tmp_pat
 def test_a_session_without_a_picture_asks_for_one_once(
     page: StartPage, qtbot: QtBot, tmp_path: Path, questions: Questions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.views.start.LATER_MS", 0)
+    monkeypatch.setattr("app.views.start.page.LATER_MS", 0)
     (tmp_path / "lion.session" / "shots" / "0000").mkdir()
     (tmp_path / "lion.session" / "shots" / "0000" / "shot.json").write_text("{}")
     page.refresh()

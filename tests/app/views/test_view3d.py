@@ -23,7 +23,7 @@ from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
 from app.viewer.watch import Patience
 from app.views.pages import Shell
-from app.views.view3d import View3dPage
+from app.views.view3d.page import View3dPage
 from tests.app.viewer import fake_child, made
 
 CALM = Patience(ready=120, loaded=120, frame=120, pong=120)
@@ -561,7 +561,7 @@ def test_no_text_is_cut_off(open_page: View3dPage) -> None:
 def test_nothing_heavy_is_imported_for_the_page() -> None:
     import subprocess
 
-    code = "import sys, app.views.view3d; print([m for m in ('open3d','torch','cv2','numba','scipy') if m in sys.modules])"
+    code = "import sys, app.views.view3d.page; print([m for m in ('open3d','torch','cv2','numba','scipy') if m in sys.modules])"
     root = Path(__file__).parents[3]
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=root, env={**os.environ, "PYTHONPATH": f"{root}:{os.environ.get('PYTHONPATH', '')}"},

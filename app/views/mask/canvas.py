@@ -1,0 +1,347 @@
+"""The photograph that one paints on: zoom and pan as in the other pictures, the overlay, and what hand or keys do.
+
+The left button paints or sets corners, the middle one (or the right) pans, the wheel zooms about the mouse. Arrow
+keys move the cursor by a pixel (Shift: ten), Ctrl+arrows pan; Space paints at the cursor, or sets a corner; Enter
+sets a corner too where the keys brought the cursor, and closes the polygon where it stands on the last corner or the
+mouse moved it. A pen's pressure scales the brush.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from PySide6.QtCore import QEvent, QLineF, QPointF, QSizeF, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QFocusEvent,
+    QImage,
+    QKeyEvent,
+    QMouseEvent,
+    QNativeGestureEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QResizeEvent,
+    QTabletEvent,
+    QWheelEvent,
+)
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from app.masking import Editor, Patch, Place
+from app.views.mask import paint as mask_paint
+from app.views.pictures import paint as image_paint
+from app.views.pictures.view import NOTCH
+from app.views.pictures.viewport import Viewport
+from app.views.pixels import image_of
+from app.views.theme import colours
+
+CLOSE_BY = 8.0  # logical pixels from a polygon's first corner that close it
+PANS = (Qt.MouseButton.MiddleButton, Qt.MouseButton.RightButton)
+ARROWS = {
+    Qt.Key.Key_Left: (-1, 0), Qt.Key.Key_Right: (1, 0), Qt.Key.Key_Up: (0, -1), Qt.Key.Key_Down: (0, 1)
+}  # fmt: skip
+
+
+class MaskCanvas(QWidget):
+    """Shows what it is given, and hands what is done to the editor."""
+
+    painted = Signal(object)  # a Patch that is in the painting already
+    pointed = Signal()
+
+    def __init__(self, parent: QWidget | None, editor: Editor) -> None:
+        super().__init__(parent)
+        self.editor = editor
+        self.viewport = Viewport(self)
+        self.viewport.join(self)
+        self.viewport.moved.connect(self.update)
+        self.viewport.pointed.connect(self._pointed)
+        self.opacity, self.shows_outline, self.shows_overlay = 0.6, True, True
+        self._levels: list[QImage] = []
+        self._found: QImage | None = None
+        self._border: list[QLineF] = []
+        self._strokes: QImage | None = None
+        self._held: QPointF | None = None  # while panning
+        self._by_keys = False  # whether the keys moved the cursor last
+        self.setAccessibleName(self.tr("Photograph to paint on"))
+        self.setAccessibleDescription(
+            self.tr("Arrow keys move the cursor, Space paints or sets a corner, Enter closes a polygon")
+        )
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setMouseTracking(True)
+        self.setMinimumSize(160, 120)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setCursor(Qt.CursorShape.CrossCursor)
+
+    # What is shown
+
+    def show_picture(self, levels: Sequence[np.ndarray]) -> None:
+        """A photograph as `falsecolour.halves` makes it."""
+        self._levels = [image_of(level) for level in levels]
+        self.update()
+
+    def show_found(self, mask: np.ndarray | None, border: np.ndarray) -> None:
+        """The object found, and its border as `outline` gives it."""
+        self._found, self._border = None, []
+        if mask is not None:
+            self._found = mask_paint.flat(_aligned(mask))
+            self._border = [QLineF(*piece) for piece in border.tolist()]
+        self._colour()
+
+    def show_painting(self) -> None:
+        """The editor has another painting."""
+        painting = self.editor.painting
+        self._strokes = None if painting is None else mask_paint.flat(painting.labels)
+        self._colour()
+
+    def show_overlay(self, shown: bool) -> None:
+        self.shows_overlay = shown
+        self.update()
+
+    def show_outline(self, shown: bool) -> None:
+        self.shows_outline = shown
+        self.update()
+
+    def set_opacity(self, opacity: float) -> None:
+        self.opacity = opacity
+        self.update()
+
+    def room(self) -> QSizeF | None:
+        """For the viewport: the size while shown."""
+        return QSizeF(self.size()) if self.isVisible() else None
+
+    def _colour(self) -> None:
+        ours = colours(self)
+        if self._found is not None:
+            mask_paint.coloured(self._found, {1: ours.accent})
+        if self._strokes is not None:
+            mask_paint.coloured(self._strokes, mask_paint.label_colours(ours))
+        self.update()
+
+    # Places
+
+    def to_picture(self, at: QPointF) -> QPointF:
+        """A place of this widget in picture widths."""
+        return self.viewport.centre + (at - self._middle()) / self.viewport.span
+
+    def from_picture(self, at: QPointF) -> QPointF:
+        return self._middle() + (at - self.viewport.centre) * self.viewport.span
+
+    def _middle(self) -> QPointF:
+        return QPointF(self.width() / 2, self.height() / 2)
+
+    def _place(self) -> Place | None:
+        """The cursor in pixels of the picture; on their middle while the keys move it."""
+        pixel, cursor = self.viewport.pixel(), self.viewport.cursor
+        if self._by_keys and pixel is not None:
+            return pixel[0] + 0.5, pixel[1] + 0.5
+        wide = self.viewport.picture.width
+        return None if cursor is None else (cursor.x() * wide, cursor.y() * wide)
+
+    def _pointed(self) -> None:
+        self.update()
+        self.pointed.emit()
+
+    # Painting on the screen
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        ours = colours(self)
+        painter.fillRect(self.rect(), QColor(ours.picture))
+        if not self._levels:
+            return
+        corner, room, scale = self.from_picture(QPointF(0, 0)), QSizeF(self.size()), self.viewport.scale
+        image_paint.picture(painter, self._levels, corner, self.viewport.span, self.devicePixelRatioF(), room)
+        if self.shows_overlay:
+            if self._found is not None:
+                mask_paint.overlay(painter, self._found, self.opacity * mask_paint.TINT, corner, scale, room)
+            if self._strokes is not None:
+                mask_paint.overlay(painter, self._strokes, self.opacity**0.5, corner, scale, room)
+            if self.shows_outline:
+                mask_paint.outline(painter, self._border, corner, scale, ours.accent)
+        self._paint_tool(painter, corner, scale)
+        if self.hasFocus():
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.setPen(QPen(QColor(ours.accent), 1))
+            painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
+
+    def _paint_tool(self, painter: QPainter, corner: QPointF, scale: float) -> None:
+        editor, place = self.editor, self._place()
+        inks = mask_paint.label_colours(colours(self))
+        ink = inks.get(editor.label, mask_paint.BRIGHT.name())
+        at = None if place is None else corner + QPointF(*place) * scale
+        if editor.tool == "polygon":
+            if editor.corners:
+                mask_paint.polygon(painter, editor.corners, at, corner, scale, ink)
+            if at is not None and self._by_keys:
+                mask_paint.brush(painter, at, 1, ink)
+        elif at is not None and self._held is None:
+            mask_paint.brush(painter, at, editor.size * scale, ink)
+
+    # The hand
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() in PANS:
+            self._held = event.position()
+            self.setCursor(Qt.CursorShape.ClosedHandCursor)
+        elif event.button() == Qt.MouseButton.LeftButton and self._held is None:
+            self._point(event.position())
+            self._down()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        at = event.position()
+        if self._held is not None:
+            self.viewport.pan(at - self._held)
+            self._held = at
+        self._point(at)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if event.button() in PANS:
+            self._held = None
+            self.setCursor(Qt.CursorShape.CrossCursor)
+        elif event.button() == Qt.MouseButton.LeftButton:
+            self._tell(self.editor.release())
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and self.editor.tool == "polygon":
+            self._tell(self.editor.close())
+        else:
+            self.mousePressEvent(event)
+
+    def tabletEvent(self, event: QTabletEvent) -> None:
+        if self.editor.tool == "polygon":
+            event.ignore()  # comes again as a click
+        elif event.type() == QEvent.Type.TabletPress and event.button() == Qt.MouseButton.LeftButton:
+            self._point(event.position())
+            self._down(event.pressure())
+        elif event.type() == QEvent.Type.TabletMove:
+            self._point(event.position(), event.pressure())
+        elif event.type() == QEvent.Type.TabletRelease and self.editor.drawing:
+            self._tell(self.editor.release())
+        else:
+            event.ignore()
+
+    def leaveEvent(self, event: QEvent) -> None:
+        if not self.editor.drawing and not self._by_keys:
+            self.viewport.point(None)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        steps = event.angleDelta().y() / 120
+        if steps:
+            self.viewport.zoom(NOTCH**steps, self.to_picture(event.position()))
+        event.accept()
+
+    def event(self, event: QEvent) -> bool:
+        pinch = Qt.NativeGestureType.ZoomNativeGesture
+        if isinstance(event, QNativeGestureEvent) and event.gestureType() == pinch:
+            self.viewport.zoom(1 + event.value(), self.to_picture(event.position()))
+            return True
+        return super().event(event)
+
+    def _point(self, at: QPointF, pressure: float = 1.0) -> None:
+        self._by_keys = False
+        self.viewport.point(self.to_picture(at) if self._levels else None)
+        place = self._place()
+        if place is not None:
+            self.editor.drag(place, pressure)
+
+    def _down(self, pressure: float = 1.0) -> None:
+        """Press the tool down at the cursor."""
+        place, corners = self._place(), self.editor.corners
+        if place is None:
+            return
+        if self.editor.tool == "polygon":
+            way = QPointF(*place) - QPointF(*corners[0]) if len(corners) > 2 else None
+            if way is not None and QLineF(QPointF(), way).length() * self.viewport.scale <= CLOSE_BY:
+                self._tell(self.editor.close())
+            else:
+                self.editor.corner(place)
+        else:
+            self.editor.press(place, pressure)
+        self.update()
+
+    def _tell(self, patch: Patch | None) -> None:
+        self.update()
+        if patch is not None:
+            self.painted.emit(patch)
+
+    # Keys
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        key, held = event.key(), event.modifiers()
+        if key in ARROWS:
+            way = ARROWS[Qt.Key(key)]
+            if held & Qt.KeyboardModifier.ControlModifier:
+                self.viewport.pan(QPointF(*way) * -40)
+            else:
+                self._step(
+                    *(way[i] * (10 if held & Qt.KeyboardModifier.ShiftModifier else 1) for i in (0, 1))
+                )
+        elif key == Qt.Key.Key_Space:
+            if not event.isAutoRepeat() and not self.editor.drawing:
+                self._take_keys()
+                self._down()
+        elif key in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.editor.tool == "polygon":
+            self._enter()
+        elif key == Qt.Key.Key_Backspace and self.editor.corners:
+            self.editor.drop_corner()
+            self.update()
+        elif key == Qt.Key.Key_Escape and self.editor.corners:
+            self.editor.choose(self.editor.tool)
+            self.update()
+        else:
+            super().keyPressEvent(event)
+
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
+        if event.key() == Qt.Key.Key_Space and not event.isAutoRepeat():
+            self._tell(self.editor.release())
+        else:
+            super().keyReleaseEvent(event)
+
+    def _take_keys(self) -> None:
+        """From here the keys lead; a cursor that is nowhere begins in the middle."""
+        self._by_keys = True
+        if self.viewport.pixel() is None:
+            self.viewport.step(0, 0)
+
+    def _step(self, columns: int, rows: int) -> None:
+        if not self._levels:
+            return
+        self._by_keys = True
+        self.viewport.step(columns, rows)
+        place = self._place()
+        if place is not None:
+            self.editor.drag(place)
+
+    def _enter(self) -> None:
+        place, corners = self._place(), self.editor.corners
+        if self._by_keys and place is not None and corners[-1:] != [place]:
+            self._down()
+        else:
+            self._tell(self.editor.close())
+
+    # The window
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        # The release of a key that is held goes to whoever has the focus then.
+        self._tell(self.editor.release())
+        super().focusOutEvent(event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self.viewport.refit()
+
+    def showEvent(self, event: QEvent) -> None:
+        self.viewport.refit()
+
+    def changeEvent(self, event: QEvent) -> None:
+        if event.type() == QEvent.Type.PaletteChange:
+            self._colour()
+        super().changeEvent(event)
+
+
+def _aligned(mask: np.ndarray) -> np.ndarray:
+    """A mask as labels 0 and 1 whose rows begin at whole words."""
+    height, width = mask.shape
+    labels = np.zeros((height, -(-width // 4) * 4), np.uint8)[:, :width]
+    labels[...] = mask
+    return labels

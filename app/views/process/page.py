@@ -1,0 +1,285 @@
+"""The Process page: stages, parameters, the run under way, its log, and the queue."""
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QAction, QFontDatabase, QUndoStack
+from PySide6.QtWidgets import (
+    QFrame,
+    QPlainTextEdit,
+    QSplitter,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app import plan as plans
+from app.processing import LOG_LINES, CardState, Processing, left_s
+from app.state import Device, place_of, trouble
+from app.views.bridge import Bridge
+from app.views.editors import label
+from app.views.pages import Shell
+from app.views.process.bar import RunBar
+from app.views.process.parameters import ParameterPanel
+from app.views.process.queue import QueuePanel
+from app.views.process.settings_edit import SettingsEdit
+from app.views.process.stages import StageColumn, title
+from app.views.trouble import show_trouble
+from app.work.enquiries import Answer
+from app.work.jobs import JobState
+from engine.pipeline.settings import Settings
+
+LOG_EVERY_MS = 120
+
+
+class ProcessPage(QWidget):
+    """One session's processing."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.title = self.tr("Process")
+        self.undo_stack = QUndoStack(self)
+        self._bridge = Bridge(self)
+        self._shell: Shell | None = None
+        self._folder: Path | None = None
+        self._stage = ""
+        self._failed: str | None = None  # the failure that was told, so that it is told once
+        self.model: Processing | None = None
+        self._build()
+        self._log_timer = QTimer(self)
+        self._log_timer.setSingleShot(True)
+        self._log_timer.setInterval(LOG_EVERY_MS)
+        self._log_timer.timeout.connect(self._show_log)
+
+    def use(self, shell: Shell) -> None:
+        self._shell = shell
+        self.model = Processing(shell.enquiries, shell.board, self._bridge.queued)
+        self.model.answered.listen(lambda number: self._show_plan())
+        self.model.job.listen(lambda status: self._show_job())
+        self.model.trouble.listen(lambda trouble: self._show_trouble())
+        self.model.added.listen(self._log_grew)
+        self.queue = QueuePanel(self, shell.board, lambda: shell.settings.value.last_folder)
+        self.queue.added.connect(self._enqueue)
+        self.queue.chosen.connect(shell.wishes.open_session)
+        self.tabs.addTab(self.queue, self.tr("Queue"))
+        self.bar.device.setCurrentText(shell.settings.value.device)
+        shell.board.listen(self._bridge.latest(self._show_job))
+        shell.enquiries.ask("gpu", self._bridge.queued(self._take_gpu))
+        self.show_session(shell.state.session.value)
+
+    def show_session(self, folder: Path | None) -> None:
+        if self.model is None:
+            return
+        if folder != self._folder:
+            self._folder = folder
+            self.undo_stack.clear()
+            self._failed = None
+            self.model.open(folder)
+            self._show_log()
+        else:
+            self.model.refresh()
+        self._show_plan()
+
+    def _build(self) -> None:
+        self.start = self._action(self.tr("Process"), "F5", self._process)
+        self.stop = self._action(self.tr("Cancel processing"), "Ctrl+.", self._cancel)
+        self.bar = RunBar(self, self.start, self.stop)
+        self.bar.preset_chosen.connect(self._edit_preset)
+        self.bar.device_chosen.connect(self._choose_device)
+        self.bar.seed_chosen.connect(self._edit_seed)
+        self.column = StageColumn()
+        self.column.chosen.connect(self._choose)
+        self.parameters = ParameterPanel()
+        self.parameters.edited.connect(self._edit)
+        self.parameters.reset.connect(self._reset)
+        self.parameters.run_until.connect(self._process_until)
+        self.log = QPlainTextEdit()
+        self.log.setReadOnly(True)
+        self.log.setMaximumBlockCount(LOG_LINES)
+        self.log.setFrameShape(QFrame.Shape.NoFrame)
+        self.log.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
+        self.log.setAccessibleName(self.tr("Log"))
+        self.log.setPlaceholderText(self.tr("What the run says appears here."))
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.tabs.setAccessibleName(self.tr("Log and queue"))
+        self.tabs.addTab(self.log, self.tr("Log"))
+        self.right = QSplitter(Qt.Orientation.Vertical)
+        self.right.addWidget(self.parameters)
+        self.right.addWidget(self.tabs)
+        self.right.setSizes([420, 220])
+        self.right.setStretchFactor(0, 1)
+        self.right.setChildrenCollapsible(False)
+        side = QWidget()
+        column = QVBoxLayout(side)
+        column.setContentsMargins(12, 0, 0, 8)
+        column.addWidget(self.column)
+        self.across = QSplitter()
+        self.across.addWidget(side)
+        self.across.addWidget(self.right)
+        self.across.setSizes([330, 800])
+        self.across.setStretchFactor(1, 1)
+        self.across.setChildrenCollapsible(False)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self.bar)
+        layout.addWidget(self.across, 1)
+        self._show_plan()
+
+    def _action(self, text: str, keys: str, do) -> QAction:
+        action = QAction(text, self)
+        action.setShortcut(keys)
+        action.triggered.connect(do)
+        self.addAction(action)
+        return action
+
+    # --- model to widget
+
+    def _take_gpu(self, answer: Answer) -> None:
+        if self._shell is not None and answer.content is not None and answer.content["name"]:
+            self._shell.state.set_device(Device("gpu", answer.content["name"]))
+
+    def _show_plan(self) -> None:
+        plan = self.model.plan.value if self.model is not None else None
+        self.bar.show_session(self._folder)
+        self.bar.show_settings(plan.settings if plan is not None else None)
+        self._show_job()
+        self._show_parameters()
+
+    def _show_job(self) -> None:
+        if self.model is None:
+            self.start.setEnabled(False)
+            self.stop.setEnabled(False)
+            return
+        cards, status = self.model.cards, self.model.job.value
+        self.column.show_cards(cards)
+        busy = self._folder is not None and self.model.busy(self._folder)
+        elsewhere = self._shell is not None and any(job.status.active for job in self._shell.board.queue)
+        self.bar.show_queued(elsewhere and not busy)
+        possible = bool(cards) and not busy and any(card.state is not CardState.DONE for card in cards)
+        self.start.setEnabled(possible)
+        self.parameters.run.setEnabled(possible)
+        stoppable = status is not None and status.state in (JobState.RUNNING, JobState.QUEUED)
+        self.stop.setEnabled(busy and stoppable)
+        self._show_left()
+        if status is not None and status.state is JobState.FAILED and status.message != self._failed:
+            self._failed = status.message
+            if self.isVisible():
+                show_trouble(self, trouble(status.message, status.details))
+        elif status is not None and status.state is JobState.RUNNING:
+            self._failed = None
+
+    def _show_left(self) -> None:
+        assert self.model is not None
+        cards, status = self.model.cards, self.model.job.value
+        if not cards:
+            text = (
+                self.tr("planning…") if self._folder is not None and self.model.trouble.value is None else ""
+            )
+        elif status is not None and status.state is JobState.QUEUED:
+            text = self.tr("waits in the queue")
+        elif status is not None and status.active:
+            left = left_s(cards)
+            text = (
+                self.tr("running")
+                if left is None
+                else self.tr("about {0} left").format(plans.told_seconds(left))
+            )
+        else:
+            stale = sum(card.state is not CardState.DONE for card in cards)
+            text = (
+                self.tr("{0} of {1} stages will run").format(stale, len(cards))
+                if stale
+                else self.tr("all done")
+            )
+        self.bar.left.setText(text)
+
+    def _show_parameters(self) -> None:
+        plan = self.model.plan.value if self.model is not None else None
+        row = next((row for row in plan.rows if row.name == self._stage), None) if plan is not None else None
+        self.parameters.show_row(row)
+
+    def _show_trouble(self) -> None:
+        assert self.model is not None
+        self._show_left()
+        if self.model.trouble.value is not None and self._shell is not None:
+            self._shell.wishes.trouble.emit(self.model.trouble.value)
+
+    def _log_grew(self, line: str) -> None:
+        # A run that says much is shown in strides: painting each line would cost the window its breath.
+        if not self._log_timer.isActive():
+            self._log_timer.start()
+
+    def _show_log(self) -> None:
+        if self.model is None:
+            return
+        text = "\n".join(self.model.log)
+        before = self.log.toPlainText()
+        if text.startswith(before) and before:
+            added = text[len(before) :].lstrip("\n")
+            if added:
+                self.log.appendPlainText(added)
+        else:
+            self.log.setPlainText(text)
+            self.log.moveCursor(self.log.textCursor().MoveOperation.End)
+
+    # --- widget to model
+
+    def _choose(self, stage: str) -> None:
+        self._stage = stage
+        self._show_parameters()
+
+    def _choose_device(self, device: str) -> None:
+        if self._shell is not None:
+            self._shell.settings.change(device=device)
+
+    def _edit(self, name: str, value: object) -> None:
+        parameter = self.model.plan.value.parameter(name) if self.model and self.model.plan.value else None
+        if parameter is None or self.model is None or self.model.settings is None:
+            return
+        text = self.tr("{0}: {1}").format(title(name.split(".")[0]), label(parameter.meaning))
+        self._push(plans.with_value(self.model.settings, parameter, value), text, name)
+
+    def _edit_preset(self, preset: str) -> None:
+        if self.model is not None and self.model.settings is not None:
+            self._push(
+                plans.with_preset(self.model.settings, preset), self.tr("preset {0}").format(preset), "preset"
+            )
+
+    def _edit_seed(self, seed: int) -> None:
+        if self.model is not None and self.model.settings is not None:
+            self._push(plans.with_seed(self.model.settings, seed), self.tr("seed {0}").format(seed), "seed")
+
+    def _reset(self, stage: str) -> None:
+        if self.model is not None and self.model.settings is not None:
+            text = self.tr("defaults of {0}").format(title(stage))
+            self._push(plans.without_changes(self.model.settings, stage), text, f"defaults {stage}")
+
+    def _push(self, after: Settings, text: str, what: str) -> None:
+        assert self.model is not None
+        before = self.model.settings
+        if before is not None and after != before:
+            self.undo_stack.push(SettingsEdit(text, what, before, after, self.model.edit))
+
+    def _process(self) -> None:
+        self._process_until(None)
+
+    def _process_until(self, stage: str | None) -> None:
+        if self.model is not None and self._shell is not None:
+            self._failed = None
+            self.model.process(self._shell.settings.value.device, stage)
+
+    def _cancel(self) -> None:
+        if self.model is not None:
+            self.model.cancel()
+
+    def _enqueue(self, folder: Path) -> None:
+        place = place_of(folder)
+        if self.model is None or self._shell is None:
+            return
+        if place.kind != "session":
+            self._shell.wishes.say.emit(self.tr("{0} is not a session").format(folder))
+        elif not self.model.busy(place.folder):
+            self._shell.settings.opened(place.folder)
+            self.model.enqueue(place.folder, self._shell.settings.value.device)

@@ -1,0 +1,402 @@
+"""The relight page: the recovered surface under its own light turned, its lamps dimmed, or a panorama, in real time.
+
+A child prepares the surface once (its result is kept with the session); frames are drawn in a thread of the page's
+own, and only the newest wish is drawn.
+"""
+
+import itertools
+import tempfile
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app.inspect import maps, runs
+from app.inspect.maps import Maps
+from app.inspect.runs import Run
+from app.relight import files as relighting_files
+from app.relight import relit as relighting
+from app.relight.relit import Light, Setting, Transfer
+from app.state import Trouble
+from app.views.background import Background
+from app.views.errand import Errand
+from app.views.page_actions import page_action
+from app.views.pages import Shell, tell
+from app.views.relight.canvas import RelightCanvas
+from app.views.relight.controls import RelightControls
+from app.words import sentence
+
+PLAY_MS = 33
+PLAY_DEGREES_S = 24.0
+FRAMES = 24  # whose pace is told
+
+
+class RelightPage(QWidget):
+    """The object in another light."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.title = self.tr("Relight")
+        self.setAccessibleName(self.title)
+        self._shell: Shell | None = None
+        self._session: Path | None = None
+        self._run: Run | None = None
+        self._transfer: Transfer | None = None
+        self._light: Light | None = None
+        self._grid = (0, 0)  # rows and columns of the maps
+        self._numbers = itertools.count(1)
+        self._white = 1.0
+        self._drawing = self._stale = False
+        self._ends: deque[float] = deque(maxlen=FRAMES)
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._background = Background(self, "relight")
+
+        self.canvas = RelightCanvas(self)
+        self.controls = RelightControls(self)
+        self.said = QLabel()
+        self.said.setAccessibleName(self.tr("State"))
+        self.errand = Errand(self)
+        self.errand.wanted.connect(lambda: self._prepare(None))
+        self.errand.noted.connect(self.said.setText)
+        self.errand.done.connect(self._take)
+        self.errand.failed.connect(self._fail)
+        self.errand.changed.connect(self._show_state)
+        foot = QHBoxLayout()
+        foot.setContentsMargins(12, 4, 12, 6)
+        foot.addWidget(self.said, 1)
+        foot.addWidget(self.errand)
+        left = QVBoxLayout()
+        left.setContentsMargins(0, 0, 0, 0)
+        left.setSpacing(0)
+        left.addWidget(self.canvas, 1)
+        left.addLayout(foot)
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addLayout(left, 1)
+        layout.addWidget(self.controls)
+
+        self.canvas.turned.connect(self.controls.turn_by)
+        self.canvas.exposed.connect(lambda by: self.controls.ev.setValue(self.controls.ev.value() + by))
+        self.controls.changed.connect(self.draw)
+        self.controls.view_picked.connect(self._pick_view)
+        self.controls.panorama_wanted.connect(self._ask_panorama)
+        self.controls.saved.connect(self._ask_save)
+        self.controls.playing.connect(self._play)
+        self.controls.in_space.connect(self.show_in_space)
+        self._timer = QTimer(self)
+        self._timer.setInterval(PLAY_MS)
+        self._timer.timeout.connect(lambda: self.controls.turn_by(PLAY_DEGREES_S * PLAY_MS / 1000, 0.0))
+        self._make_actions()
+        self._say_nothing(runs.nothing_yet(None))
+
+    # The contract with the window
+
+    def use(self, shell: Shell) -> None:
+        self._shell = shell
+
+    def show_session(self, folder: Path | None) -> None:
+        """Show a session's surface; returns at once."""
+        if folder != self._session:
+            self._forget()
+            self._session = folder
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Look whether there is a new result."""
+        folder = self._session
+        if folder is None:
+            self._background.drop("runs")
+            self._say_nothing(runs.nothing_yet(None))
+        else:
+            self._background.ask("runs", lambda: _found(folder), self._show_run, self._tell)
+
+    def showEvent(self, event) -> None:
+        super().showEvent(event)
+        if self._session is not None:
+            self.refresh()
+
+    def hideEvent(self, event) -> None:
+        self.controls.play.setChecked(False)
+        self.errand.stop()
+        super().hideEvent(event)
+
+    # Drawing
+
+    def draw(self) -> None:
+        """Draw the newest wish; while one is being drawn, the next waits for it."""
+        transfer, light = self._transfer, self._light
+        if transfer is None or light is None or not self.isVisible():
+            return
+        if self._drawing:
+            self._stale = True
+            return
+        self._drawing, self._stale = True, False
+        setting, white, tone = self.controls.setting(), self._white, self.controls.tone
+        ev, room = self.controls.exposure_ev, self.controls.behind.isChecked()
+
+        def work():
+            pixels = relighting.drawn(transfer, light, setting, white, ev, tone, room)
+            return pixels, relighting.overview(light, transfer.middle, setting, 4 * white)
+
+        self._background.ask("frame", work, self._show_frame, self._tell)
+
+    def _show_frame(self, made) -> None:
+        self._drawing = False
+        self.canvas.show_pixels(made[0])
+        self.controls.show_light(made[1])
+        now = time.monotonic()
+        if self._ends and now - self._ends[-1] > 0.5:
+            self._ends.clear()
+        self._ends.append(now)
+        if len(self._ends) > 4:
+            pace = (len(self._ends) - 1) / max(self._ends[-1] - self._ends[0], 1e-6)
+            self.canvas.say(self.tr("{pace:.0f} frames/s").format(pace=pace))
+        if self._stale:
+            self.draw()
+
+    def _play(self, on: bool) -> None:
+        if on and self._transfer is not None:
+            self._timer.start()
+        else:
+            self._timer.stop()
+
+    # Preparing
+
+    def _show_run(self, answer: tuple[Run | None, Maps | None]) -> None:
+        run, shown = answer
+        if run is None or shown is None:
+            self._forget()
+            self._say_nothing(runs.nothing_yet(self._session))
+            return
+        if self._run is not None and run.fingerprint == self._run.fingerprint and self._transfer is not None:
+            return
+        self._forget()
+        self._run, self._grid = run, shown.surface.mask.shape
+        views = [(name, i) for i, name in enumerate(shown.names) if shown.registered[i]]
+        self.controls.offer(views, None)
+        there = relighting_files.lights_of(run)
+        if relighting_files.transfer_file(run).is_file() and there:
+            self._load(run, there[0])
+        elif self.isVisible():
+            self._prepare(None)
+
+    def _pick_view(self, index: int) -> None:
+        view = int(self.controls.view.itemData(index))
+        if self._run is None:
+            return
+        if relighting_files.transfer_file(self._run).is_file() and view in relighting_files.lights_of(
+            self._run
+        ):
+            self._load(self._run, view)
+        else:
+            self._prepare(view)
+
+    def _prepare(self, view: int | None) -> None:
+        """Let the child work out the surface's answer and the light of a view (None: one in the middle)."""
+        if self._run is None:
+            return
+        request = {"session": str(self._run.session), "fingerprint": self._run.fingerprint, "view": view}
+        if self._transfer is None:
+            self.canvas.show_words(
+                self.tr("Preparing the surface for relighting…\nThis is done once for each result.")
+            )
+        self.errand.begin(self.tr("Prepare relighting"), "relight", request)
+
+    def load_panorama(self, path: Path) -> None:
+        """Light the object with a picture."""
+        if self._transfer is None:
+            return
+        request = {"file": str(path), "to": str(self._scrap("panorama.npz"))}
+        self.errand.begin(self.tr("Read panorama"), "panorama", request)
+
+    def _take(self, task: str, result: dict) -> None:
+        if task == "panorama":
+            self._load_panorama(Path(result["light"]))
+        elif self._run is not None:
+            self._load(self._run, int(result["view"]))
+
+    def _fail(self, fault: Trouble) -> None:
+        if self._transfer is None:
+            self.canvas.show_words(f"{fault.what}\n{fault.remedy}")
+        else:
+            self._tell(fault)
+
+    def _show_state(self) -> None:
+        """What can be done now."""
+        ready = self._transfer is not None
+        self.controls.setEnabled(ready)
+        self.errand.offer(self.tr("&Prepare") if self._run is not None and not ready else "")
+        if not self.errand.busy:
+            self.said.setText(self._told())
+            if self._run is not None and not ready:
+                self.canvas.show_words(self.tr("The surface is not prepared for relighting yet."))
+
+    def _load(self, run: Run, view: int) -> None:
+        kept = self._transfer
+
+        def work() -> tuple[Transfer, Light, float]:
+            surface = kept or relighting_files.load_transfer(relighting_files.transfer_file(run))
+            loaded = relighting_files.load_light(relighting_files.light_file(run, view))
+            return surface, loaded, relighting.white_of(relighting.relit(surface, loaded, Setting()))
+
+        self._background.ask("light", work, lambda made: self._use(*made, view), self._tell)
+
+    def _use(self, transfer: Transfer, light: Light, white: float, view: int) -> None:
+        self._transfer, self._white = transfer, white
+        self.controls.view.setCurrentIndex(self.controls.view.findData(view))
+        self._show_light(
+            light, self.tr("Recovered from the photographs, as in view {name}.").format(name=light.name)
+        )
+
+    def _load_panorama(self, path: Path) -> None:
+        transfer = self._transfer
+        if transfer is None:
+            return
+
+        def work() -> tuple[Light, float]:
+            light = relighting_files.load_light(path)
+            return light, relighting.white_of(relighting.relit(transfer, light, Setting()))
+
+        self._background.ask("light", work, lambda made: self._use_panorama(*made), self._tell)
+
+    def _use_panorama(self, light: Light, white: float) -> None:
+        self.controls.view.setCurrentIndex(-1)
+        self._white = white
+        self._show_light(light, self.tr("Panorama {name}, exposed for the object.").format(name=light.name))
+
+    def _show_light(self, light: Light, said: str) -> None:
+        self._light = light
+        self._drawing = False
+        clipped = [bool(light.lamp_clipped[light.lamp_group == i].any()) for i in range(light.lamps)]
+        names = [
+            self.tr("Lamp {n}").format(n=i + 1) + (" *" if bare else "") for i, bare in enumerate(clipped)
+        ]
+        self.controls.show_lamps(names, clipped)
+        self.controls.source.setText(said)
+        self._show_state()
+        self.draw()
+
+    def _told(self) -> str:
+        if self._transfer is None:
+            return ""
+        rows, columns = self._transfer.size
+        return self.tr("Preview of {w} x {h} pixels. Drag, or use the arrow keys, to turn the light.").format(
+            w=columns, h=rows
+        )
+
+    def _forget(self) -> None:
+        self.controls.play.setChecked(False)
+        self._background.drop("light")
+        self._background.drop("frame")
+        self._drawing = self._stale = False
+        self._run = self._transfer = self._light = None
+        self.errand.stop()
+        self.controls.setEnabled(False)
+        self.controls.offer([], None)
+        self.canvas.show_words("")
+
+    def _say_nothing(self, why: Trouble) -> None:
+        self.canvas.show_words(f"{why.what}\n{sentence(why.remedy)}")
+        self.errand.offer("")
+        self.said.clear()
+
+    def show_in_space(self) -> None:
+        """Let the 3D page show the surface as it is lit now."""
+        transfer, light, maps_grid = self._transfer, self._light, self._grid
+        if transfer is None or light is None or self._shell is None:
+            return
+        shell, setting = self._shell, self.controls.setting()
+        bright = 2.0**self.controls.exposure_ev / self._white
+        # A name of its own each time: the 3D page reads it when it comes to it.
+        to = self._scrap(f"relit-{next(self._numbers)}.npy")
+
+        def work() -> Path:
+            lit = relighting.relit(transfer, light, setting) * np.float32(bright)
+            np.save(to, relighting.on_maps(transfer, lit, maps_grid))
+            return to
+
+        def done(path: Path) -> None:
+            shell.state.relit.set(path)
+            shell.wishes.show_page.emit("view3d")
+
+        self._background.ask("space", work, done, self._tell)
+
+    # Files
+
+    def _scrap(self, name: str) -> Path:
+        """A file that lasts as long as the page."""
+        self._scratch = self._scratch or tempfile.TemporaryDirectory(prefix="roomlight-")
+        return Path(self._scratch.name) / name
+
+    def _ask_panorama(self) -> None:
+        start = str(self._session.parent if self._session else Path.home())
+        chosen, _ = QFileDialog.getOpenFileName(
+            self, self.tr("Panorama"), start, self.tr("Panoramas (*.exr *.hdr *.pic *.png *.jpg *.jpeg)")
+        )
+        if chosen:
+            self.load_panorama(Path(chosen))
+
+    def _ask_save(self, kind: str) -> None:
+        if self._transfer is None or self._session is None:
+            return
+        start = str(self._session.parent / f"relit.{kind}")
+        to, _ = QFileDialog.getSaveFileName(
+            self, self.tr("Save picture"), start, f"{kind.upper()} (*.{kind})"
+        )
+        if to:
+            self.save(Path(to))
+
+    def save(self, to: Path) -> None:
+        """Write the picture: PNG as it is shown, EXR as linear radiance with the object's mask as alpha."""
+        transfer, light = self._transfer, self._light
+        if transfer is None or light is None:
+            return
+        setting, room = self.controls.setting(), self.controls.behind.isChecked()
+        if to.suffix.lower() != ".exr":
+            image = self.canvas.image
+            if image is not None and not image.save(str(to)):
+                self._tell(
+                    Trouble(
+                        f"{to}: could not be written", self.tr("choose another folder, or check the disk")
+                    )
+                )
+            return
+
+        def work() -> None:
+            ground = relighting.behind(transfer, light, setting) if room else None
+            picture, inside = relighting.framed(transfer, relighting.relit(transfer, light, setting), ground)
+            relighting_files.save_exr(to, picture, inside, f"{light.name}, {setting}")
+
+        self._background.ask("save", work, lambda done: None, self._tell)
+
+    def _make_actions(self) -> None:
+        for text, keys, call in (
+            (self.tr("Light as photographed"), "R", self.controls.as_photographed),
+            (self.tr("Turn the light slowly"), "P", self.controls.play.toggle),
+            (self.tr("Show the light behind the object"), "B", self.controls.behind.toggle),
+            (self.tr("Load a panorama"), "Ctrl+L", self._ask_panorama),
+            (self.tr("Save picture"), "Ctrl+Shift+S", lambda: self._ask_save("png")),
+            (self.tr("Show the surface in this light on the 3D page"), "Ctrl+Shift+D", self.show_in_space),
+            (self.tr("Brighter"), "E", lambda: self.controls.ev.setValue(self.controls.ev.value() + 1)),
+            (self.tr("Darker"), "Shift+E", lambda: self.controls.ev.setValue(self.controls.ev.value() - 1)),
+            (self.tr("Look for new results"), "F5", self.refresh),
+        ):
+            page_action(self, text, keys, call)
+
+    def _tell(self, fault: Trouble) -> None:
+        tell(self._shell, self, fault)
+
+
+def _found(session: Path) -> tuple[Run | None, Maps | None]:
+    run = runs.current(runs.runs_of(session))
+    return run, None if run is None else maps.load(run)

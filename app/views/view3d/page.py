@@ -1,0 +1,382 @@
+"""The 3D page: emitters, lamps, cameras and the recovered surface in space, drawn by a process of its own.
+
+The window never waits for that process: what it should draw is left with the supervisor, and pictures arrive when they
+are there. If it hangs or dies it is started again with the same session and the same eye.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
+
+from app.state import Trouble
+from app.viewer import orbit, showing
+from app.viewer.events import Event, Picture, Status
+from app.viewer.orbit import Orbit
+from app.viewer.protocol import Colour, Contents, Probed
+from app.viewer.reading import stages_of
+from app.viewer.showing import Showing
+from app.viewer.supervisor import Supervisor
+from app.views.background import Background
+from app.views.bridge import Bridge
+from app.views.pages import Shell
+from app.views.theme import DARK
+from app.views.trouble import show_trouble
+from app.views.view3d import actions as view3d_actions
+from app.views.view3d.canvas import ViewCanvas
+from app.views.view3d.cover import Banner, Cover, Photograph
+from app.views.view3d.panel import ViewPanel
+from app.views.view3d.turn import Turn
+
+RELIT = "relit"
+SETTLE_MS = 130  # without a move until the picture is drawn as well as possible
+TURN_MS = 240  # from one standard view to the next
+BANNER_MS = 7000
+UNSEEN_MS = 300_000  # the drawing process holds half a gigabyte; a page that nobody looks at gives it back
+
+
+class View3dPage(QWidget):
+    """A picture, a panel beside it; see showing.Showing for what it knows."""
+
+    view_picked = Signal(int)  # this view's photograph is asked for; other pages turn to it too
+
+    def __init__(
+        self,
+        parent: QWidget | None = None,
+        supervise: Callable[[Callable[[Event], None]], Supervisor] = Supervisor,
+    ) -> None:
+        super().__init__(parent)
+        self.title = self.tr("3D")
+        self.setAccessibleName(self.tr("3D view"))
+        self.state = Showing()
+        self.status = Status()
+        self.turn = Turn(self, TURN_MS)
+        self._supervise, self._supervisor = supervise, None
+        self._session: Path | None = None
+        self._loaded: dict[str, Path] | None = None  # stages that are shown
+        self._relit: Path | None = None
+        self._to_relit = False  # the surface is to be shown relit once it can be
+        self._shell: Shell | None = None
+        self._background = Background(self, "view3d")
+        self._bridge = Bridge(self)
+        self._probe = -1
+        self._homing = False  # the turn that is under way ends at home
+        self._actions = self._make_actions()
+        self.canvas = ViewCanvas(self)
+        self.panel = ViewPanel(self, self._actions)
+        self.cover, self.banner = Cover(self.canvas), Banner(self.canvas)
+        self.photograph = Photograph(self.canvas)
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self.canvas, 1)
+        layout.addWidget(self.panel)
+        self._settle = self._timer(SETTLE_MS, lambda: self._ask(moving=False))
+        self._quiet = self._timer(BANNER_MS, self._say_missing)
+        self._unseen = self._timer(UNSEEN_MS, self.end)
+        self._connect()
+        # The ground is dark in either theme: what shines is judged on dark ground.
+        ground = {"top": _rgb(DARK.panel), "bottom": _rgb(DARK.picture), "line": _rgb(DARK.dim)}
+        self._show(showing.styled(self.state, **ground))
+        self._cover()
+
+    # The contract with the window
+
+    def use(self, shell: Shell) -> None:
+        self._shell = shell
+        self.view_picked.connect(shell.state.view.set)
+        shell.state.relit.listen(self._paint_relit)
+        self._paint_relit(shell.state.relit.value)
+
+    def show_session(self, folder: Path | None) -> None:
+        """Show a session; returns at once. While the page is hidden, nothing is started."""
+        if folder != self._session:
+            self._session, self._loaded = folder, None
+            self.photograph.hide()
+            self._actions["close"].setEnabled(False)
+            self.canvas.show_picture(None)
+            self.banner.say("")
+            self.panel.show_renderer("")
+            if self.status.state == "refused":
+                self.status = replace(self.status, state="starting")  # that was the other session
+            self._show(Showing(style=self.state.style))
+            self._cover()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Look whether there are other results than those shown, and show them."""
+        folder = self._session
+        if folder is not None and self.isVisible():
+            self._background.ask("stages", lambda: stages_of(folder), self._found)
+
+    def _paint_relit(self, path: Path | None) -> None:
+        """Give the surface a layer "relit", and turn to it: a .npy file on the maps' grid, linear, 1 is white."""
+        self._relit, self._to_relit = path, path is not None
+        if path is not None and self._supervisor is not None and self._loaded is not None:
+            self._supervisor.paint(RELIT, path)
+
+    def take_screenshot(self, path: Path) -> Trouble | None:
+        """Write what is seen as PNG; the trouble where that fails."""
+        shot = self.canvas.screenshot()
+        if shot is None:
+            return Trouble(self.tr("There is no picture yet"), self.tr("wait until the view shows one"))
+        if not shot.save(str(path)):
+            return Trouble(
+                self.tr("{0} cannot be written").format(path),
+                self.tr("choose another folder or free some space"),
+            )
+        return None
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._unseen.stop()
+        self.refresh()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        super().hideEvent(event)
+        self.turn.stop()
+        self._unseen.start()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self.end()
+        super().closeEvent(event)
+
+    def end(self) -> None:
+        """Let the drawing process go; showing a session starts another one."""
+        if self._supervisor is not None:
+            self._supervisor.close()
+            self._supervisor, self._loaded = None, None
+
+    # What arrives
+
+    def _found(self, stages: dict[str, Path]) -> None:
+        if stages != self._loaded and self._session is not None:
+            self._loaded = stages
+            supervisor = self._begin()
+            supervisor.show(self._session)
+            if self._relit is not None:
+                supervisor.paint(RELIT, self._relit)
+            self._ask(moving=False)
+
+    def _begin(self) -> Supervisor:
+        if self._supervisor is None:
+            pictures, events = self._bridge.latest(self._take_picture), self._bridge.queued(self._take)
+
+            def hear(event: Event) -> None:
+                (pictures if isinstance(event, Picture) else events)(event)
+
+            made = self._supervisor = self._supervise(hear)
+            self.destroyed.connect(lambda: made.close())
+        return self._supervisor
+
+    def _take_picture(self, picture: Picture) -> None:
+        if self._session is None or self.state.contents.folder != str(self._session):
+            return
+        first = self.canvas.picture is None
+        self.canvas.show_picture(picture)
+        if first:
+            self._cover()
+        self.panel.show_renderer(
+            self.tr("{0}, {1} ms a picture").format(self.status.renderer, round(picture.milliseconds))
+        )
+
+    def _take(self, event: Status | Contents | Probed) -> None:
+        if isinstance(event, Status):
+            self._take_status(event)
+        elif isinstance(event, Contents):
+            if event.folder == str(self._session):
+                state = showing.opened(self.state, event, self._aspect)
+                if self._to_relit and RELIT in event.surfaces:
+                    self._to_relit, state = False, showing.styled(state, surface=RELIT)
+                self._show(state)
+                self._ask(moving=False)
+                if not self._quiet.isActive():
+                    self._say_missing()
+        elif event.number == self._probe and event.point:
+            self._turn_to(orbit.aimed(self.state.eye, np.array(event.point)))
+
+    def _take_status(self, status: Status) -> None:
+        before, self.status = self.status, status
+        if status.state == "restarting" and status.restarts != before.restarts:
+            self.banner.say_restart(status.message)
+            self._quiet.start()
+        elif status.state == "showing" and status.message and status.message != before.message:
+            self.banner.say(status.message)
+            self._quiet.start()
+        if status.state != "showing":
+            self.panel.show_renderer("")
+        self._cover()
+
+    def _cover(self) -> None:
+        self.cover.show_status(self.status, self._session is not None, self.canvas.picture is not None)
+
+    def _say_missing(self) -> None:
+        self.banner.say_missing(self.state.contents.missing)
+
+    # What the person wants
+
+    def _connect(self) -> None:
+        canvas, panel = self.canvas, self.panel
+        canvas.eye_moved.connect(self._moved)
+        canvas.picked.connect(self._picked)
+        canvas.probed.connect(self._ask_point)
+        canvas.resized.connect(self._resized)
+        panel.layer_toggled.connect(
+            lambda name, shown: self._restyle(showing.with_layer(self.state, name, shown))
+        )
+        panel.surface_chosen.connect(lambda name: self._restyle(showing.styled(self.state, surface=name)))
+        panel.emitters_chosen.connect(lambda way: self._restyle(showing.styled(self.state, emitters=way)))
+        panel.exposure_changed.connect(lambda ev: self._restyle(showing.styled(self.state, exposure_ev=ev)))
+        panel.front_opened.connect(lambda on: self._restyle(showing.styled(self.state, open_front=on)))
+        panel.view_chosen.connect(lambda view: self._restyle(showing.chose(self.state, view)))
+        self.turn.passed.connect(self._pass)
+        self.turn.arrived.connect(self._arrive)
+        self.cover.retry.connect(lambda: self._begin().retry())
+        self.photograph.closed.connect(self._close_photograph)
+        self.photograph.in_maps.connect(self._go_to_maps)
+        self._actions["close"].setEnabled(False)
+
+    def _make_actions(self) -> dict[str, QAction]:
+        return view3d_actions.make(
+            self,
+            {
+                "reset": self._go_home,
+                **{view: partial(self._turn_to_view, view) for view in orbit.VIEWS},
+                "object": lambda: self._fit(showing.OBJECT),
+                "everything": lambda: self._fit(showing.EVERYTHING),
+                "previous": lambda: self._step(-1),
+                "next": lambda: self._step(1),
+                "photograph": self._show_photograph,
+                "maps": self._go_to_maps,
+                "through": lambda: self._turn_to(showing.looking_through(self.state).eye),
+                "screenshot": self._ask_screenshot,
+                "close": self._close_photograph,
+            },
+        )
+
+    def _moved(self, eye: Orbit, moving: bool) -> None:
+        self.turn.stop()
+        self._show(showing.moved(self.state, eye))
+        self._ask(moving)
+        if moving:
+            self._settle.start()
+
+    def _picked(self, view: int) -> None:
+        if view >= 0:
+            self._restyle(showing.chose(self.state, view))
+            self._show_photograph()
+
+    def _step(self, by: int) -> None:
+        self._restyle(showing.stepped(self.state, by))
+        if self.photograph.isVisible():
+            self._show_photograph()
+
+    def _show_photograph(self) -> None:
+        view, contents, folder = showing.standing(self.state), self.state.contents, self._session
+        if view < 0 or folder is None:
+            return
+        self._restyle(showing.chose(self.state, view))
+        self.photograph.open(folder, view, contents.names[view] if view < len(contents.names) else str(view))
+        self._actions["close"].setEnabled(True)
+        self.view_picked.emit(view)
+
+    def _go_to_maps(self) -> None:
+        """To the view's photograph and re-rendering, at full size."""
+        view = showing.standing(self.state)
+        if view >= 0 and self._shell is not None:
+            self.view_picked.emit(view)
+            self._shell.wishes.show_page.emit("maps")
+
+    def _close_photograph(self) -> None:
+        self.photograph.hide()
+        self._actions["close"].setEnabled(False)
+        self.canvas.setFocus()
+
+    def _go_home(self) -> None:
+        self._turn_to(showing.at_home(self.state, self._aspect).eye, home=True)
+
+    def _turn_to_view(self, view: str) -> None:
+        self._turn_to(showing.turned_to(self.state, view).eye)
+
+    def _fit(self, what: str) -> None:
+        self._turn_to(showing.framed(self.state, what, self._aspect).eye)
+
+    def _ask_point(self, x: float, y: float) -> None:
+        if self._supervisor is not None:
+            self._probe = self._supervisor.probe(x, y)
+
+    def _ask_screenshot(self) -> None:
+        name = f"{self._session.stem if self._session is not None else 'roomlight'}-3d.png"
+        folder = self._shell.settings.value.last_folder if self._shell is not None else ""
+        said, _ = QFileDialog.getSaveFileName(
+            self, self.tr("Save a screenshot"), str(Path(folder) / name), self.tr("Pictures (*.png)")
+        )
+        if not said:
+            return
+        path = Path(said) if Path(said).suffix else Path(said).with_suffix(".png")
+        failed = self.take_screenshot(path)
+        if failed is not None:
+            show_trouble(self, failed)
+        elif self._shell is not None:
+            self._shell.wishes.say.emit(self.tr("Screenshot saved: {0}").format(path))
+
+    # Moving the eye
+
+    def _turn_to(self, eye: Orbit, home: bool = False) -> None:
+        self._homing = home
+        self.turn.go(self.state.eye, eye)
+
+    def _pass(self, eye: Orbit) -> None:
+        self._show(showing.moved(self.state, eye))
+        self._ask(moving=True)
+
+    def _arrive(self, eye: Orbit) -> None:
+        self._show(replace(showing.moved(self.state, eye), home=self._homing))
+        self._ask(moving=False)
+
+    def _resized(self) -> None:
+        for part in (self.cover, self.banner, self.photograph):
+            if not part.isHidden():
+                part.place()
+        if self.state.home and self.state.contents.folder:
+            self._show(showing.at_home(self.state, self._aspect))
+        self._settle.start()
+
+    def _restyle(self, state: Showing) -> None:
+        self._show(state)
+        self._ask(moving=False)
+
+    def _show(self, state: Showing) -> None:
+        panel_too = (state.contents, state.style, state.chosen) != (
+            self.state.contents, self.state.style, self.state.chosen,
+        )  # fmt: skip
+        self.state = state
+        self.canvas.show_state(state)
+        if panel_too:
+            self.panel.show_state(state)
+
+    def _ask(self, moving: bool) -> None:
+        """Leave with the supervisor what should be drawn."""
+        if self._supervisor is not None and self._session is not None:
+            self._supervisor.look(self.state.eye, *self.canvas.device_size(), moving, self.state.style)
+
+    @property
+    def _aspect(self) -> float:
+        return max(self.canvas.width(), 1) / max(self.canvas.height(), 1)
+
+    def _timer(self, milliseconds: int, call: Callable[[], None]) -> QTimer:
+        timer = QTimer(self)
+        timer.setInterval(milliseconds)
+        timer.setSingleShot(True)
+        timer.timeout.connect(call)
+        return timer
+
+
+def _rgb(name: str) -> Colour:
+    colour = QColor(name)
+    return colour.red(), colour.green(), colour.blue()
