@@ -17,6 +17,7 @@ from hardware.interfaces import Angles, Axis, MotionFeatures
 
 HEADERS = (["pan_deg", "tilt_deg"], ["pan_deg", "tilt_deg", "name"])
 MOST = 10_000  # poses of a plan; more is a mistake in a file
+LOWEST_DEG, HIGHEST_DEG = -70.0, 70.0  # tilts that a gimbal is sent to unless it reaches less
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ def turntable(poses: int) -> Plan:
     return tuple(Place(Angles(360.0 * i / poses)) for i in range(poses))
 
 
-def gimbal(poses: int, lowest_deg: float = -70.0, highest_deg: float = 70.0) -> Plan:
+def gimbal(poses: int, lowest_deg: float = LOWEST_DEG, highest_deg: float = HIGHEST_DEG) -> Plan:
     """Rows of pan angles at tilts from lowest to highest, back and forth, thinner towards the poles.
 
     Raises:
@@ -81,10 +82,11 @@ def suited(poses: int, features: MotionFeatures) -> Plan:
     """
     tilts = [axis for axis in features.axes if axis.name == "tilt"]
     if tilts:
-        ends = (tilts[0].lowest_deg, tilts[0].highest_deg)
-        lowest, highest = (-70.0 if ends[0] is None else ends[0], 70.0 if ends[1] is None else ends[1])
-        if max(lowest, -70.0) < min(highest, 70.0):
-            return gimbal(poses, max(lowest, -70.0), min(highest, 70.0))
+        lowest, highest = tilts[0].lowest_deg, tilts[0].highest_deg
+        lowest = LOWEST_DEG if lowest is None else max(lowest, LOWEST_DEG)
+        highest = HIGHEST_DEG if highest is None else min(highest, HIGHEST_DEG)
+        if lowest < highest:
+            return gimbal(poses, lowest, highest)
     return turntable(poses) if features.axes else free(poses)
 
 

@@ -10,18 +10,10 @@ from typing import Any
 
 from app.capture.status import Phase, Severity
 from app.state import Trouble, trouble
-from hardware.interfaces import State
+from hardware.find import Port
+from hardware.interfaces import CameraStatus, State
 
 CAPTURES = frozenset({"start", "resume"})  # the orders that are captures
-
-
-@dataclass(frozen=True, slots=True)
-class Port:
-    """A serial port; `likely` is the kind of rig that uses such an adapter, or ""."""
-
-    path: str
-    description: str
-    likely: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +68,6 @@ class Where:
     pan_deg: float | None = None
     tilt_deg: float | None = None
     message: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class CameraNow:
-    """What the camera last said of itself; None where it does not tell."""
-
-    ready: bool
-    battery: float | None
-    free_shots: int | None
-    message: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +195,7 @@ class PanelState:
     rig: RigFacts | None = None  # None: no devices are open
     camera: CameraFacts | None = None
     where: Where = field(default_factory=Where)
-    camera_now: CameraNow | None = None
+    camera_now: CameraStatus | None = None
     picture: Picture | None = None
     planned: Planned | None = None
     session: Path | None = None  # of the capture under way, or of the last one
@@ -360,7 +342,7 @@ _CHANGES = {
     "opened": _opened,
     "closed": _closed,
     "where": _where,
-    "camera": lambda state, facts: replace(state, camera_now=CameraNow(**facts)),
+    "camera": lambda state, facts: replace(state, camera_now=CameraStatus(**facts)),
     "picture": _picture,
     "planned": _planned,
     "status": _status,

@@ -204,6 +204,16 @@ def done(session: Path) -> list[str]:
     return [stage for stage in STAGES if list((session / "stages" / stage).glob("*/record.json"))]
 
 
+def in_mid_capture(window: MainWindow, session: Path) -> CapturePage:
+    """A slow capture of POSES that has taken its first."""
+    page = windowed.page(window, "capture", CapturePage)
+    windowed.connect(page, windowed.SLOW_RIG, windowed.CAMERA)
+    windowed.choose_plan(page, "turntable", POSES)
+    windowed.start(page, session, bracket="0")
+    until(lambda: windowed.taken(page.state) >= 1, "the first pose is taken")
+    return page
+
+
 def test_a_rig_that_is_unplugged_is_told_of_and_the_capture_resumes(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,11 +233,7 @@ def test_a_rig_that_is_unplugged_is_told_of_and_the_capture_resumes(
 
     monkeypatch.setattr(pages, "load", loaded)
     with windowed.opened() as window:
-        page = windowed.page(window, "capture", CapturePage)
-        windowed.connect(page, windowed.SLOW_RIG, windowed.CAMERA)
-        windowed.choose_plan(page, "turntable", POSES)
-        windowed.start(page, session, bracket="0")
-        until(lambda: windowed.taken(page.state) >= 1, "the first pose is taken")
+        page = in_mid_capture(window, session)
         out.touch()
         state = windowed.finished(page)
         assert state.ended is not None
@@ -248,11 +254,7 @@ def test_a_rig_that_is_unplugged_is_told_of_and_the_capture_resumes(
 def test_closed_in_mid_capture_and_opened_again_the_capture_is_finished(home: Path, tmp_path: Path) -> None:
     session, before = tmp_path / "closed.session", set(windowed.children("app.work.worker"))
     with windowed.opened() as window:
-        page = windowed.page(window, "capture", CapturePage)
-        windowed.connect(page, windowed.SLOW_RIG, windowed.CAMERA)
-        windowed.choose_plan(page, "turntable", POSES)
-        windowed.start(page, session, bracket="0")
-        until(lambda: windowed.taken(page.state) >= 1, "the first pose is taken")
+        page = in_mid_capture(window, session)
         window.close()
         assert window.isVisible()
         question = window.closing.question

@@ -7,6 +7,7 @@ One thread opens, closes and gives orders; `answer`, `look` and `stop` may come 
 import contextlib
 import threading
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hardware import find
@@ -171,14 +172,7 @@ class Lookout:
             rig = self._fresh()
             if rig is None or not self._idle():
                 return
-            status = rig.camera.status()
-            self._tell(
-                "camera",
-                ready=status.ready,
-                battery=status.battery,
-                free_shots=status.free_shots,
-                message=status.message,
-            )
+            self._tell("camera", **asdict(rig.camera.status()))
 
     def close(self) -> None:
         self._ended.set()
@@ -214,9 +208,7 @@ def plugged_in(link: "Link") -> dict[str, Any]:
     except HardwareError as error:
         cameras = []
         link.log(f"cameras: {error}")
-    ports = [
-        {"path": port.path, "description": port.description, "likely": port.likely} for port in find.ports()
-    ]
+    ports = [asdict(port) for port in find.ports()]
     return {"ports": ports, "cameras": cameras, "rigs": list(find.RIGS.values())}
 
 

@@ -14,8 +14,6 @@ from hardware.errors import SettingsError
 from hardware.interfaces import Bracket, Exposure, MotionFeatures
 from hardware.plan import Plan
 
-LOWEST_DEG, HIGHEST_DEG = -70.0, 70.0
-
 
 def plan(content: Mapping[str, Any], features: MotionFeatures | None) -> Plan:
     """The plan as it is written, not yet fitted to a rig.
@@ -32,7 +30,10 @@ def plan(content: Mapping[str, Any], features: MotionFeatures | None) -> Plan:
         case "turntable":
             return plans.turntable(int(content["poses"]))
         case "gimbal":
-            lowest, highest = content.get("lowest", LOWEST_DEG), content.get("highest", HIGHEST_DEG)
+            lowest, highest = (
+                content.get("lowest", plans.LOWEST_DEG),
+                content.get("highest", plans.HIGHEST_DEG),
+            )
             return plans.gimbal(int(content["poses"]), float(lowest), float(highest))
         case "free":
             return plans.free(int(content["poses"]))

@@ -17,11 +17,10 @@ from PySide6.QtWidgets import (
 from app.views.boxes import box_of
 from app.views.capture.parts import Section, button, dim, row
 from app.views.editors import Number
+from hardware.plan import HIGHEST_DEG, LOWEST_DEG, MOST
 
 SETTLED_MS = 250  # after the last keystroke, before the plan is worked out
 POSES = 72
-LOWEST_DEG, HIGHEST_DEG = -70.0, 70.0
-MOST_POSES = 10_000
 COLUMNS = "pan_deg,tilt_deg"  # of a plan's file
 AS_THE_RIG_S = -0.5  # what the settling field shows as "as the rig has it"
 
@@ -46,7 +45,7 @@ class PlanBox(Section):
         ):
             self.kind.addItem(text, key)
         row(grid, self.tr("Plan"), self.kind)
-        self.poses = _number(1, MOST_POSES, POSES, whole=True)
+        self.poses = _number(1, MOST, POSES, whole=True)
         self.lowest, self.highest = _number(-90, 90, LOWEST_DEG), _number(-90, 90, HIGHEST_DEG)
         self.file = QLineEdit()
         self.file.setPlaceholderText(COLUMNS)

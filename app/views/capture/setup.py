@@ -5,7 +5,7 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QCheckBox, QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from app.capture.panel import PanelState
-from app.capture.panel_state import CameraNow, Picture, Where
+from app.capture.panel_state import Picture, Where
 from app.capture.wanted import told_angle
 from app.views.capture.bracket import BracketBox, Offered
 from app.views.capture.devices import Devices, Live
@@ -16,7 +16,7 @@ from app.views.capture.place import PlaceBox
 from app.views.capture.plan import PlanBox
 from app.views.theme import LIGHT
 from app.words import QT_TRANSLATE_NOOP
-from hardware.interfaces import State
+from hardware.interfaces import CameraStatus, State
 
 WIDTH = 304
 STOP_HEIGHT = 46
@@ -147,7 +147,7 @@ class CaptureSetup(QFrame):
                 parts.append(told_angle(where.tilt_deg))
         return "  ".join(parts)
 
-    def _told_camera(self, now: CameraNow | None) -> str:
+    def _told_camera(self, now: CameraStatus | None) -> str:
         if now is None:
             return ""
         parts = [] if now.ready else [now.message or self.tr("not ready")]
@@ -158,5 +158,5 @@ class CaptureSetup(QFrame):
         return ", ".join(parts) or self.tr("ready")
 
 
-def _well(now: CameraNow | None) -> bool:
+def _well(now: CameraStatus | None) -> bool:
     return now is None or now.ready

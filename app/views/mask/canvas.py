@@ -16,32 +16,25 @@ from PySide6.QtGui import (
     QImage,
     QKeyEvent,
     QMouseEvent,
-    QNativeGestureEvent,
     QPainter,
     QPaintEvent,
     QPen,
-    QResizeEvent,
     QTabletEvent,
-    QWheelEvent,
 )
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.masking import Editor, Patch, Place
 from app.views.mask import paint as mask_paint
 from app.views.pictures import paint as image_paint
-from app.views.pictures.view import NOTCH
-from app.views.pictures.viewport import Viewport
+from app.views.pictures.pane import Pane
 from app.views.pixels import image_of
 from app.views.theme import colours
 
 CLOSE_BY = 8.0  # logical pixels from a polygon's first corner that close it
 PANS = (Qt.MouseButton.MiddleButton, Qt.MouseButton.RightButton)
-ARROWS = {
-    Qt.Key.Key_Left: (-1, 0), Qt.Key.Key_Right: (1, 0), Qt.Key.Key_Up: (0, -1), Qt.Key.Key_Down: (0, 1)
-}  # fmt: skip
 
 
-class MaskCanvas(QWidget):
+class MaskCanvas(Pane):
     """Shows what it is given, and hands what is done to the editor."""
 
     painted = Signal(object)  # a Patch that is in the painting already
@@ -50,9 +43,6 @@ class MaskCanvas(QWidget):
     def __init__(self, parent: QWidget | None, editor: Editor) -> None:
         super().__init__(parent)
         self.editor = editor
-        self.viewport = Viewport(self)
-        self.viewport.join(self)
-        self.viewport.moved.connect(self.update)
         self.viewport.pointed.connect(self._pointed)
         self.opacity, self.shows_outline, self.shows_overlay = 0.6, True, True
         self._levels: list[QImage] = []
@@ -65,11 +55,7 @@ class MaskCanvas(QWidget):
         self.setAccessibleDescription(
             self.tr("Arrow keys move the cursor, Space paints or sets a corner, Enter closes a polygon")
         )
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setMouseTracking(True)
         self.setMinimumSize(160, 120)
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setCursor(Qt.CursorShape.CrossCursor)
 
     # What is shown
@@ -105,10 +91,6 @@ class MaskCanvas(QWidget):
         self.opacity = opacity
         self.update()
 
-    def room(self) -> QSizeF | None:
-        """For the viewport: the size while shown."""
-        return QSizeF(self.size()) if self.isVisible() else None
-
     def _colour(self) -> None:
         ours = colours(self)
         if self._found is not None:
@@ -118,16 +100,6 @@ class MaskCanvas(QWidget):
         self.update()
 
     # Places
-
-    def to_picture(self, at: QPointF) -> QPointF:
-        """A place of this widget in picture widths."""
-        return self.viewport.centre + (at - self._middle()) / self.viewport.span
-
-    def from_picture(self, at: QPointF) -> QPointF:
-        return self._middle() + (at - self.viewport.centre) * self.viewport.span
-
-    def _middle(self) -> QPointF:
-        return QPointF(self.width() / 2, self.height() / 2)
 
     def _place(self) -> Place | None:
         """The cursor in pixels of the picture; on their middle while the keys move it."""
@@ -225,19 +197,6 @@ class MaskCanvas(QWidget):
         if not self.editor.drawing and not self._by_keys:
             self.viewport.point(None)
 
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        steps = event.angleDelta().y() / 120
-        if steps:
-            self.viewport.zoom(NOTCH**steps, self.to_picture(event.position()))
-        event.accept()
-
-    def event(self, event: QEvent) -> bool:
-        pinch = Qt.NativeGestureType.ZoomNativeGesture
-        if isinstance(event, QNativeGestureEvent) and event.gestureType() == pinch:
-            self.viewport.zoom(1 + event.value(), self.to_picture(event.position()))
-            return True
-        return super().event(event)
-
     def _point(self, at: QPointF, pressure: float = 1.0) -> None:
         self._by_keys = False
         self.viewport.point(self.to_picture(at) if self._levels else None)
@@ -268,16 +227,10 @@ class MaskCanvas(QWidget):
     # Keys
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        key, held = event.key(), event.modifiers()
-        if key in ARROWS:
-            way = ARROWS[Qt.Key(key)]
-            if held & Qt.KeyboardModifier.ControlModifier:
-                self.viewport.pan(QPointF(*way) * -40)
-            else:
-                self._step(
-                    *(way[i] * (10 if held & Qt.KeyboardModifier.ShiftModifier else 1) for i in (0, 1))
-                )
-        elif key == Qt.Key.Key_Space:
+        key = event.key()
+        if self.moved_by_arrows(event):
+            return
+        if key == Qt.Key.Key_Space:
             if not event.isAutoRepeat() and not self.editor.drawing:
                 self._take_keys()
                 self._down()
@@ -304,11 +257,12 @@ class MaskCanvas(QWidget):
         if self.viewport.pixel() is None:
             self.viewport.step(0, 0)
 
-    def _step(self, columns: int, rows: int) -> None:
+    def step(self, columns: int, rows: int) -> None:
+        """The arrow keys move the cursor by so many pixels, and draw with the tool that is held down."""
         if not self._levels:
             return
         self._by_keys = True
-        self.viewport.step(columns, rows)
+        super().step(columns, rows)
         place = self._place()
         if place is not None:
             self.editor.drag(place)
@@ -326,12 +280,6 @@ class MaskCanvas(QWidget):
         # The release of a key that is held goes to whoever has the focus then.
         self._tell(self.editor.release())
         super().focusOutEvent(event)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        self.viewport.refit()
-
-    def showEvent(self, event: QEvent) -> None:
-        self.viewport.refit()
 
     def changeEvent(self, event: QEvent) -> None:
         if event.type() == QEvent.Type.PaletteChange:

@@ -15,38 +15,32 @@ from PySide6.QtGui import (
     QImage,
     QKeyEvent,
     QMouseEvent,
-    QNativeGestureEvent,
     QPainter,
     QPaintEvent,
     QPen,
-    QResizeEvent,
-    QWheelEvent,
 )
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.views.pictures import paint as image_paint
+from app.views.pictures.pane import NOTCH, Pane
 from app.views.pictures.viewport import Viewport
 from app.views.pixels import image_of
 from app.views.theme import colours
 
 GRID = 12.0  # logical pixels of the screen per pixel of the picture
-NOTCH = 1.2  # zoom of one step of the wheel
 GRIP = 8  # logical pixels around the swipe's edge that take hold of it
 
 Levels = Sequence[np.ndarray]  # of `falsecolour`: uint8 [h w 4], each half the size of the one before
 
 
-class ImageView(QWidget):
+class ImageView(Pane):
     """One picture, or two with a swipe between them."""
 
     activated = Signal()  # double click
     swiped = Signal(float)
 
     def __init__(self, parent: QWidget | None = None, viewport: Viewport | None = None) -> None:
-        super().__init__(parent)
-        self.viewport = viewport or Viewport(self)
-        self.viewport.join(self)
-        self.viewport.moved.connect(self.update)
+        super().__init__(parent, viewport)
         self.viewport.pointed.connect(self.update)
         self.message = ""  # in place of a picture
         self.pixel_text: Callable[[int, int], str] | None = None
@@ -56,11 +50,7 @@ class ImageView(QWidget):
         self._split = 0.5
         self._held: QPointF | None = None
         self._swiping = False
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setMouseTracking(True)
         self.setMinimumSize(96, 72)
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
 
     def sizeHint(self) -> QSize:
         return QSize(320, 240)
@@ -94,23 +84,6 @@ class ImageView(QWidget):
     @property
     def swipes(self) -> bool:
         return bool(self._others)
-
-    # Places
-
-    def room(self) -> QSizeF | None:
-        """For the viewport: the size while shown."""
-        return QSizeF(self.size()) if self.isVisible() else None
-
-    def to_picture(self, at: QPointF) -> QPointF:
-        """A place of this widget in picture widths."""
-        return self.viewport.centre + (at - self._middle()) / self.viewport.span
-
-    def from_picture(self, at: QPointF) -> QPointF:
-        """A place in picture widths on this widget."""
-        return self._middle() + (at - self.viewport.centre) * self.viewport.span
-
-    def _middle(self) -> QPointF:
-        return QPointF(self.width() / 2, self.height() / 2)
 
     # Painting
 
@@ -183,32 +156,11 @@ class ImageView(QWidget):
     def leaveEvent(self, event: QEvent) -> None:
         self.viewport.point(None)
 
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        steps = event.angleDelta().y() / 120
-        if steps:
-            self.viewport.zoom(NOTCH**steps, self.to_picture(event.position()))
-        event.accept()
-
-    def event(self, event: QEvent) -> bool:
-        if (
-            isinstance(event, QNativeGestureEvent)
-            and event.gestureType() == Qt.NativeGestureType.ZoomNativeGesture
-        ):
-            self.viewport.zoom(1 + event.value(), self.to_picture(event.position()))
-            return True
-        return super().event(event)
-
     def keyPressEvent(self, event: QKeyEvent) -> None:
         key, held = event.key(), event.modifiers()
-        arrows = {
-            Qt.Key.Key_Left: (-1, 0), Qt.Key.Key_Right: (1, 0), Qt.Key.Key_Up: (0, -1), Qt.Key.Key_Down: (0, 1)
-        }  # fmt: skip
-        if key in arrows and held & Qt.KeyboardModifier.ControlModifier:
-            self.viewport.pan(QPointF(*arrows[Qt.Key(key)]) * -40)
-        elif key in arrows:
-            by = 10 if held & Qt.KeyboardModifier.ShiftModifier else 1
-            self.viewport.step(*(by * way for way in arrows[Qt.Key(key)]))
-        elif key in (Qt.Key.Key_Plus, Qt.Key.Key_Equal):
+        if self.moved_by_arrows(event):
+            return
+        if key in (Qt.Key.Key_Plus, Qt.Key.Key_Equal):
             self.viewport.zoom(NOTCH, self.viewport.cursor)
         elif key == Qt.Key.Key_Minus:
             self.viewport.zoom(1 / NOTCH, self.viewport.cursor)
@@ -222,12 +174,6 @@ class ImageView(QWidget):
             self.activated.emit()
         else:
             super().keyPressEvent(event)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        self.viewport.refit()
-
-    def showEvent(self, event: QEvent) -> None:
-        self.viewport.refit()
 
     def changeEvent(self, event: QEvent) -> None:
         if event.type() == QEvent.Type.PaletteChange:

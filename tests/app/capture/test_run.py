@@ -170,7 +170,8 @@ def test_a_pause_waits_and_resume_goes_on(tmp_path: Path) -> None:
     assert faults_of(tmp_path / "a", wanted) == []
 
 
-def test_a_pause_between_poses_moves_nothing(tmp_path: Path) -> None:
+def held_at_exposures() -> tuple[Rig, threading.Event, threading.Event]:
+    """A rig that waits in its exposures: the rig, whether it came to one, whether it may go on."""
     exposing, may_expose = threading.Event(), threading.Event()
 
     def fault(name: str) -> None:
@@ -178,7 +179,11 @@ def test_a_pause_between_poses_moves_nothing(tmp_path: Path) -> None:
             exposing.set()
             assert may_expose.wait(WAIT_S)
 
-    rig = quick_devices.rig(fault)
+    return quick_devices.rig(fault), exposing, may_expose
+
+
+def test_a_pause_between_poses_moves_nothing(tmp_path: Path) -> None:
+    rig, exposing, may_expose = held_at_exposures()
     wanted = order(5)
     going = InThread(tmp_path / "a", wanted, rig)
     going.until(exposing.is_set)
@@ -223,14 +228,7 @@ def test_the_end_does_not_wait_until_the_rig_has_settled(tmp_path: Path, ask: st
 
 @pytest.mark.parametrize(("ask", "kept"), [("cancel", 1), ("stop", 0)])
 def test_cancel_keeps_the_exposure_under_way_and_stop_drops_it(tmp_path: Path, ask: str, kept: int) -> None:
-    exposing, may_expose = threading.Event(), threading.Event()
-
-    def fault(name: str) -> None:
-        if name == "expose":
-            exposing.set()
-            assert may_expose.wait(WAIT_S)
-
-    rig = quick_devices.rig(fault)
+    rig, exposing, may_expose = held_at_exposures()
     going = InThread(tmp_path / "a", order(4), rig)
     going.until(exposing.is_set)
     getattr(going.control, ask)()

@@ -77,15 +77,21 @@ def test_without_devices_an_order_is_a_trouble_that_names_the_remedy(
     assert told.trouble.remedy
 
 
+def in_mid_move(bench: Bench) -> Table:
+    """Open and homed, on its way to 90 degrees; the table goes on once it may."""
+    bench.order("open", rig="", camera="")
+    bench.order("home")
+    table = bench.rigs[0].motion
+    assert isinstance(table, Table)
+    table.may_move.clear()
+    bench.send("move", pan=90, tilt=0)
+    assert table.moving.wait(10)
+    return table
+
+
 def test_an_order_under_way_refuses_others_and_stop_ends_it_without_a_word(tmp_path: Path) -> None:
     with Bench(tmp_path) as bench:
-        bench.order("open", rig="", camera="")
-        bench.order("home")
-        table = bench.rigs[0].motion
-        assert isinstance(table, Table)
-        table.may_move.clear()
-        bench.send("move", pan=90, tilt=0)
-        assert table.moving.wait(10)
+        table = in_mid_move(bench)
         bench.send("home")
         told = bench.until(lambda state: state.told).told
         assert told is not None
@@ -145,13 +151,7 @@ def test_plans_are_drawn_with_or_without_a_rig_and_fitted_to_it(tmp_path: Path) 
 
 def test_what_is_plugged_in_is_told_beside_an_order(tmp_path: Path) -> None:
     with Bench(tmp_path) as bench:
-        bench.order("open", rig="", camera="")
-        bench.order("home")
-        table = bench.rigs[0].motion
-        assert isinstance(table, Table)
-        table.may_move.clear()
-        bench.send("move", pan=90, tilt=0)
-        assert table.moving.wait(10)
+        table = in_mid_move(bench)
         bench.send("list")
         assert "virtual:" in bench.until(lambda state: state.found.rigs).found.rigs
         table.may_move.set()
@@ -209,13 +209,7 @@ def test_a_watched_folder_asks_for_a_photograph_and_notices_it(tmp_path: Path) -
 
 def test_leaving_in_the_midst_of_a_move_stops_the_rig(tmp_path: Path) -> None:
     with Bench(tmp_path) as bench:
-        bench.order("open", rig="", camera="")
-        bench.order("home")
-        table = bench.rigs[0].motion
-        assert isinstance(table, Table)
-        table.may_move.clear()
-        bench.send("move", pan=90, tilt=0)
-        assert table.moving.wait(10)
+        table = in_mid_move(bench)
     assert table.stops
     assert table.status().state is State.OFFLINE
 
