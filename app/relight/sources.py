@@ -20,8 +20,7 @@ from engine.geometry import fibonacci_sphere, inverse, transform
 from engine.images import read_radiance, srgb_decode
 from engine.light import probes
 from engine.light.cells import nearest_cells
-from engine.light.globes import lamplight
-from engine.types import Gaussians, Lamps
+from engine.light.globes import passing
 
 if TYPE_CHECKING:
     from app.work.worker import Link
@@ -52,9 +51,9 @@ def recovered(solved: Solved, view: int, middle: Float[np.ndarray, " 3"]) -> dic
     origin = transform(inverse(pose), middle)
     room, _ = probes.panorama(gaussians, origin, pose[:, :3], ROWS, fill=True)
     centres = transform(pose, lamps.centres.reshape(-1, 3))
-    passing = _passing(lamps, gaussians, pose, middle)
+    through = passing(lamps, gaussians, pose[None], middle)[0]
     distance = np.linalg.norm(centres - middle, axis=1)
-    power = lamps.radiance.sum(1) * (lamps.radii / np.maximum(distance, 1e-9)) ** 2 * passing
+    power = lamps.radiance.sum(1) * (lamps.radii / np.maximum(distance, 1e-9)) ** 2 * through
     first = np.argsort(-power, kind="stable")
     group = np.full(len(power), -1)
     group[first[:NAMED_LAMPS]] = np.arange(min(len(power), NAMED_LAMPS))
@@ -63,22 +62,10 @@ def recovered(solved: Solved, view: int, middle: Float[np.ndarray, " 3"]) -> dic
         "name": np.array(solved.frames.names[view]),
         "lamp_centre": centres,
         "lamp_radius": lamps.radii,
-        "lamp_radiance": lamps.radiance * passing[:, None],
+        "lamp_radiance": lamps.radiance * through[:, None],
         "lamp_group": group,
         "lamp_clipped": lamps.clipped,
     }
-
-
-def _passing(
-    lamps: Lamps, gaussians: Gaussians, pose: Float[np.ndarray, "3 4"], middle: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, " l"]:
-    """The share of each lamp's light that the room lets through to the object."""
-    few = fibonacci_sphere(256)
-    origin = transform(inverse(pose), middle)
-    distance = np.linalg.norm(lamps.centres.reshape(-1, 3) - origin, axis=1)
-    solid = 2 * np.pi * (1 - np.sqrt(1 - np.minimum(lamps.radii / np.maximum(distance, 1e-9), 0.99) ** 2))
-    arrives = [float(light.sum()) for light in lamplight(lamps, gaussians, pose[None], middle[None], few)]
-    return np.array(arrives) / np.maximum(solid * lamps.radiance.sum(1), 1e-30)
 
 
 def as_light(radiance: Float[np.ndarray, "h w 3"]) -> dict[str, np.ndarray]:

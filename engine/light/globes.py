@@ -10,14 +10,11 @@ views that show the lamp look through there. World frame, scene units.
 # The stubs of scipy misstate what comes back here.
 # pyright: reportArgumentType=false
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
-from engine.geometry import tangents
 from engine.light.gaussians import Y00, rotations
 from engine.light.lamps import Sightings
 from engine.light.photographs import Photographs, around, camera_centres
@@ -31,8 +28,6 @@ WHOLE = 0.95
 CLIPPED = 0.02
 """Share of it that may be clipped."""
 DENSITY = 20.0
-SAMPLES = 37
-"""Rays that a lamp's disc is sampled by."""
 HAZE = (0.2, 0.6)
 """A lamp is hidden where less of a ray gets through, and unhidden where more does: the fit leaves some haze."""
 IN_FRONT = 0.02
@@ -141,51 +136,24 @@ def apart(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
     return Gaussians(*(getattr(gaussians, name)[:count] for name in Gaussians.__slots__))
 
 
-def lamplight(
+def passing(
     lamps: Lamps,
     gaussians: Gaussians,
     cam_from_world: Float[np.ndarray, "n 3 4"],
-    cam_points: Float[np.ndarray, "m 3"],
-    directions: Float[np.ndarray, "d 3"],
-) -> Iterator[Float[np.ndarray, "n m d 3"]]:
-    """Each lamp's radiance x solid angle at every probe of every view, per camera-frame direction (float32).
+    middle: Float[np.ndarray, " 3"],
+) -> Float[np.ndarray, "n l"]:
+    """The share of each lamp's light that gets to a point of the camera frame in every view.
 
-    A cap of samples, each shared among the three directions around it. `gaussians` is the room without the
-    lamps: what is solid in front hides a lamp, haze does not.
+    `gaussians` is the room without the lamps: what is solid in front hides a lamp, haze does not.
     """
-    tree = KDTree(directions)
-    ring = np.arange(SAMPLES) + 0.5
-    turn = np.pi * (1 + 5**0.5) * ring
-    for centre, radius, radiance in zip(lamps.centres, lamps.radii, lamps.radiance, strict=True):
-        out = np.zeros((len(cam_from_world), len(cam_points), len(directions), 3), np.float32)
-        for view, pose in enumerate(cam_from_world):
-            middle = (cam_points.mean(0) - pose[:, 3]) @ pose[:, :3]
-            opacity, at, far = _on_the_way(gaussians, middle, centre)
-            passing = float(np.prod(1 - opacity[at < far - 2 * radius]))
-            passing = min(max((passing - HAZE[0]) / (HAZE[1] - HAZE[0]), 0.0), 1.0)
-            if passing == 0:
-                continue
-            towards = pose[:, :3] @ centre + pose[:, 3] - cam_points
-            distance = np.linalg.norm(towards, axis=1)
-            sine = np.minimum(radius / distance, 0.99)
-            rim = np.sqrt(1 - sine**2)
-            first, second = tangents(towards / distance[:, None])
-            up = 1 - ring / SAMPLES * (1 - rim[:, None])  # m s: even in area
-            flat = np.sqrt(1 - up**2)
-            rays = (
-                up[..., None] * (towards / distance[:, None])[:, None]
-                + (flat * np.cos(turn))[..., None] * first[:, None]
-                + (flat * np.sin(turn))[..., None] * second[:, None]
-            )
-            cells = tree.query(rays.reshape(-1, 3), k=3)[1]
-            shares = np.linalg.solve(np.swapaxes(directions[cells], 1, 2), rays.reshape(-1, 3, 1))[..., 0]
-            shares = np.maximum(shares, 0)
-            shares /= shares.sum(1, keepdims=True)
-            solid = 2 * np.pi * (1 - rim) / SAMPLES * passing
-            power = (shares.reshape(len(solid), -1) * solid[:, None]).astype(np.float32)
-            for probe, (where, share) in enumerate(zip(cells.reshape(len(solid), -1), power, strict=True)):
-                out[view, probe] = np.bincount(where, share, len(directions))[:, None] * radiance
-        yield out
+    through = np.zeros((len(cam_from_world), len(lamps.radii)))
+    for view, pose in enumerate(cam_from_world):
+        eye = (middle - pose[:, 3]) @ pose[:, :3]
+        for i, (centre, radius) in enumerate(zip(lamps.centres, lamps.radii, strict=True)):
+            opacity, at, far = _on_the_way(gaussians, eye, centre)
+            share = float(np.prod(1 - opacity[at < far - 2 * radius]))
+            through[view, i] = min(max((share - HAZE[0]) / (HAZE[1] - HAZE[0]), 0.0), 1.0)
+    return through
 
 
 def _covered(density: float) -> float:

@@ -38,7 +38,7 @@ def stages() -> tuple[Stage, ...]:
             presets=presets.of_stage("light"),
         ),
         Stage(
-            "surface", 5, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+            "surface", 6, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
             presets=presets.of_stage("surface"),
         ),
         Stage(

@@ -32,6 +32,32 @@ def lobe_floor(count: int) -> float:
     return 2 * (radius / 2) ** 2 / 4
 
 
+# Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@no_type_check
+def lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse):
+    """(diffuse without albedo, specular) towards the camera per unit radiance and solid angle, cosine included.
+
+    Cosines of light and view to the normal and to each other; what depends on the pixel alone comes along.
+    """
+    over_pi = np.float32(1 / math.pi)
+    half2 = max(np.float32(0.5) + np.float32(0.5) * lv, np.float32(1e-6))  # (l.h)^2
+    nh = (nl + nv) / (np.float32(2) * math.sqrt(half2))
+    t = nh * nh * (a2 - np.float32(1)) + np.float32(1)
+    t = max(t, np.float32(1e-7))
+    mh = np.float32(1) - math.sqrt(half2)
+    fresnel = np.float32(F0) + np.float32(1 - F0) * (mh * mh * mh * mh * mh)
+    smith_l = nl + math.sqrt(a2 + (np.float32(1) - a2) * nl * nl)
+    specular = a2 * over_pi / (t * t) * fresnel / (smith_l * smith_v) * nl
+    k = np.float32(1)
+    if full_diffuse:
+        ml = np.float32(1) - nl
+        fl = ml * ml * ml * ml * ml
+        retro = np.float32(2) * r * half2 - np.float32(0.5)
+        k = (np.float32(1) + retro * fl) * (np.float32(1) + retro * fv)
+    return k * over_pi * nl, specular
+
+
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _rows(normals, roughness, views, dx, dy, dz, visible, full_diffuse, floor, diffuse, specular):
@@ -44,27 +70,11 @@ def _rows(normals, roughness, views, dx, dy, dz, visible, full_diffuse, floor, d
         smith_v = nv + math.sqrt(a2 + (np.float32(1) - a2) * nv * nv)
         mv = np.float32(1) - nv
         fv = mv * mv * mv * mv * mv
-        over_pi = np.float32(1 / math.pi)
         for d in range(dx.shape[0]):
             nl = nx * dx[d] + ny * dy[d] + nz * dz[d]
             nl = max(nl, np.float32(0)) * visible[p, d]
             lv = vx * dx[d] + vy * dy[d] + vz * dz[d]
-            half2 = max(np.float32(0.5) + np.float32(0.5) * lv, np.float32(1e-6))  # (l.h)^2
-            nh = (nl + nv) / (np.float32(2) * math.sqrt(half2))
-            t = nh * nh * (a2 - np.float32(1)) + np.float32(1)
-            t = max(t, np.float32(1e-7))
-            mh = np.float32(1) - math.sqrt(half2)
-            fresnel = np.float32(F0) + np.float32(1 - F0) * (mh * mh * mh * mh * mh)
-            smith_l = nl + math.sqrt(a2 + (np.float32(1) - a2) * nl * nl)
-            specular[p, d] = a2 * over_pi / (t * t) * fresnel / (smith_l * smith_v) * nl
-            if full_diffuse:
-                ml = np.float32(1) - nl
-                fl = ml * ml * ml * ml * ml
-                retro = np.float32(2) * r * half2 - np.float32(0.5)
-                k = (np.float32(1) + retro * fl) * (np.float32(1) + retro * fv)
-            else:
-                k = np.float32(1)
-            diffuse[p, d] = k * over_pi * nl
+            diffuse[p, d], specular[p, d] = lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse)
 
 
 def rows(

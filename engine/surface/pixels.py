@@ -186,7 +186,7 @@ def ask(
         pixels = block[~seen.edge[block]]
         if not len(pixels):
             continue
-        energy = horizons.by_channel(responses.energy(sight, block))
+        energy = horizons.by_channel(responses.whole_energy(sight, block))
         around = horizons.compass(light.directions, sight.middle(block))
         least = np.full(len(pixels), np.inf)
         for turn, other in enumerate((everybody, everybody, *others)):

@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.near import Near
 from engine.surface.observations import Observations
 from engine.surface.transport import Incident, Responses, Sight
 
@@ -52,45 +53,39 @@ class Parts:
 
     incident: Incident  # without the lamps
     group: Int[np.ndarray, "m d n"]  # of each cell of it
-    lamps: Float[np.ndarray, "l m d v"]  # the groups just before the last
+    near: Near  # the lamps, as recorded: the groups just before the last
     clipped: Bool[np.ndarray, " k"]  # groups whose brightness is only a lower bound
     prior: Float[np.ndarray, " k"]  # spread of log gain where it is not clipped
 
     @property
     def of_lamps(self) -> slice:
         """The lamps' groups."""
-        return slice(len(self.prior) - 1 - len(self.lamps), len(self.prior) - 1)
+        return slice(len(self.prior) - 1 - len(self.near.radii), len(self.prior) - 1)
 
     def at(
         self, point: Float[np.ndarray, " 3"], gain: Float[np.ndarray, "k 3"]
     ) -> Float[np.ndarray, "k d v"]:
-        """Every group's energy at a point, under its gain."""
+        """Every group's energy at a point, under its gain; nothing of the lamps."""
         weights = self.incident.lattice.weights(point).astype(np.float32)
         gain = gain.astype(np.float32)
         out = np.zeros((len(gain), *self.incident.energy.shape[1:]), np.float32)
-        colours = np.tile(gain[self.of_lamps], (1, self.incident.energy.shape[2] // 3))[:, None]
         for k in np.nonzero(weights)[0]:
             _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain, out)
-            out[self.of_lamps] += weights[k] * colours * self.lamps[:, k]
         return out
 
     def under(self, gain: Float[np.ndarray, "k 3"]) -> Incident:
         """All the light, every group under its gain."""
         m, d, v = self.incident.energy.shape
-        gain = gain.astype(np.float32)
-        energy = (self.incident.energy.reshape(m, d, v // 3, 3) * gain[self.group]).reshape(m, d, v)
-        for lamp, colour in zip(self.lamps, gain[self.of_lamps], strict=True):
-            energy += lamp * np.tile(colour, v // 3)
-        return Incident(self.incident.lattice, self.incident.directions, energy)
+        energy = self.incident.energy.reshape(m, d, v // 3, 3) * gain.astype(np.float32)[self.group]
+        near = self.near.under(gain[self.of_lamps]) if len(self.near.radii) else None
+        return Incident(self.incident.lattice, self.incident.directions, energy.reshape(m, d, v), near)
 
     def levels(self) -> Float[np.ndarray, "k 3"]:
         """The groups' share of the light before any gain, summed over probes, directions and views."""
         energy = self.incident.energy.reshape(-1, 3)
         flat = self.group.ravel()
         sums = np.stack([np.bincount(flat, energy[:, c], minlength=len(self.prior)) for c in range(3)], 1)
-        sums[self.of_lamps] = [lamp.reshape(-1, 3).sum(0, dtype=float) for lamp in self.lamps] or np.zeros(
-            (0, 3)
-        )
+        sums[self.of_lamps] = self.near.levels(self.incident.lattice.points())
         return sums
 
 
@@ -181,14 +176,22 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     responses = sample.responses(parts.incident)
     dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
     misfits = np.zeros(len(seen.eps))
+    lamps = parts.of_lamps
+    others = np.r_[0 : lamps.start, lamps.stop : count]
+    near = parts.near.under(setting.gain[lamps])
     for pixels in sample.regions:
-        here = sight.points[pixels].mean(0)
-        each = parts.at(here, setting.gain)
+        points, here = sight.points[pixels], sight.points[pixels].mean(0)
+        each = parts.at(here, setting.gain)[others]
         further = parts.at(here * np.exp(NUDGE), setting.gain).sum(0)
         total = each.sum(0)
         n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
         variants, rough, inward = newton.variants(n, r)
         diffuse, specular = responses(sight, pixels, variants, rough, total)
+        hidden = sight.occlusion.of(pixels)[:2] if sight.occlusion is not None else None
+        seen_lamps = near.visible(points, hidden)
+        shining = near.each(points, sight.views[pixels], variants, rough, seen_lamps, sample.full_diffuse)
+        diffuse += near.shone(shining[0]).reshape(diffuse.shape)
+        specular += near.shone(shining[1]).reshape(specular.shape)
         channels = total.shape[1]
         colour = np.tile(a, channels // 3)
         model = colour[:, None] * diffuse + specular  # p 4 v
@@ -210,13 +213,28 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         d, s = dark(
             sight, pixels, n[:, None], r[:, None], np.ascontiguousarray(lights).reshape(len(total), -1)
         )
-        share = colour[:, None] * d.reshape(len(pixels), count + 1, -1) + s.reshape(
-            len(pixels), count + 1, -1
+        sent = (len(pixels), len(others) + 1, channels)
+        share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
+        # What hides what does not change when the whole object moves along the viewing rays.
+        moved = near.each(
+            points * np.exp(NUDGE),
+            sight.views[pixels],
+            n[:, None],
+            r[:, None],
+            seen_lamps,
+            sample.full_diffuse,
         )
+        for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
+            change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / NUDGE
+            share[:, -1] += gain_of * change
         share = share / base[:, None]
         light = np.zeros((*base.shape, unknowns))
         for c in range(3):
-            light[:, c::3, c : 3 * count : 3] = share[:, :count, c::3].transpose(0, 2, 1)
+            light[:, c::3, c + 3 * others] = share[:, :-1, c::3].transpose(0, 2, 1)
+            # p n l: what each lamp sends to a channel.
+            lamp = a[:, c, None, None] * shining[0][:, 0] + shining[1][:, 0]
+            lamp = lamp * near.radiance[..., c] / base[:, c::3, None]
+            light[:, c::3, c + 3 * lamps.start : c + 3 * lamps.stop : 3] = lamp
         light[..., -1] = share[:, -1]
         wo, wl = own * weight[..., None], light * weight[..., None]
         block = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)

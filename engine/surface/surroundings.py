@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int
 
 from engine.geometry import inverse
 from engine.light.fill import fill_energy, neighbourhood
-from engine.light.globes import apart, lamplight
+from engine.light.globes import apart
 from engine.light.probes import incident_energy
 from engine.progress import Progress
 from engine.surface.groups import brightened, clipped_groups, group_emitters, labelled, whose
+from engine.surface.near import near_of
 from engine.surface.relight import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
@@ -81,9 +82,8 @@ def light_at(
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
     gaussians, lamps = room.under(gain)
     energy, _ = incident_energy(gaussians, poses, lattice.points(), cells, face_px, True, progress)
-    for lamp in lamplight(lamps, gaussians, poses, lattice.points(), cells):
-        energy += lamp
-    return Incident(lattice, cells, _stacked(energy))
+    near = near_of(lamps, gaussians, poses, lattice.points().mean(0), directions)
+    return Incident(lattice, cells, _stacked(energy), near if len(lamps.radii) else None)
 
 
 def parts_at(
@@ -114,11 +114,9 @@ def parts_at(
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
     prior = np.append(np.full(filled, room.prior), CERTAIN)
-    lamps = np.zeros((len(room.lamps.radii), *bare.energy.shape), np.float32)
-    for i, lamp in enumerate(lamplight(room.lamps, room.gaussians, poses, lattice.points(), cells)):
-        lamps[i] = _stacked(lamp)
+    near = near_of(room.lamps, room.gaussians, poses, lattice.points().mean(0), directions)
     total = Incident(lattice, cells, _stacked(energy))
-    return Parts(total, came_from, lamps, np.append(room.clipped, False), prior)
+    return Parts(total, came_from, near, np.append(room.clipped, False), prior)
 
 
 def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]:

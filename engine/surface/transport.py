@@ -3,7 +3,8 @@
 Camera and object are rigid, so a pixel's rows T (reflectance, cosine, visibility for every direction) are
 the same in all views and the pictures follow from one matrix product with the incident energy E. E is known
 at a small lattice of probe points around the object and interpolated to the centre of each block of pixels:
-over a block of 16 x 16 pixels the light does not change noticeably, over the object it does.
+over a block of 16 x 16 pixels the light does not change noticeably, over the object it does. Lamps are left out of
+E and shine on every pixel from their own place (`near`).
 
 Camera frame throughout; energies are radiance times solid angle; arrays over views keep (view, channel)
 flattened to one axis `v` = 3 n, view-major.
@@ -19,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.geometry import fibonacci_sphere, unproject
 from engine.surface.brdf import lobe_floor, rows_into
+from engine.surface.near import Near
 from engine.surface.visibility import Occlusion
 from engine.types import Camera
 
@@ -81,14 +83,15 @@ def lattice_around(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Incident:
-    """The light at the lattice: energy per view and direction cell, view-major in the last axis."""
+    """The light at the lattice: energy per view and direction cell, view-major in the last axis; and the lamps."""
 
     lattice: Lattice
     directions: Float[np.ndarray, "d 3"]  # camera frame
-    energy: Float[np.ndarray, "m d v"]  # float32, radiance times solid angle
+    energy: Float[np.ndarray, "m d v"]  # float32, radiance times solid angle; of all that is no lamp
+    near: Near | None = None
 
     def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
-        """Energy at a point of the camera frame."""
+        """Energy at a point of the camera frame, without the lamps."""
         weights = self.lattice.weights(point).astype(np.float32)
         total = np.zeros(self.energy.shape[1:], np.float32)
         for k in np.nonzero(weights)[0]:
@@ -99,7 +102,8 @@ class Incident:
         """The same light for some of its views."""
         m, d, v = self.energy.shape
         energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
-        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy))
+        near = self.near.views(index) if self.near else None
+        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy), near)
 
 
 def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
@@ -167,8 +171,13 @@ class Responses:
         self.cell = np.float32(4 * np.pi / len(incident.directions))
 
     def energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
-        """The light a block of pixels shares."""
+        """The light a block of pixels shares: all but the lamps."""
         return self.incident.at(sight.points[pixels].mean(0))
+
+    def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
+        """The same with the lamps, as the middle of the block sees them."""
+        near, middle = self.incident.near, sight.points[pixels].mean(0)
+        return self.incident.at(middle) + (near.spread(middle) if near else 0)
 
     def __call__(
         self,
@@ -178,16 +187,20 @@ class Responses:
         roughness: Float[np.ndarray, "p k"],
         energy: Float[np.ndarray, "d v"],
     ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
-        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied."""
+        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied.
+
+        `energy` is the block's; the lamps of the light come from every pixel's own place.
+        """
         variants = roughness.shape[1]
         directions = self.incident.directions
         # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
         flat = normals.reshape(-1, 3).astype(np.float32)
         above = (flat @ directions.T.astype(np.float32)).max(0) > 0
         kept = np.nonzero(above)[0]
-        hidden = None
+        hidden = behind = None
         if sight.occlusion is not None:
             start, direction, source = sight.occlusion.of(pixels)
+            behind = start, direction
             if not self.bounce:
                 source = np.full_like(source, -1)
             column = np.full(len(directions), -1, np.int32)
@@ -199,8 +212,13 @@ class Responses:
             normals.reshape(-1, 3), roughness.reshape(-1), views, directions[kept], energy[kept], hidden,
             variants,
         )  # fmt: skip
-        answer = answer.reshape(2, len(pixels), variants, -1)
-        return answer[0], answer[1]
+        diffuse, specular = answer.reshape(2, len(pixels), variants, -1)
+        if self.incident.near is not None:
+            self.incident.near.add(
+                sight.points[pixels], sight.views[pixels], normals, roughness, behind, self.full_diffuse, diffuse,
+                specular,
+            )  # fmt: skip
+        return diffuse, specular
 
     def _on_cpu(self, normals, roughness, views, directions, energy, hidden, variants):
         size, d = len(normals), len(directions)

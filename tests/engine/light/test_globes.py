@@ -7,10 +7,11 @@ import pytest
 
 from engine.geometry import fibonacci_sphere
 from engine.light.gaussians import Y00
-from engine.light.globes import apart, lamplight, measured, put_back, without
+from engine.light.globes import apart, measured, passing, put_back, without
 from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs
 from engine.light.probes import incident_energy
+from engine.surface.near import near_of
 from engine.types import Gaussians, Lamps
 from tests.engine.light import clouds
 from tests.engine.light.test_lamps import LAMPS, RADIUS, views
@@ -92,30 +93,16 @@ def test_the_gaussian_of_a_lamp_sends_what_the_sphere_does():
     room = put_back(clouds.shell(0.0), bulb, none, views(4, 9))
     directions = fibonacci_sphere(500)
     energy, _ = incident_energy(room, NOWHERE, np.zeros((1, 3)), directions, 48, False)
-    exact = next(lamplight(bulb, clouds.shell(0.0), NOWHERE, np.zeros((1, 3)), directions))
-    np.testing.assert_allclose(energy[0, 0].sum(0), exact[0, 0].sum(0), rtol=0.04)
-
-
-def test_lamplight_is_radiance_times_solid_angle_from_the_right_place():
-    bulb, directions = lamp((0.4, 0.1, 1.0), 0.1), fibonacci_sphere(800)
-    points = np.array([[0.0, 0, 0], [0.2, 0, 0.3]])
-    energy = next(lamplight(bulb, clouds.shell(0.0), NOWHERE, points, directions))
-    for point, cells in zip(points, energy[0], strict=True):
-        towards = bulb.centres[0] - point
-        distance = np.linalg.norm(towards)
-        solid = 2 * np.pi * (1 - np.sqrt(1 - (0.1 / distance) ** 2))
-        np.testing.assert_allclose(cells.sum(0), bulb.radiance[0] * solid, rtol=1e-4)
-        middle = cells[:, 0] @ directions
-        assert middle / np.linalg.norm(middle) @ towards / distance > np.cos(np.radians(0.3))
+    exact = near_of(bulb, clouds.shell(0.0), NOWHERE, np.zeros(3), 500).levels(np.zeros((1, 3)))
+    np.testing.assert_allclose(energy[0, 0].sum(0), exact[0], rtol=0.04)
 
 
 @pytest.mark.parametrize(("density", "share"), [(0.2, 1.0), (0.7, 0.7), (9.0, 0.0)])
 def test_what_is_solid_hides_a_lamp_and_haze_does_not(density: float, share: float):
-    bulb, directions = lamp((0.0, 0.0, 1.5), 0.05), fibonacci_sphere(300)
+    bulb = lamp((0.0, 0.0, 1.5), 0.05)
     wall = Gaussians(
         np.array([[0.0, 0, 0.8], [0.0, 0, 2.5]]), np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.1),
         np.array([density, 50.0]), np.zeros((2, 1, 3)),
     )  # fmt: skip
-    energy = next(lamplight(bulb, wall, NOWHERE, np.zeros((1, 3)), directions))
-    bare = next(lamplight(bulb, clouds.shell(0.0), NOWHERE, np.zeros((1, 3)), directions))
-    assert energy.sum() / bare.sum() == pytest.approx(share, abs=0.1)
+    assert passing(bulb, wall, NOWHERE, np.zeros(3))[0, 0] == pytest.approx(share, abs=0.1)
+    assert passing(bulb, clouds.shell(0.0), NOWHERE, np.zeros(3))[0, 0] == 1

@@ -11,6 +11,7 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.near import Near
 from engine.surface.observations import observe
 from engine.surface.pixels import coarse_regions
 from engine.surface.relight import Parts, Sample, Setting, settle, untouched
@@ -20,6 +21,7 @@ from engine.types import Camera, Frames
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0)
 VIEWS, CELLS = 24, 600
 TRUE_Z = 0.5
+RADIUS, COLOUR = 0.1, (1.0, 0.9, 0.8)
 
 
 def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
@@ -31,25 +33,27 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
     lattice = Lattice(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, 5))
     points = lattice.points()
     energy = np.full((len(points), CELLS, VIEWS, 3), 0.15)
-    bulb = np.zeros_like(energy)
     group = np.full((len(points), CELLS, VIEWS), 3)
+    bulbs = np.zeros((VIEWS, 1, 3))
     for lamp in range(3):
         for n in range(VIEWS):
             at = rng.normal(size=3) * [1, 1, 0.6] + [0, 0, -0.2]
             at = at / np.linalg.norm(at) * rng.uniform(0.7, 1.0) + [0, 0, TRUE_Z]
+            if lamp == 2:
+                bulbs[n, 0] = at
+                continue
             away = at - points
             distance = np.linalg.norm(away, axis=1, keepdims=True)
             glow = np.exp(60 * ((away / distance) @ directions.T - 1)) * 9 / distance**2
-            into = bulb if lamp == 2 else energy
-            into[:, :, n] += glow[..., None] * [1.0, 0.9, 0.8]
-            if lamp < 2:
-                group[:, :, n][glow > 0.15] = lamp
-    energy, bulb = (
-        (e * 4 * np.pi / CELLS).reshape(len(points), CELLS, -1).astype(np.float32) for e in (energy, bulb)
-    )
+            energy[:, :, n] += glow[..., None] * COLOUR
+            group[:, :, n][glow > 0.15] = lamp
+    energy = (energy * 4 * np.pi / CELLS).reshape(len(points), CELLS, -1).astype(np.float32)
+    # As much light as the glow of the others has.
+    radiance = np.tile(np.float32(9 * 2 / 60 / RADIUS**2) * np.array(COLOUR, np.float32), (VIEWS, 1, 1))
+    near = Near(bulbs, np.array([RADIUS]), radiance, CELLS)
     light = Incident(lattice, directions, energy)
     unsure = np.array([False, False, clipped, False])
-    return Parts(light, group, bulb[None], unsure, np.array([0.15, 0.15, 0.15, 0.05]))
+    return Parts(light, group, near, unsure, np.array([0.15, 0.15, 0.15, 0.05]))
 
 
 def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.ndarray]:
@@ -124,6 +128,9 @@ def test_settings_of_one_light_add_up_to_it():
     gain = np.random.default_rng(0).uniform(0.5, 2, (4, 3))
     point = np.array([0.03, -0.02, 0.47])
     np.testing.assert_allclose(parts.at(point, gain).sum(0), parts.under(gain).at(point), rtol=1e-5)
-    light = parts.under(gain).energy.reshape(-1, 3).sum(0, dtype=float)
-    np.testing.assert_allclose((parts.levels() * gain).sum(0), light, rtol=1e-4)
+    light = parts.under(gain)
+    assert light.near is not None
+    whole = light.energy.reshape(-1, 3).sum(0, dtype=float)
+    whole += light.near.levels(light.lattice.points()).sum(0)
+    np.testing.assert_allclose((parts.levels() * gain).sum(0), whole, rtol=1e-4)
     assert isinstance(untouched(parts, 1.0), Setting)
