@@ -1,4 +1,4 @@
-"""Writes a result where other programs read it: EXR, PNG, PLY, glTF, COLMAP, transforms.json.
+"""Writes a result where other programs read it: EXR, PNG, PLY, glTF, JSON, COLMAP, transforms.json.
 
 `maps.exr` is in the camera frame (x right, y down, z forward); meshes stand with y up; the light, the poses
 and the sparse points are in the world frame. docs/file-formats.md describes every file. A folder appears
@@ -17,12 +17,12 @@ import numpy as np
 import OpenEXR
 from jaxtyping import Float
 
-from engine import gltf, mesh, pictures, ply
+from engine import gltf, lampfile, mesh, pictures, ply
 from engine.errors import ExportError
 from engine.light.gaussians import to_3dgs
 from engine.posefiles import write_colmap, write_transforms
 from engine.progress import Progress
-from engine.types import Camera, Gaussians, Panorama, Poses, Surface
+from engine.types import Camera, Gaussians, Lamps, Panorama, Poses, Surface
 
 INDEX = "export.json"
 GREEN = {"opengl": "up", "directx": "down"}
@@ -42,6 +42,7 @@ def write(
     to: Path,
     surface: Surface,
     gaussians: Gaussians,
+    lamps: Lamps,
     poses: Poses,
     names: Sequence[str],
     panorama: Panorama,
@@ -56,7 +57,7 @@ def write(
     """
 
     def fill(folder: Path) -> None:
-        write_files(folder, surface, gaussians, poses, names, panorama, photograph, params, progress)
+        write_files(folder, surface, gaussians, lamps, poses, names, panorama, photograph, params, progress)
 
     place(to, fill)
 
@@ -127,6 +128,7 @@ def write_files(
     folder: Path,
     surface: Surface,
     gaussians: Gaussians,
+    lamps: Lamps,
     poses: Poses,
     names: Sequence[str],
     panorama: Panorama,
@@ -164,6 +166,7 @@ def write_files(
         )
         progress.step(0.8, "light.ply")
         (folder / "light.ply").write_bytes(ply.splat_ply(to_3dgs(gaussians)))
+        (folder / "lamps.json").write_bytes(lampfile.lamps_json(lamps, unit))
         progress.step(0.9, "poses")
         write_colmap(folder / "colmap", poses, names)
         write_transforms(folder / "transforms.json", poses, names)
@@ -174,7 +177,7 @@ def write_files(
             "camera": asdict(poses.camera),
             "maps_frame": FRAME,
             "mesh_frame": "x right, y up, z towards the viewer; camera frame turned 180 degrees about x",
-            "light_frame": f"light.exr: camera frame of view {panorama.view}; light.ply, poses: world",
+            "light_frame": f"light.exr: camera frame of view {panorama.view}; light.ply, lamps.json, poses: world",
             "png": facts,
             "triangles": len(shape.triangles),
             "files": sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()),

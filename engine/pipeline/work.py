@@ -171,10 +171,11 @@ def export(work: Work) -> Records:
 
     frames, placed = work.load("hdr", "frames", Frames), work.load("poses", "poses", Poses)
     found, gaussians = work.load("surface", "surface", Surface), work.load("light", "gaussians", Gaussians)
+    lamps = work.load("light", "lamps", Lamps)
     view = middle_view(placed)
     seen = panorama(found, gaussians, placed, view, frames.names[view])
     write_files(
-        work.folder, found, gaussians, placed, frames.names, seen, np.asarray(frames.radiance[view]),
+        work.folder, found, gaussians, lamps, placed, frames.names, seen, np.asarray(frames.radiance[view]),
         work.params, work.progress,
     )  # fmt: skip
     return {"panorama": seen}

@@ -22,7 +22,7 @@ from engine.export import ExportParams
 from engine.geometry import inverse
 from engine.light.gaussians import from_3dgs
 from engine.progress import Progress
-from engine.types import Gaussians, Panorama, Poses
+from engine.types import Gaussians, Lamps, Panorama, Poses
 from tests.engine.ball import CAMERA, ball
 from tests.engine.test_metrics import ring
 
@@ -37,6 +37,16 @@ def gaussians(count: int = 7) -> Gaussians:
         scales=draw.uniform(0.1, 0.5, (count, 3)),
         density=draw.uniform(0.1, 5.0, count),
         radiance=draw.normal(size=(count, 4, 3)),
+    )
+
+
+def lamps(count: int = 2) -> Lamps:
+    draw = np.random.default_rng(6)
+    return Lamps(
+        centres=draw.normal(size=(count, 3)),
+        radii=draw.uniform(0.05, 0.1, count),
+        radiance=draw.uniform(5, 50, (count, 3)),
+        clipped=np.arange(count) % 2 == 1,
     )
 
 
@@ -55,7 +65,7 @@ def panorama() -> Panorama:
 def write(to: Path, params: ExportParams | None = None, progress: Progress | None = None, scale: str = "rig"):
     photograph = np.tile(np.linspace(0.01, 3, 64)[:, None], (48, 1, 3))
     export.write(
-        to, ball(), gaussians(), poses(scale), NAMES, panorama(), photograph,
+        to, ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), photograph,
         params or ExportParams(), progress or Progress(),
     )  # fmt: skip
 
@@ -71,7 +81,15 @@ def test_the_index_lists_every_file(exported):
     index = json.loads((exported / "export.json").read_text())
     there = {str(path.relative_to(exported)) for path in exported.rglob("*") if path.is_file()}
     assert there == {*index["files"], "export.json"}
-    assert {"maps.exr", "surface.ply", "surface.glb", "light.ply", "light.exr", "transforms.json"} <= there
+    assert {
+        "maps.exr",
+        "surface.ply",
+        "surface.glb",
+        "light.ply",
+        "lamps.json",
+        "light.exr",
+        "transforms.json",
+    } <= there
     assert index["unit_of_length"] == "metre"
     assert index["camera"]["fx"] == 70.0
 
@@ -306,7 +324,7 @@ def test_unknown_choices_are_refused(tmp_path):
 def test_a_surface_without_depth_is_refused_before_anything_appears(tmp_path):
     flat = replace(ball(), depth=np.zeros((48, 64)))
     with pytest.raises(ExportError, match="no three neighbouring"):
-        export.write(tmp_path / "out", flat, gaussians(), poses(), NAMES, panorama(),
+        export.write(tmp_path / "out", flat, gaussians(), lamps(), poses(), NAMES, panorama(),
                      np.ones((48, 64, 3)), ExportParams(), Progress())  # fmt: skip
     assert list(tmp_path.iterdir()) == []
     assert not math.isnan(flat.depth.sum())
