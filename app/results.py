@@ -17,7 +17,7 @@ from engine.pipeline import run, stages, table, work
 from engine.pipeline import settings as asked
 from engine.pipeline.stages import Step
 from engine.truth import read_truth
-from engine.types import Frames, Gaussians, Masks, Panorama, Poses, Renders, Surface
+from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses, Renders, Surface
 
 Scores = dict[str, dict[str, float | int | None]]
 Record = TypeVar("Record")
@@ -88,6 +88,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
             renders=renders,
             held_out=None if frames is None or renders is None else frames.radiance[list(renders.views)],
             panorama=there("export", "panorama", Panorama),
+            grounds=there("export", "grounds", Grounds),
             poses=poses,
             gaussians=there("light", "gaussians", Gaussians),
             hdr=there("hdr", "report", HdrReport),

@@ -22,7 +22,7 @@ from engine.errors import ExportError
 from engine.light.gaussians import to_3dgs
 from engine.posefiles import write_colmap, write_transforms
 from engine.progress import Progress
-from engine.types import Camera, Gaussians, Lamps, Panorama, Poses, Surface
+from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface
 
 INDEX = "export.json"
 GREEN = {"opengl": "up", "directx": "down"}
@@ -46,6 +46,7 @@ def write(
     poses: Poses,
     names: Sequence[str],
     panorama: Panorama,
+    grounds: Grounds,
     photograph: Float[np.ndarray, "h w 3"],
     params: ExportParams,
     progress: Progress,
@@ -57,7 +58,9 @@ def write(
     """
 
     def fill(folder: Path) -> None:
-        write_files(folder, surface, gaussians, lamps, poses, names, panorama, photograph, params, progress)
+        write_files(
+            folder, surface, gaussians, lamps, poses, names, panorama, grounds, photograph, params, progress
+        )
 
     place(to, fill)
 
@@ -132,6 +135,7 @@ def write_files(
     poses: Poses,
     names: Sequence[str],
     panorama: Panorama,
+    grounds: Grounds,
     photograph: Float[np.ndarray, "h w 3"],
     params: ExportParams,
     progress: Progress,
@@ -150,6 +154,7 @@ def write_files(
         progress.step(0.0, "maps.exr")
         _write_maps(folder / "maps.exr", surface, poses.camera, unit)
         _write_panorama(folder / "light.exr", panorama)
+        (folder / "coverage.png").write_bytes(pictures.coverage(grounds))
         progress.step(0.2, "PNG maps")
         green = GREEN[params.normal_png]
         drawn, facts = pictures.draw(surface, photograph, green, unit)
@@ -177,7 +182,8 @@ def write_files(
             "camera": asdict(poses.camera),
             "maps_frame": FRAME,
             "mesh_frame": "x right, y up, z towards the viewer; camera frame turned 180 degrees about x",
-            "light_frame": f"light.exr: camera frame of view {panorama.view}; light.ply, lamps.json, poses: world",
+            "light_frame": f"light.exr, coverage.png: camera frame of view {panorama.view}; light.ply, lamps.json, poses: world",
+            "light_on_the_object": {"guessed": grounds.guessed, "lower_bound": grounds.lower_bound},
             "png": facts,
             "triangles": len(shape.triangles),
             "files": sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()),

@@ -10,9 +10,15 @@ from jaxtyping import Float
 
 from engine import png
 from engine.errors import ExportError
-from engine.types import Surface
+from engine.types import Grounds, Surface
 
 NORMALS = ("normal.png", "normal_16.png")
+GROUNDS = {
+    # sRGB of each `Grounds.kind`, in its order; told apart by the colour-blind too (Okabe and Ito 2008)
+    "photographed": (0, 158, 115),
+    "clipped": (240, 228, 66),
+    "guessed": (213, 94, 0),
+}
 
 
 def draw(
@@ -67,6 +73,12 @@ def draw(
         "photograph": {"radiance_shown_white": white},
     }
     return pictures, facts
+
+
+def coverage(grounds: Grounds) -> bytes:
+    """What the panorama's light rests on, in three plain colours, said in the file's text."""
+    text = "; ".join(f"{kind}: sRGB {' '.join(map(str, colour))}" for kind, colour in GROUNDS.items())
+    return png.encode(np.array(list(GROUNDS.values()), np.uint8)[grounds.kind], "srgb", {"Description": text})
 
 
 def with_green(data: bytes, green: str) -> bytes:

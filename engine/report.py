@@ -15,7 +15,7 @@ from engine import page, pathplan, plates, report_maps
 from engine.geometry import rays
 from engine.hdr import HdrReport
 from engine.truth import Truth
-from engine.types import Gaussians, Panorama, Poses, Renders, Surface
+from engine.types import Gaussians, Grounds, Panorama, Poses, Renders, Surface
 
 METRES = ("rig", "board")
 
@@ -43,6 +43,7 @@ class Contents:
     renders: Renders | None = None
     held_out: Float[np.ndarray, "k h w 3"] | None = None  # photographs of the re-rendered views
     panorama: Panorama | None = None
+    grounds: Grounds | None = None  # of the panorama's light
     poses: Poses | None = None
     gaussians: Gaussians | None = None
     hdr: HdrReport | None = None
@@ -104,7 +105,7 @@ def _light(c: Contents) -> str:
         f"<b>What arrives at the object</b> in view {escape(c.panorama.view)}, compressed so that"
         " lamps and walls both show. Left to right: from behind the camera over its left, ahead (middle) and"
         " right; top is up in the photograph."
-        f" {share:.0f} % of the sphere was photographed; what is hatched is a smooth guess."
+        f" {share:.0f} % of the sphere was photographed; what is hatched is a guess."
     )
     return page.section("The light", "", (), page.figure(plates.panorama(c.panorama), caption, ""))
 
@@ -166,7 +167,14 @@ def _care(c: Contents) -> str:
             )
     if c.panorama is not None and plates.seen_share(c.panorama) < 0.995:
         guessed = 100 * (1 - plates.seen_share(c.panorama))
-        lines.append(f"No photograph shows {guessed:.0f} % of the light's sphere; it was filled in smoothly.")
+        lines.append(
+            f"No photograph shows {guessed:.0f} % of the light's sphere; what comes from there is a guess."
+        )
+    if c.grounds is not None and c.grounds.guessed + c.grounds.lower_bound >= 0.0005:
+        lines.append(
+            f"{100 * c.grounds.guessed:.1f} % of the light on the object is a guess,"
+            f" {100 * c.grounds.lower_bound:.1f} % is a lower bound."
+        )
     unknown = [
         what
         for what, known in (("clipping", c.hdr), ("poses", c.poses), ("unseen light", c.panorama))

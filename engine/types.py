@@ -147,3 +147,15 @@ class Panorama:
     view: str
     radiance: Float[np.ndarray, "h w 3"]
     seen: Float[np.ndarray, "h w"]  # 1 where photographs show that direction, 0 where it is a guess
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grounds:
+    """What the light of a `Panorama` rests on, laid out as that.
+
+    Shares are of the diffuse irradiance (luminance) averaged over the object's normals, 0 to 1.
+    """
+
+    kind: UInt8[np.ndarray, "h w"]  # 0 photographed, 1 clipped in every photograph that shows it, 2 guessed
+    guessed: float
+    lower_bound: float  # share that comes from clipped directions, whose radiance is at least what it is here

@@ -19,9 +19,9 @@ from app.relight.files import keep
 from app.relight.lights import coverage_file
 from engine.geometry import inverse, rays, transform
 from engine.light import probes
-from engine.light.coverage import Coverage, coverage_of, covered
+from engine.light.coverage import coverage_of
 from engine.light.gaussians import Y00
-from engine.light.photographs import shown_background
+from engine.light.grounds import WIDTH, photographed
 from engine.pipeline import artefacts
 from engine.pipeline.work import middle_view
 from engine.types import Gaussians, Lamps, Masks
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from app.work.worker import Link
 
 ROWS = 128
-WIDTH = 256  # of the small backgrounds: a lamp must not vanish in them
 
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
@@ -55,25 +54,11 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
 
     progress.step(0.2, "what was photographed")
     shown = coverage_of(masks, solved.poses, WIDTH)
-    views = np.nonzero(solved.poses.registered)[0]
-    clean = Coverage(
-        shown.cam_from_world,
-        shown.lens,
-        np.stack(
-            [
-                shown_background(masks.background[i] & ~solved.frames.clipped[i], solved.poses.camera, WIDTH)
-                for i in views
-            ]
-        ),
-    )
     progress.step(0.5, "the light at the object")
     radiance, seen = probes.panorama(whole, origin, cam_from_world[:, :3], ROWS, shown, fill=True)
     progress.step(0.8, "the light at the object")
-    directions = probes.panorama_directions(ROWS)
-    distance = probes.Cube(whole, origin, cam_from_world[:, :3], 2 * ROWS).look(directions)[1]
-    hits = (origin + (directions @ cam_from_world[:, :3]) * distance[..., None]).reshape(-1, 3)
-    bare = covered(shown, hits) > covered(clean, hits)
-    arrays = {"radiance": radiance, "seen": seen, "clipped": bare.reshape(seen.shape)}
+    _, clipped = photographed(whole, origin, cam_from_world[:, :3], ROWS, solved.frames, masks, solved.poses)
+    arrays = {"radiance": radiance, "seen": seen, "clipped": clipped}
     keep(to, {**arrays, "view": np.array(solved.frames.names[view])})
     return {"file": str(to)}
 

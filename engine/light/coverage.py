@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from engine.light.photographs import pinhole_of, shown_background
+from engine.light.photographs import partly, pinhole_of, shown_background
 from engine.types import Masks, Poses
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
@@ -27,11 +27,15 @@ class Coverage:
     shown: Bool[np.ndarray, "n h w"]
 
 
-def coverage_of(masks: Masks, poses: Poses, width: int = 128) -> Coverage:
-    """What the registered views showed, on pictures of about `width` pixels."""
+def coverage_of(
+    masks: Masks, poses: Poses, width: int = 128, without: Bool[np.ndarray, "n h w"] | None = None
+) -> Coverage:
+    """What the registered views showed, on pictures of about `width` pixels; less what `without` touches in a view."""
     lens, _, _ = pinhole_of(poses.camera, width)
     views = np.nonzero(poses.registered)[0]
     shown = np.stack([shown_background(masks.background[i], poses.camera, width) for i in views])
+    if without is not None:
+        shown &= ~np.stack([partly(without[i], poses.camera, width) for i in views])
     return Coverage(np.ascontiguousarray(poses.cam_from_world[views]), lens, shown)
 
 

@@ -100,6 +100,14 @@ def shown_background(
     return _smaller(_straight(background.astype(np.float32), _undistort_maps(camera)), wide, high) > 0.5
 
 
+def partly(
+    picture: Bool[np.ndarray, "h w"], camera: Camera, width: int
+) -> Bool[np.ndarray, "small_h small_w"]:
+    """Where a small ideal view holds any of what is marked."""
+    _, wide, high = pinhole_of(camera, width)
+    return _smaller(_straight(picture.astype(np.float32), _undistort_maps(camera)), wide, high) > 0
+
+
 def resample(frames: Frames, masks: Masks, poses: Poses, views: np.ndarray, width: int) -> Photographs:
     """The views at `width` pixels for the camera's width (at most that), on ideal pinholes."""
     camera = poses.camera

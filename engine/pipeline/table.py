@@ -42,7 +42,7 @@ def stages() -> tuple[Stage, ...]:
             presets=presets.of_stage("surface"),
         ),
         Stage(
-            "export", 2, ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
+            "export", 3, ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip

@@ -21,7 +21,7 @@ from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
 from engine.pipeline.stages import Work
 from engine.session import Session, shots, verify
-from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Panorama, Poses, Surface
+from engine.types import Camera, Frames, Gaussians, Grounds, Lamps, Masks, Panorama, Poses, Surface
 
 Records = Mapping[str, Any]
 
@@ -166,19 +166,19 @@ def surface(work: Work) -> Records:
 
 
 def export(work: Work) -> Records:
-    """The files other programs read, and the panorama record that the report shows."""
+    """The files other programs read, and for the report the panorama and what its light rests on."""
     from engine.export import write_files
 
     frames, placed = work.load("hdr", "frames", Frames), work.load("poses", "poses", Poses)
     found, gaussians = work.load("surface", "surface", Surface), work.load("light", "gaussians", Gaussians)
-    lamps = work.load("light", "lamps", Lamps)
+    lamps, masks = work.load("light", "lamps", Lamps), work.load("segment", "masks", Masks)
     view = middle_view(placed)
-    seen = panorama(found, gaussians, placed, view, frames.names[view])
+    seen, grounds = panorama(found, gaussians, placed, view, frames, masks)
     write_files(
-        work.folder, found, gaussians, lamps, placed, frames.names, seen, np.asarray(frames.radiance[view]),
-        work.params, work.progress,
+        work.folder, found, gaussians, lamps, placed, frames.names, seen, grounds,
+        np.asarray(frames.radiance[view]), work.params, work.progress,
     )  # fmt: skip
-    return {"panorama": seen}
+    return {"panorama": seen, "grounds": grounds}
 
 
 def middle_view(placed: Poses) -> int:
@@ -188,9 +188,12 @@ def middle_view(placed: Poses) -> int:
     return int(usable[np.linalg.norm(centres - np.median(centres, axis=0), axis=1).argmin()])
 
 
-def panorama(found: Surface, gaussians: Gaussians, placed: Poses, view: int, name: str) -> Panorama:
-    """What arrives at the middle of the object in one view, unseen directions filled."""
+def panorama(
+    found: Surface, gaussians: Gaussians, placed: Poses, view: int, frames: Frames, masks: Masks
+) -> tuple[Panorama, Grounds]:
+    """What arrives at the middle of the object in one view, unseen directions filled, and what it rests on."""
     from engine.light import probes
+    from engine.light.grounds import grounds_of, photographed
 
     known = found.mask & (found.depth > 0)
     if not known.any():
@@ -201,5 +204,8 @@ def panorama(found: Surface, gaussians: Gaussians, placed: Poses, view: int, nam
     middle = np.median(ray / ray[:, 2:] * found.depth[known][:, None], axis=0)
     cam_from_world = placed.cam_from_world[view]
     origin = transform(inverse(cam_from_world), middle)
-    radiance, seen = probes.panorama(gaussians, origin, cam_from_world[:, :3], PANORAMA_ROWS, fill=True)
-    return Panorama(name, radiance, seen)
+    turn = cam_from_world[:, :3]
+    radiance, opacity = probes.panorama(gaussians, origin, turn, PANORAMA_ROWS, fill=True)
+    shown, clipped = photographed(gaussians, origin, turn, PANORAMA_ROWS, frames, masks, placed)
+    light = Panorama(frames.names[view], radiance, opacity * shown)
+    return light, grounds_of(light, clipped, found.normal[found.mask])

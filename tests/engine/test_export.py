@@ -22,7 +22,7 @@ from engine.export import ExportParams
 from engine.geometry import inverse
 from engine.light.gaussians import from_3dgs
 from engine.progress import Progress
-from engine.types import Gaussians, Lamps, Panorama, Poses
+from engine.types import Gaussians, Grounds, Lamps, Panorama, Poses
 from tests.engine.ball import CAMERA, ball
 from tests.engine.test_metrics import ring
 
@@ -62,10 +62,16 @@ def panorama() -> Panorama:
     return Panorama("a.exr", radiance, np.repeat([[1.0], [0.0]], 4, 0) * np.ones((1, 16)))
 
 
+def grounds() -> Grounds:
+    kind = np.zeros((8, 16), np.uint8)
+    kind[2:4], kind[4:] = 1, 2
+    return Grounds(kind, 0.125, 0.0625)
+
+
 def write(to: Path, params: ExportParams | None = None, progress: Progress | None = None, scale: str = "rig"):
     photograph = np.tile(np.linspace(0.01, 3, 64)[:, None], (48, 1, 3))
     export.write(
-        to, ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), photograph,
+        to, ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), grounds(), photograph,
         params or ExportParams(), progress or Progress(),
     )  # fmt: skip
 
@@ -123,6 +129,22 @@ def test_the_panorama_keeps_high_radiance_and_says_what_was_guessed(exported):
         assert "a.exr" in file.header()["frame"]
     assert np.stack([channels[c] for c in "RGB"], -1) == pytest.approx(panorama().radiance, abs=1e-5)
     assert channels["seen.Y"] == pytest.approx(panorama().seen)
+
+
+def test_the_coverage_picture_and_the_index_say_what_the_light_rests_on(exported):
+    image = Image.open(exported / "coverage.png")
+    image.load()
+    shown = np.asarray(image)
+    assert shown.shape == (8, 16, 3)
+    for rows, name, colour in (
+        (slice(0, 2), "photographed", (0, 158, 115)),
+        (slice(2, 4), "clipped", (240, 228, 66)),
+        (slice(4, 8), "guessed", (213, 94, 0)),
+    ):
+        assert (shown[rows] == colour).all()
+        assert f"{name}: sRGB {' '.join(map(str, colour))}" in image.info["Description"]
+    index = json.loads((exported / "export.json").read_text())
+    assert index["light_on_the_object"] == {"guessed": 0.125, "lower_bound": 0.0625}
 
 
 def normals_of(path: Path, green_down: bool) -> np.ndarray:
@@ -324,7 +346,7 @@ def test_unknown_choices_are_refused(tmp_path):
 def test_a_surface_without_depth_is_refused_before_anything_appears(tmp_path):
     flat = replace(ball(), depth=np.zeros((48, 64)))
     with pytest.raises(ExportError, match="no three neighbouring"):
-        export.write(tmp_path / "out", flat, gaussians(), lamps(), poses(), NAMES, panorama(),
+        export.write(tmp_path / "out", flat, gaussians(), lamps(), poses(), NAMES, panorama(), grounds(),
                      np.ones((48, 64, 3)), ExportParams(), Progress())  # fmt: skip
     assert list(tmp_path.iterdir()) == []
     assert not math.isnan(flat.depth.sum())

@@ -14,7 +14,7 @@ from engine.report import Contents, StageRun
 from engine.truth import Truth
 from engine.types import Poses, Renders
 from tests.engine.ball import CAMERA, ball
-from tests.engine.test_export import gaussians, panorama
+from tests.engine.test_export import gaussians, grounds, panorama
 from tests.engine.test_metrics import ring
 
 VOID = {"meta", "img", "br", "circle", "path", "polyline"}
@@ -78,6 +78,7 @@ def full() -> Contents:
         renders=Renders((5,), (1.1 * photographs * surface.mask[..., None]).astype(np.float32)),
         held_out=photographs,
         panorama=panorama(),
+        grounds=grounds(),
         poses=poses(),
         gaussians=gaussians(),
         hdr=hdr,
@@ -120,6 +121,7 @@ def test_what_was_clipped_lost_or_guessed_is_listed():
     assert "EXIF contradicts the pixels in v1" in text
     assert "2 of 8 views have no pose and were not used: v0, v1." in text
     assert "unit is unknown" in text
+    assert "12.5 % of the light on the object is a guess, 6.2 % is a lower bound." in text
     assert "No photograph shows 50 % of the light's sphere" in text
     assert "A note of the caller." in text
 
