@@ -28,9 +28,7 @@ from engine.radiance import luminance
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _FAINT = np.float32(2e-4)
-_REWEIGHTINGS, _STEPS = 3, 15  # of the solve, and of the gradient within each
-# Ties a colour to its start as so large a share of the pixels it covers would: decides where they do not.
-_HOLD = 0.02
+_STEPS = 15  # of the gradient, within each reweighting
 _CHUNKS = 8  # of the transposed product; fixed, so that its sums do not depend on the machine
 
 
@@ -122,6 +120,25 @@ def _pull_rows(begins, counts, columns, values, residual, chunks, chunk_sums, pa
                 chunk_sums[c, k, 2] += w * b
 
 
+def epsilon_of(rows: Rows) -> float:
+    """The epsilon of Eq. (6), which the paper only calls small: a hundredth of the mean radiance."""
+    return 1e-2 * float(rows.photographed.mean())
+
+
+def render_rows(
+    rows: Rows, colours: Float[np.ndarray, "k 3"], out: Float[np.ndarray, "p 3"], run: Run
+) -> None:
+    """A colours, into `out` (float64)."""
+    run(_render_rows, (rows.begins, rows.counts, rows.columns, rows.values, colours, out))
+
+
+def pull_rows(rows: Rows, field: Float[np.ndarray, "p 3"], count: int, run: Run) -> Float[np.ndarray, "k 3"]:
+    """A^T field, for `count` Gaussians."""
+    sums = np.zeros((_CHUNKS, count, 3))
+    run(_pull_rows, (rows.begins, rows.counts, rows.columns, rows.values, field, _CHUNKS, sums))
+    return sums.sum(0)
+
+
 def solve_colours(
     rows: Rows,
     start: Float[np.ndarray, "k 3"],
@@ -129,37 +146,37 @@ def solve_colours(
     objective: Literal["energy", "relative"],
     run: Run,
     step: Callable[[float], None] = lambda fraction: None,
+    reweightings: int = 3,
+    hold: float = 0.02,
 ) -> Float[np.ndarray, "k 3"]:
-    """Non-negative colours of the `free` Gaussians that best render the photographs, the others fixed."""
-    structure = (rows.begins, rows.counts, rows.columns, rows.values)
-    count, floor = len(start), 1e-2 * float(rows.photographed.mean())
+    """Non-negative colours of the `free` Gaussians that best render the photographs, the others fixed.
+
+    `hold` > 0 ties a colour to its start as so large a share of the pixels it covers would: decides where they do
+    not. The very minimum of Eq. (6) takes some 30 reweightings, as absolute values do, and next to no hold.
+    """
+    count, epsilon = len(start), epsilon_of(rows)
     colours = start.astype(np.float64)
     rendered = np.empty((len(rows.begins), 3))
     whole = np.empty_like(rendered)
-    run(_render_rows, (*structure, np.ones((count, 3)), whole))
-
-    def pull(field: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "k 3"]:
-        sums = np.zeros((_CHUNKS, count, 3))
-        run(_pull_rows, (*structure, field, _CHUNKS, sums))
-        return sums.sum(0)
-
-    for turn in range(_REWEIGHTINGS):
-        run(_render_rows, (*structure, colours, rendered))
-        scale = rendered + floor
+    render_rows(rows, np.ones((count, 3)), whole, run)
+    for turn in range(reweightings):
+        render_rows(rows, colours, rendered, run)
+        scale = rendered + epsilon
         weights = rows.trust[:, None] / scale
         if objective == "relative":
             gap = np.abs(rows.photographed - rendered)
             weights = weights / np.maximum(gap, 1e-2 * scale)
-        curvature = pull(weights * whole)
-        tie = _HOLD * np.maximum(curvature, 1e-12 * curvature.max())
+        curvature = pull_rows(rows, weights * whole, count, run)
+        tie = hold * np.maximum(curvature, 1e-12 * curvature.max())
         majoriser = np.where(free[:, None], curvature + tie, np.inf)
         ahead, momentum = colours.copy(), 1.0
         for i in range(_STEPS):
-            step((turn + i / _STEPS) / _REWEIGHTINGS)
-            run(_render_rows, (*structure, ahead, rendered))
+            step((turn + i / _STEPS) / reweightings)
+            render_rows(rows, ahead, rendered, run)
             gap = rows.photographed - rendered
             gap[rows.lower_bound] = np.maximum(gap[rows.lower_bound], 0)
-            fresh = ahead + (pull(weights * gap) - tie * (ahead - start)) / majoriser
+            pull = pull_rows(rows, weights * gap, count, run)
+            fresh = ahead + (pull - tie * (ahead - start)) / majoriser
             fresh = np.maximum(fresh, 0)
             following = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
             ahead = np.maximum(fresh + (momentum - 1) / following * (fresh - colours), 0)

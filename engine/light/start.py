@@ -30,7 +30,7 @@ def _candidates(
     return world, photographs.radiance[view, v, u].astype(np.float64)
 
 
-def _seen_radiance(
+def seen_radiance(
     photographs: Photographs, points: Float[np.ndarray, "m 3"], fallback: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "m 3"]:
     """Mean radiance at which views show the points; the fallback where none does."""
@@ -97,7 +97,7 @@ def begin(
     )
     priority = np.where(trusted, 1, 2)
     if len(points):
-        colours = _seen_radiance(photographs, points, np.median(radiance, axis=0))
+        colours = seen_radiance(photographs, points, np.median(radiance, axis=0))
         world, radiance = np.concatenate([points, world]), np.concatenate([colours, radiance])
         priority = np.concatenate([np.zeros(len(points), int), priority])
     stands = ~intruding(emptiness, world, np.zeros(len(world)))

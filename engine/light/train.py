@@ -9,14 +9,14 @@ Held-out views judge the fit and nothing else: they supervise neither stage.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.gaussians import Y00
+from engine.light.gaussians import Y00, radiance_towards
 from engine.light.globes import measured, put_back, without
 from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
@@ -67,17 +67,7 @@ def fit(
     Raises:
         LightError: fewer than 4 registered views, or hardly any background.
     """
-    views = np.nonzero(poses.registered)[0]
-    if len(views) < 4:
-        raise LightError(
-            f"{len(views)} views are registered; the light needs at least 4: photograph more of the room"
-        )
-    held = (
-        views[params.holdout // 2 :: params.holdout]
-        if params.holdout and len(views) >= 2 * params.holdout
-        else views[:0]
-    )
-    used = np.setdiff1d(views, held)
+    used, held = split_views(poses, params.holdout)
     widest = min(params.width, poses.camera.width)
     widths = [max(32, widest >> (len(params.passes) - 1 - i)) for i in range(len(params.passes))]
     rng = np.random.default_rng(seed)
@@ -129,6 +119,21 @@ def fit(
             views_heldout=len(held),
         ),
     )
+
+
+def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[np.ndarray, " h"]]:
+    """Registered views that supervise, and those that only judge: every `holdout`-th if there are enough.
+
+    Raises:
+        LightError: fewer than 4 registered views.
+    """
+    views = np.nonzero(poses.registered)[0]
+    if len(views) < 4:
+        raise LightError(
+            f"{len(views)} views are registered; the light needs at least 4: photograph more of the room"
+        )
+    held = views[holdout // 2 :: holdout] if holdout and len(views) >= 2 * holdout else views[:0]
+    return np.setdiff1d(views, held), held
 
 
 def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progress, run: Run) -> Gaussians:
@@ -196,10 +201,11 @@ def _settle(
 def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> dict[str, float]:
     """The report's `heldout_...`: renderings against photographs, on background pixels that were not clipped."""
     geometry = shapes(gaussians)
-    colours = np.maximum(gaussians.radiance[:, 0].astype(np.float64) * Y00, 0)
+    wide = replace(gaussians, radiance=gaussians.radiance.astype(np.float64))
     ours, theirs = [], []
     for view in range(len(photographs.weight)):
-        image = render(geometry, colours, photographs.pinhole(view), 0.0, run)
+        pinhole = photographs.pinhole(view)
+        image = render(geometry, radiance_towards(wide, pinhole.origin), pinhole, 0.0, run)
         good = (photographs.weight[view] > 0) & ~photographs.clipped[view]
         ours.append(image[good][:, :3])
         theirs.append(photographs.radiance[view][good])

@@ -177,7 +177,7 @@ def table(rows: Sequence[Row]) -> str:
                 cells.append(_shown(pick(known) if known else None, COLUMNS[k][4]))
             cells.append(f"{statistics.fmean(totals) if of is None else max(totals):.0f}")
             lines.append([title, *cells])
-    return _markdown(lines)
+    return markdown(lines)
 
 
 def times(rows: Sequence[Row]) -> str:
@@ -187,7 +187,7 @@ def times(rows: Sequence[Row]) -> str:
     for r in rows:
         cells = [_shown(r.seconds.get(stage), 1) for stage in stages]
         lines.append([r.name, *cells, f"{sum(r.seconds.values()):.1f}", f"{r.peak_memory_bytes / 1e9:.2f}"])
-    return _markdown(lines)
+    return markdown(lines)
 
 
 def _value(r: Row, group: str, score: str, factor: float) -> float | None:
@@ -199,7 +199,8 @@ def _shown(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
-def _markdown(lines: Sequence[Sequence[str]]) -> str:
+def markdown(lines: Sequence[Sequence[str]]) -> str:
+    """A table whose first line is the heading; the first column leans left, the others right."""
     widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
     told = [
         "| "
