@@ -29,13 +29,13 @@ _FLAGS = {
 }
 _ONE, _TWO, _ZERO = np.float32(1), np.float32(2), np.float32(0)
 _EIGHTH, _FAINT, _OPAQUE = np.float32(1 / 8), np.float32(FAINT), np.float32(OPAQUE)
-_DEEP = np.float32(12)  # exp(-12) is 6e-6: opaque
+DEEP = np.float32(12)  # exp(-12) is 6e-6: opaque
 _S1, _S2, _S3, _S4, _S5 = (np.float32(c) for c in (1 / 16, 1 / 2, 1 / 3, 1 / 4, 1 / 5))
 
 
 @njit(inline="always", **_FLAGS)
 @no_type_check
-def _decay(x):
+def decay(x):
     """exp(-x) for 0 <= x <= 12 to 2e-7 absolute, without a call, so that loops over it vectorise."""
     t = x * _S1
     p = _ONE - t * (_ONE - t * _S2 * (_ONE - t * _S3 * (_ONE - t * _S4 * (_ONE - t * _S5))))
@@ -67,7 +67,7 @@ def _alphas(row, xs, ys, near, alpha, depth):
         t = sigma * b * b
         t = t if t > _FAINT else _ZERO
         t = t if z > near else _ZERO
-        a = _ONE - _decay(min(t, _DEEP))
+        a = _ONE - decay(min(t, DEEP))
         alpha[i] = a
         depth[i] = z
         total += a  # a sum vectorises where a running maximum does not
@@ -190,7 +190,7 @@ def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
         b2 = b * b
         b4 = b2 * b2
         profile = b4 * b4
-        t = slope[i] * _decay(min(sigma * profile, _DEEP))  # d loss / d (density G)
+        t = slope[i] * decay(min(sigma * profile, DEEP))  # d loss / d (density G)
         s += t * profile
         q = -_TWO * t * sigma * b4 * b2 * b  # 2 d loss / d q
         q0, q1, q2 = q * r0, q * r1, q * r2

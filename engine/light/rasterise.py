@@ -1,10 +1,11 @@
-"""Render a view of the Gaussians and its gradients on all threads: the kernels' front door.
+"""Render a view of the Gaussians and its gradients on all threads or a GPU: the kernels' front door.
 
 World frame; a view is `cam_from_world` with a pinhole (no lens distortion: resample the photographs).
 Channels of a rendering: radiance (3), transmittance left over, sum of weight * z.
 """
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -57,20 +58,72 @@ class Gradients:
     blame: Float[np.ndarray, " v"]  # the same, each times its pixel's loss
 
 
-Run = Callable[[Callable, tuple], None]
+Lists = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # what `tiles.lists` returns
+Loss = tuple[np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray]  # of `kernels_cpu.backward`
+
+
+class Run(ABC):
+    """Where the work is done: chores of the CPU in any case, and tiles where they are done fastest."""
+
+    @abstractmethod
+    def __call__(self, kernel: Callable, args: tuple) -> None:
+        """Do `kernel(*args, part, parts)` for every part on the CPU; the split does not change any result."""
+
+    @abstractmethod
+    def forward(
+        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
+        image: Float[np.ndarray, "h w 5"],
+    ) -> None:  # fmt: skip
+        """Render into `image`."""
+
+    @abstractmethod
+    def backward(
+        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
+        image: Float[np.ndarray, "h w 5"], loss: Loss, totals: Float[np.ndarray, "v 18"],
+    ) -> None:  # fmt: skip
+        """Render into `image` and sum every Gaussian's gradients into `totals`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Threads(Run):
+    """Everything on the CPU."""
+
+    pool: ThreadPoolExecutor
+    parts: int
+
+    def __call__(self, kernel: Callable, args: tuple) -> None:
+        """See `Run`."""
+        for job in [self.pool.submit(kernel, *args, part, self.parts) for part in range(self.parts)]:
+            job.result()
+
+    def forward(self, packed, lists, lens, near, image) -> None:
+        """See `Run`."""
+        tile_start, members, _, _ = lists
+        self(kernels_cpu.forward, (packed, tile_start, members, lens, np.float32(near), image))
+
+    def backward(self, packed, lists, lens, near, image, loss, totals) -> None:
+        """See `Run`."""
+        tile_start, members, own_start, slots = lists
+        grads = np.empty((len(members), kernels_cpu.GRADIENTS), np.float32)
+        tiled = (packed, tile_start, members, lens, np.float32(near), image)
+        self(kernels_cpu.backward, (*tiled, *loss, grads))
+        self(kernels_cpu.collect, (grads, own_start, slots, totals))
 
 
 @contextmanager
-def workers(threads: int | None = None) -> Iterator[Run]:
-    """A way to run `kernel(*args, part, parts)` for every part; the split does not change any result."""
+def workers(threads: int | None = None, device: str = "cpu") -> Iterator[Run]:
+    """The CPU's threads, and with `device` "cuda" the tiles on the first CUDA device.
+
+    Raises:
+        LightError: there is no CUDA device that numba can use.
+    """
     count = threads or len(os.sched_getaffinity(0))
     with ThreadPoolExecutor(count) as pool:
+        run = Threads(pool, 8 * count)
+        if device == "cuda":
+            from engine.light.on_cuda import OnCuda  # loads a driver
 
-        def run(kernel: Callable, args: tuple) -> None:
-            parts = 8 * count
-            for job in [pool.submit(kernel, *args, part, parts) for part in range(parts)]:
-                job.result()
-
+            run = OnCuda(run)
         yield run
 
 
@@ -101,9 +154,9 @@ def render(
     geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole, near: float, run: Run
 ) -> Float[np.ndarray, "h w 5"]:
     """One view; Gaussians that answer nearer than z = `near` do not count."""
-    _, packed, (tile_start, members, _, _) = project(geometry, colours, view)
+    _, packed, lists = project(geometry, colours, view)
     image = np.zeros((view.height, view.width, kernels_cpu.CHANNELS), np.float32)
-    run(kernels_cpu.forward, (packed, tile_start, members, view.lens, np.float32(near), image))
+    run.forward(packed, lists, view.lens, near, image)
     return image
 
 
@@ -127,18 +180,11 @@ def push_back(
     run: Run,
 ) -> tuple[Float[np.ndarray, "h w 5"], Gradients]:
     """Render one view and differentiate the loss of `kernels_cpu.backward` by every parameter."""
-    index, packed, (tile_start, members, own_start, slots) = project(geometry, colours, view)
+    index, packed, lists = project(geometry, colours, view)
     image = np.zeros((view.height, view.width, kernels_cpu.CHANNELS), np.float32)
-    grads = np.empty((len(members), kernels_cpu.GRADIENTS), np.float32)
-    run(
-        kernels_cpu.backward,
-        (
-            packed, tile_start, members, view.lens, np.float32(near), image, target, weights, floor_only,
-            knee, hollow, surface, grads,
-        ),
-    )  # fmt: skip
     totals = np.empty((len(index), kernels_cpu.GRADIENTS), np.float32)
-    run(kernels_cpu.collect, (grads, own_start, slots, totals))
+    loss = (target, weights, floor_only, knee, hollow, surface)
+    run.backward(packed, lists, view.lens, near, image, loss, totals)
     return image, _chain(geometry, view, index, totals.astype(np.float64))
 
 
