@@ -8,8 +8,8 @@ A launch takes as many tiles as `rows` entries of their lists allow, so device m
 64 rays of 12 bytes forward and 20 backward. The batches do not change any result.
 """
 
-# numba's stubs take every dtype for float64.
-# pyright: reportArgumentType=false
+# What numba shows of itself takes every dtype for float64 and hides its settings.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
 
 from collections.abc import Callable, Iterator
 

@@ -1,5 +1,6 @@
 """The CUDA kernels against the CPU's and the reference: on a device, else in numba's simulator (test_on_cuda.py)."""
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import fields, replace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from engine.light import kernels_cuda as kernel
 from engine.light import on_cuda
 from engine.light.cells import FACES
 from engine.light.gaussians import radiance_towards
@@ -103,6 +105,21 @@ def test_a_second_run_and_other_batches_give_the_same_bits(cpu: Threads, cuda: O
         assert image.tobytes() == answers[0][0].tobytes()
         for name in (field.name for field in fields(Gradients)):
             assert getattr(found, name).tobytes() == getattr(answers[0][1], name).tobytes(), name
+
+
+def test_no_tile_writes_where_another_remembers() -> None:
+    """Blocks run at the same time on a device, one after the other in the simulator."""
+    gaussians, view = clouds.scattered(12, 5), clouds.view(16, 8)
+    _, packed, (tile_start, members, _, _) = project(shapes(gaussians), np.ones((12, 3)), view)
+    there = [kernel.cuda.to_device(array) for array in (packed, tile_start, members, view.lens)]
+    columns = [kernel.cuda.to_device(np.zeros((len(members), 64), np.float32)) for _ in range(2)]
+    order = kernel.cuda.to_device(np.full((len(members), 64), -1, np.int32))
+    image = kernel.cuda.to_device(np.zeros((8, 16, 5), np.float32))
+    kernel.forward[2, 64](*there, np.float32(0), 0, *columns, order, image)
+    for begin, end in itertools.pairwise(tile_start):
+        rows = order.copy_to_host()[begin:end]
+        assert set(np.unique(rows)) - {-1} <= set(range(begin, end))
+        assert (rows >= 0).any()
 
 
 def test_tiles_and_views_without_gaussians_are_empty(cpu: Threads, cuda: OnCuda) -> None:
