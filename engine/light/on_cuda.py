@@ -1,8 +1,9 @@
 """Tiles on a CUDA device: what travels there and back, and in which batches.
 
-Projection and the tiles' lists stay on the CPU (`tiles.py`): they are a small part of the CPU's own time, and
-their sort and compaction would be a second set of kernels. The price is that they, and some 100 bytes a
-visible Gaussian and 20 an entry of the lists, are paid for every view, whatever the device.
+Projection and the tiles' lists stay on the CPU (`tiles.py`), where they are a few hundredths of a view's work;
+their sort and compaction would be a second set of kernels. So they bound what a device can gain, and each
+view carries some 150 bytes a visible Gaussian, 12 an entry of the lists and 40 a pixel there and back.
+The probes of `probes.py` do not come here: a fifth of one is projection, the rest many small pictures.
 
 A launch takes as many tiles as `rows` entries of their lists allow, so device memory stays bounded: a row is
 64 rays of 12 bytes forward and 20 backward. The batches do not change any result.
@@ -81,7 +82,7 @@ class OnCuda(Run):
             return self._threads.forward(packed, lists, lens, near, image)
         batches = list(_batches(tile_start, self._rows))
         scratch = self._columns(batches, tile_start, 3)
-        tiled, there = self._tiled(packed, lists, lens, near), cuda.to_device(image)
+        tiled, there = self._tiled(packed, lists, lens, near), cuda.device_array_like(image)
         for first, tiles in batches:
             kernel.forward[tiles, AREA](*tiled, first, *scratch[:3], there)
         there.copy_to_host(image)
@@ -93,7 +94,7 @@ class OnCuda(Run):
             return self._threads.backward(packed, lists, lens, near, image, loss, totals)
         batches = list(_batches(tile_start, self._rows))
         scratch = self._columns(batches, tile_start, 5)
-        tiled, there = self._tiled(packed, lists, lens, near), cuda.to_device(image)
+        tiled, there = self._tiled(packed, lists, lens, near), cuda.device_array_like(image)
         target, weights, floor_only, knee, hollow, surface = loss
         target, weights, surface = (
             cuda.to_device(np.ascontiguousarray(a, np.float32)) for a in (target, weights, surface)

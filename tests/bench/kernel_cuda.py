@@ -1,6 +1,6 @@
 """Seconds of one view forward and backward on CUDA and on the CPU, and how far their answers are apart.
 
-    python -m tests.bench.kernel_cuda [--size 512] [--count 50000] [--repeats 10]
+    python -m tests.bench.kernel_cuda [--size 512] [--count 50000] [--wide 2] [--repeats 10]
 
 A Markdown table; the median of the repeats, projection and lists (always on the CPU) included and also by
 themselves. Without a CUDA device it says so and exits with 2. Agreement is the size of the difference over
@@ -25,13 +25,11 @@ from engine.light.rasterise import Gradients, Pinhole, Run, project, push_back, 
 from engine.types import Gaussians
 from tests.engine.light import clouds
 
-SMALL = 6.0  # size of a Gaussian in pixels, about: as many overlap as in a fitted room
 
-
-def scene(count: int, size: int) -> tuple[Gaussians, Pinhole]:
-    """Gaussians all over a square view, 1 to 4 away."""
+def scene(count: int, size: int, wide: float) -> tuple[Gaussians, Pinhole]:
+    """Gaussians all over a square view, 1 to 4 away, about `wide` pixels each."""
     gaussians, view = clouds.scattered(count), clouds.view(size, size)
-    gaussians.scales[:] *= SMALL / view.lens[0] * gaussians.means[:, 2:] / 0.2
+    gaussians.scales[:] *= wide / view.lens[0] * gaussians.means[:, 2:] / 0.2
     return gaussians, view
 
 
@@ -57,13 +55,14 @@ def main() -> int:
     )
     parser.add_argument("--size", type=int, default=512, help="pixels along an edge")
     parser.add_argument("--count", type=int, default=50_000, help="Gaussians")
+    parser.add_argument("--wide", type=float, default=2.0, help="a Gaussian's scale in pixels, about")
     parser.add_argument("--repeats", type=int, default=10)
     args = parser.parse_args()
     if not on_cuda.available():
         print("numba finds no CUDA device on this machine: nothing was measured", file=sys.stderr)
         return 2
 
-    gaussians, view = scene(args.count, args.size)
+    gaussians, view = scene(args.count, args.size, args.wide)
     geometry, colours = shapes(gaussians), radiance_towards(gaussians, view.origin)
     rng, square = np.random.default_rng(0), (args.size, args.size)
     target = rng.uniform(0, 2, (*square, 3)).astype(np.float32)
