@@ -1,0 +1,187 @@
+"""Reads what the light's benchmark compares: a simulated set's newest finished light, and the studio's truth.
+
+The truth's files hold panoramas, poses and maps; not the point where the panoramas are taken (the mean of the
+body's vertices), the object's box, or the lamps. Those come from the studio's own builders, by the set's name
+ROOM-OBJECT. Session and truth share each view's camera frame, and differ in world, unit and radiance scale.
+"""
+
+import functools
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from engine.errors import TruthError
+from engine.geometry import align_similarity, fibonacci_sphere, inverse
+from engine.hdr import HdrReport
+from engine.images import read_radiance
+from engine.light.coverage import coverage_of
+from engine.light.globes import apart, lamplight
+from engine.light.probes import incident_energy
+from engine.pipeline import artefacts
+from engine.surface.groups import brightened, group_emitters
+from engine.truth import read_truth
+from engine.types import Gaussians, Lamps, Masks, Poses
+from hardware.virtual import sensor
+from hardware.virtual.studio import objects, rooms
+from tests.bench import incident
+
+FACE = 128  # pixels along a face of the probe's cube
+COARSE_CELLS, COARSE_FACE = 2048, 48  # for what was photographed
+
+furnished = functools.cache(rooms.furnish)  # painting a room's textures takes half a minute
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Set:
+    """What is compared: our light and poses of the registered views, and their truth in the same order."""
+
+    name: str
+    light: Path  # the stage's folder
+    version: int  # of that stage
+    gaussians: Gaussians  # the lamps are the last of them
+    lamps: Lamps
+    masks: Masks
+    poses: Poses
+    cam_from_world: Float[np.ndarray, "n 3 4"]
+    views: Int[np.ndarray, " n"]
+    true_cam_from_world: Float[np.ndarray, "n 3 4"]
+    true_from_ours: Float[np.ndarray, "3 4"]  # of worlds, after `scale`
+    scale: float  # metres per scene unit
+    panoramas: tuple[Path, ...]
+    session_per_studio: float  # of radiance
+    room: rooms.Room
+    body: objects.Body
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """The room's emitters under one set of gains."""
+
+    refined: bool  # by the surface, from the object's shading
+    field: Gaussians  # without the lamps
+    lamps: Lamps
+
+
+def newest_light(session: Path) -> Path | None:
+    """The folder of the light that was finished last; None where there is none."""
+    return _newest(session / "stages" / "light")
+
+
+def read(folder: Path) -> Set:
+    """A set's newest light, what that was made from, and its truth; nothing is written.
+
+    Raises:
+        TruthError: no finished light, or a truth without the poses and panoramas of this session.
+        SessionError: records cannot be read.
+        StudioError: the set's name is not that of a room and an object.
+    """
+    light = newest_light(folder / "session")
+    if light is None:
+        raise TruthError(f"{folder}: the session has no finished light; process it first")
+    record = _record(light)
+    stage = {name: light.parent.parent / name / made for name, made in record["inputs"].items()}
+    poses = artefacts.load(stage["poses"], "poses", Poses)
+    true = read_truth(folder / "truth").cam_from_world
+    panoramas = sorted((folder / "truth" / "panoramas").glob("*.exr"))
+    count = len(poses.registered)
+    if true is None or len(true) != count or len(panoramas) != count:
+        known = 0 if true is None else len(true)
+        raise TruthError(
+            f"{folder}: the session has {count} views, the truth {known} poses and {len(panoramas)} panoramas;"
+            " simulate the set again"
+        )
+    views = np.nonzero(poses.registered)[0]
+    estimated, true = poses.cam_from_world[views], true[views]
+    scale, true_from_ours = align_similarity(inverse(estimated)[..., 3], inverse(true)[..., 3])
+    room, _, thing = folder.name.partition("-")
+    return Set(
+        folder.name, light, record["version"], artefacts.load(light, "gaussians", Gaussians), _lamps(light),
+        artefacts.load(stage["segment"], "masks", Masks), poses, estimated, views, true, true_from_ours, scale,
+        tuple(panoramas[view] for view in views),
+        session_per_studio(artefacts.load(stage["hdr"], "report", HdrReport).scale),
+        furnished(room), objects.model(thing),
+    )  # fmt: skip
+
+
+def session_per_studio(exposure: float) -> float:
+    """The session's radiance of a studio radiance of 1: the share of a green site that it fills.
+
+    `exposure` is that of the session's middle photograph, s * ISO / 100 / f^2, as `HdrReport.scale` has it.
+    """
+    camera = sensor.Sensor()
+    shutter_s = exposure * camera.aperture**2 * 100 / camera.iso
+    return camera.electrons_per_radiance_s() * shutter_s / camera.full_electrons
+
+
+def true_energy(s: Set, onto: incident.Binning) -> Float[np.ndarray, "n d 3"]:
+    """The studio's panoramas in our cells, on the session's scale of radiance."""
+    return (
+        np.stack([incident.binned(read_radiance(path), onto) for path in s.panoramas]) * s.session_per_studio
+    )
+
+
+def lights(s: Set) -> list[Light]:
+    """The light as it was fitted, and under the gains that the newest surface solved with it found for its emitters."""
+    field = apart(s.gaussians, s.lamps)
+    fitted = Light(False, field, s.lamps)
+    surface = _newest(s.light.parent.parent / "surface", s.light.name)
+    if surface is None:
+        return [fitted]
+    asked = _record(surface)["params"]
+    # The last gain is that of what was filled in: always 1.
+    gain = np.array(json.loads((surface / "report.json").read_bytes())["values"]["light_gains"])[:-1]
+    centre = inverse(s.cam_from_world)[..., 3].mean(0)
+    group = group_emitters(field, centre, asked["relight_groups"], asked["seed"])
+    count = int(group.max()) + 1
+    if len(gain) != count + len(s.lamps.radii):
+        raise TruthError(
+            f"{surface}: {len(gain)} gains for {count} groups and {len(s.lamps.radii)} lamps; process again"
+        )
+    lamps = replace(s.lamps, radiance=s.lamps.radiance * gain[count:])
+    return [fitted, Light(True, brightened(field, group, gain[:count]), lamps)]
+
+
+def our_energy(
+    s: Set, light: Light, directions: Float[np.ndarray, "d 3"]
+) -> tuple[Float[np.ndarray, "n d 3"], Float[np.ndarray, "n d"]]:
+    """Energy at the panoramas' point as the solver reads it, and the Gaussians' opacity there: the rest is filled in."""
+    point, poses = _point(s), s.cam_from_world
+    energy, opaque = incident_energy(light.field, poses, point, directions, FACE)
+    for lamp in lamplight(light.lamps, light.field, poses, point, directions):
+        energy += lamp
+    return energy[:, 0].astype(np.float64), opaque[:, 0]
+
+
+def photographed(s: Set) -> Float[np.ndarray, "n e"]:
+    """Per view and coarse cell, the share of the light there that some view photographed."""
+    cells, shown = fibonacci_sphere(COARSE_CELLS), coverage_of(s.masks, s.poses)
+    return incident_energy(
+        s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False, coverage=shown
+    )[1][:, 0]
+
+
+def _point(s: Set) -> Float[np.ndarray, "1 3"]:
+    return (s.body.solid.vertices.mean(0) / s.scale)[None]
+
+
+def _newest(stage: Path, light: str | None = None) -> Path | None:
+    """The folder that was finished last, of those that were made from `light`."""
+    records = {
+        p.parent: _record(p.parent) for p in stage.glob("*/record.json") if p.parent.suffix != ".partial"
+    }
+    made = [path for path, record in records.items() if light in (None, record["inputs"].get("light"))]
+    return max(made, key=lambda path: records[path]["finished"], default=None)
+
+
+def _record(stage: Path) -> dict:
+    return json.loads((stage / "record.json").read_bytes())
+
+
+def _lamps(light: Path) -> Lamps:
+    """None in a light of a version that knew no lamps."""
+    if (light / "lamps.json").is_file():
+        return artefacts.load(light, "lamps", Lamps)
+    return Lamps(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0, bool))
