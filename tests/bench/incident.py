@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
 from engine.geometry import angle_between
+from engine.light.cells import pixel_solid_angles, shared_cells
 from engine.light.probes import panorama_directions
 from engine.radiance import luminance
 
@@ -49,6 +50,12 @@ def binning(directions: Float[np.ndarray, "d 3"], height: int) -> Binning:
 def binned(panorama: Float[np.ndarray, "h w 3"], onto: Binning) -> Float[np.ndarray, "d 3"]:
     """A panorama's energy per cell."""
     return np.asarray(onto.matrix @ panorama.reshape(-1, 3).astype(np.float64))
+
+
+def probe_solid_angle(directions: Float[np.ndarray, "d 3"], side: int) -> Float[np.ndarray, " d"]:
+    """How large the cells of a probe come out: its triangles are not always the three nearest directions."""
+    cells, pixels = shared_cells(directions, side), pixel_solid_angles(side)
+    return np.bincount(cells.index.ravel(), (cells.share * pixels[..., None]).ravel(), len(directions))
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,12 +103,13 @@ def score(s: light_sets.Set, pictures: Path | None) -> list[Row]:
     """Compare the light in every registered view: as fitted, and as the surface refined it if it did."""
     directions, normals = fibonacci_sphere(CELLS), fibonacci_sphere(NORMALS)
     onto = incident.binning(directions, len(read_radiance(s.panoramas[0])))
+    solid_angle = incident.probe_solid_angle(directions, 2 * light_sets.FACE)
     true, guessed = light_sets.true_energy(s, onto), float(100 * (1 - light_sets.photographed(s).mean()))
     rows = []
     for light in light_sets.lights(s):
         ours, opaque = light_sets.our_energy(s, light, directions)
         found = emitters.emitters_of(s, light, ours, true, directions)
-        scores: dict[str, float | None] = {**energy_scores(ours, true, onto, normals)}
+        scores: dict[str, float | None] = {**energy_scores(ours, true, solid_angle, onto, normals)}
         scores |= lamp_scores(found, len(light.lamps.radii)) | {
             "guessed": guessed,
             "filled": float(100 * (1 - opaque.mean())),
@@ -116,22 +117,22 @@ def score(s: light_sets.Set, pictures: Path | None) -> list[Row]:
         rows.append(Row(s.name, light.refined, s.version, len(s.views), scores, found))
         if pictures is not None:
             chosen = [len(s.views) * k // 6 for k in (1, 3, 5)]
-            radiance = [energy[chosen] / onto.solid_angle[:, None] for energy in (true, ours)]
+            radiance = true[chosen] / onto.solid_angle[:, None], ours[chosen] / solid_angle[:, None]
             name = f"{s.name}-refined.png" if light.refined else f"{s.name}.png"
             incident_pictures.write(pictures / name, s.views[chosen], directions, *radiance)
     return rows
 
 
 def energy_scores(
-    ours: np.ndarray, true: np.ndarray, onto: incident.Binning, normals: np.ndarray
+    ours: np.ndarray, true: np.ndarray, solid_angle: np.ndarray, onto: incident.Binning, normals: np.ndarray
 ) -> dict[str, float]:
-    """Irradiance, peaks and sums of energies [n d 3], averaged over the n views."""
+    """Irradiance, peaks and sums of energies [n d 3], averaged over the n views; `solid_angle` is of our cells."""
     views = list(zip(ours, true, strict=True))
     errors = [incident.irradiance_error(a, b, onto.directions, normals) for a, b in views]
     peaks = []
     for a, b in views:
         top = incident.brightest(b, onto.solid_angle, BRIGHTEST)
-        own = incident.brightest(a, onto.solid_angle, BRIGHTEST)
+        own = incident.brightest(a, solid_angle, BRIGHTEST)
         peaks.append((a[own].sum() / b[top].sum(), a[top].sum() / b[top].sum()))
     ratios, in_place = np.array(peaks).T
     means = {

@@ -83,7 +83,7 @@ def test_dim_peaks_are_told_apart_from_misplaced_ones(onto: incident.Binning) ->
     true, ours = np.full((1, 1024, 3), 1e-6), np.full((1, 1024, 3), 1e-6)
     true[0, lamp], true[0, other] = 1.0, 0.0  # nor may the rest of the brightest fall there by chance
     ours[0, other] = 0.5 * lamp.sum() / other.sum()
-    scores = light.energy_scores(ours, true, onto, NORMALS)
+    scores = light.energy_scores(ours, true, onto.solid_angle, onto, NORMALS)
     assert scores["brightest"] == pytest.approx(0.5, rel=1e-3)
     assert scores["brightest_in_place"] == pytest.approx(0, abs=1e-3)
     assert scores["total"] == pytest.approx(0.5, rel=1e-2)
@@ -183,7 +183,10 @@ def test_a_light_that_is_right_in_another_world_scores_as_right() -> None:
     (fitted,) = light_sets.lights(s)
     ours, opaque = light_sets.our_energy(s, fitted, DIRECTIONS)
     true = true_light(s)
-    scores = light.energy_scores(ours, true, incident.binning(DIRECTIONS, 128), NORMALS)
+    solid_angle = incident.probe_solid_angle(DIRECTIONS, 96)
+    even = ~incident.within(DIRECTIONS, lamp[None] + TRUE_POSES[0, :, 3] - [0, 0, 0.5], 0.3)
+    np.testing.assert_allclose((ours[0] / solid_angle[:, None])[even], 0.5, rtol=0.05)
+    scores = light.energy_scores(ours, true, solid_angle, incident.binning(DIRECTIONS, 128), NORMALS)
     assert scores["irradiance_mean"] < 1.0
     assert scores["total"] == pytest.approx(1, rel=0.01)
     assert float(opaque.min()) > 0.95
