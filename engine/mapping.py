@@ -4,6 +4,7 @@ Source: incremental structure from motion as in COLMAP (Schoenberger and Frahm 2
 the images in the database. The world frame and its unit are COLMAP's, arbitrary.
 """
 
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,9 @@ from engine.features import view_name
 from engine.progress import Progress
 
 _BATCHES = 16  # looks at a cancel request while matches are checked
+ATTEMPTS = 3  # models grown at most
+_SPANS = (0.0, 0.8, 0.9, 1.0)  # of the progress: most often the first is good
+AGREED = 0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
 
 
@@ -86,12 +90,57 @@ def best_of_both(
     return np.stack([rows[clear], columns[clear]], 1).astype(np.uint32)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Grown:
+    """A model and how well it explains what views have in common."""
+
+    model: pycolmap.Reconstruction
+    sizes: tuple[int, ...]  # of all the models that were found at first
+    agreement: float  # share of the verified matches between its views that agree with its poses
+    support: Float[np.ndarray, " n"]  # the same of each view, NaN where it is not placed
+    attempts: int  # models that were grown until this one was good enough, or there were no more
+
+
+def best_grown(
+    database: Path, factor: int, count: int, params: MapParams, seed: int, progress: Progress
+) -> Grown | None:
+    """The model that the matches agree with best; None when no two views fit.
+
+    A model grown from an unlucky pair of views under a wrong lens may hold together and yet be wrong by a tenth of the
+    path; its matches know. It is grown anew then, from the lens that was found and with other chances.
+    """
+    best = None
+    for attempt in range(ATTEMPTS):
+        span = progress.part(_SPANS[attempt], _SPANS[attempt + 1])
+        grown = grow(database, factor, params, seed + attempt, span)
+        if grown is None:
+            continue
+        model, sizes = grown
+        support, agreement = support_of(model, database, count, 2 * params.epipolar_px * factor)
+        placed_share = model.num_reg_images() / count
+        if best is None or agreement * placed_share > best.agreement * best.model.num_reg_images() / count:
+            best = Grown(model, sizes, agreement, support, attempt + 1)
+        if agreement >= AGREED:
+            break
+        _begin_with(database, best.model)
+    return best
+
+
+def _begin_with(database: Path, model: pycolmap.Reconstruction) -> None:
+    """Let the next model start from the lens of this one."""
+    found = next(iter(model.cameras.values()))
+    with pycolmap.Database.open(database) as opened:
+        camera = opened.read_all_cameras()[0]
+        camera.params = found.params
+        camera.has_prior_focal_length = True
+        opened.update_camera(camera)
+
+
 def grow(
     database: Path, factor: int, params: MapParams, seed: int, progress: Progress
 ) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
     """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
-    folder = database.parent / "models"
-    folder.mkdir()
+    folder = Path(tempfile.mkdtemp(prefix="models-", dir=database.parent))
     options = _options(factor, params, seed)
     models = _run(database, folder, options, None, progress.part(0.0, 0.8))
     if not models:
@@ -197,10 +246,10 @@ def placed(model: pycolmap.Reconstruction, count: int) -> Float[np.ndarray, "n 3
     return poses
 
 
-def support(
+def support_of(
     model: pycolmap.Reconstruction, database: Path, count: int, most_px: float
-) -> Float[np.ndarray, " n"]:
-    """Share of each view's verified matches with other placed views that agree with the poses; NaN unplaced.
+) -> tuple[Float[np.ndarray, " n"], float]:
+    """Share of each view's verified matches with other placed views that agree with the poses (NaN unplaced); of all.
 
     A view that was placed by a few matches on a repeated piece of furniture disagrees with the rest of its
     matches: they lie further than `most_px` from the epipolar lines that the poses imply.
@@ -223,7 +272,8 @@ def support(
             agree[view] += fit
             total[view] += len(matches)
     known = np.isfinite(poses).all((1, 2))
-    return np.where(known & (total > 0), agree / np.maximum(total, 1), np.where(known, 0.0, np.nan))
+    each = np.where(known & (total > 0), agree / np.maximum(total, 1), np.where(known, 0.0, np.nan))
+    return each, float(agree.sum() / max(total.sum(), 1))
 
 
 def _epipolar(

@@ -54,6 +54,8 @@ class PoseReport:
     unregistered: tuple[str, ...]  # without a pose
     rejected: tuple[str, ...]  # most of their matches contradicted their pose; among the two above
     models: tuple[int, ...]  # sizes of the separate models found at first; one is best
+    attempts: int  # models grown until one agreed with the matches
+    agreement: float  # share of the verified matches that agree with the poses
     pairs: int  # pairs of views that were compared
     points: int
     observations: float  # median number of points seen by a placed view
@@ -99,18 +101,19 @@ def find_poses(
     database = detect(frames, masks, guess, params.features, workdir, progress.part(0.0, 0.35))
     pairs = likely_pairs(database, count, params.features, progress.part(0.35, 0.37))
     mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
-    grown = mapping.grow(database, factor, params.mapping, params.seed, progress.part(0.7, 0.97))
+    grown = mapping.best_grown(
+        database, factor, count, params.mapping, params.seed, progress.part(0.7, 0.97)
+    )
     if grown is None:
         raise PoseError(
             f"none of {count} views could be placed: no two show the same part of the room; {_REMEDY}"
         )
-    model, sizes = grown
+    model = grown.model
 
     progress.step(0.97, "checking every view")
     camera = resized(_camera(model), width, height)
     found = mapping.placed(model, count)
-    support = mapping.support(model, database, count, 2 * params.mapping.epipolar_px * factor)
-    rejected = support < params.trusted_share
+    rejected = grown.support < params.trusted_share
     found[rejected] = np.nan
     placed = _known(found)
     points = np.array([model.points3D[i].xyz for i in sorted(model.point3D_ids())]).reshape(-1, 3)
@@ -137,7 +140,8 @@ def find_poses(
     seen = [image.num_points3D for image in model.images.values() if image.has_pose]
     report = PoseReport(
         views=count, placed=int(placed.sum()), from_rig=names(registered & ~placed),
-        unregistered=names(~registered), rejected=names(rejected), models=sizes, pairs=len(pairs),
+        unregistered=names(~registered), rejected=names(rejected), models=grown.sizes, attempts=grown.attempts,
+        agreement=grown.agreement, pairs=len(pairs),
         points=len(points), observations=float(np.median(seen)), reprojection_px=reprojection,
         focal_px=camera.fx, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,
         rig_rotation_deg=None if fitted is None else float(np.degrees(fitted.rotation_rad)),

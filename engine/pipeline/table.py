@@ -30,7 +30,7 @@ def stages() -> tuple[Stage, ...]:
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
-            "poses", 2, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",
+            "poses", 3, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",
             presets=presets.of_stage("poses"),
         ),
         Stage(
