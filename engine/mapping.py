@@ -20,7 +20,9 @@ from engine.progress import Progress
 _BATCHES = 16  # looks at a cancel request while matches are checked
 ATTEMPTS = 3  # models grown at most
 _SPANS = (0.0, 0.8, 0.9, 1.0)  # of the progress: most often the first is good
-AGREED = 0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
+AGREED = (
+    0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
+)
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
 
 

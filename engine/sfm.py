@@ -101,9 +101,7 @@ def find_poses(
     database = detect(frames, masks, guess, params.features, workdir, progress.part(0.0, 0.35))
     pairs = likely_pairs(database, count, params.features, progress.part(0.35, 0.37))
     mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
-    grown = mapping.best_grown(
-        database, factor, count, params.mapping, params.seed, progress.part(0.7, 0.97)
-    )
+    grown = mapping.best_grown(database, factor, count, params.mapping, params.seed, progress.part(0.7, 0.97))
     if grown is None:
         raise PoseError(
             f"none of {count} views could be placed: no two show the same part of the room; {_REMEDY}"
