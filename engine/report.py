@@ -161,6 +161,12 @@ def _care(c: Contents) -> str:
             lines.append(
                 f"{len(lost)} of {len(c.names)} views have no pose and were not used: {_some(lost)}."
             )
+        found = next((stage.facts for stage in c.stages if stage.name == "poses"), {})
+        if found.get("doubtful"):
+            lines.append(
+                f"Only {100 * found['agreement']:.0f} % of what pairs of views have in common agrees with the poses: they"
+                " may be wrong, and with them the light and the surface. Add views, or import poses."
+            )
         if c.poses.scale == "unknown":
             lines.append(
                 "The length of one scene unit is unknown: depth and light are right up to one factor."

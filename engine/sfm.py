@@ -56,6 +56,7 @@ class PoseReport:
     models: tuple[int, ...]  # sizes of the separate models found at first; one is best
     attempts: int  # models grown until one agreed with the matches
     agreement: float  # share of the verified matches that agree with the poses
+    doubtful: bool  # fewer agree than with poses that are right
     pairs: int  # pairs of views that were compared
     points: int
     observations: float  # median number of points seen by a placed view
@@ -139,7 +140,7 @@ def find_poses(
     report = PoseReport(
         views=count, placed=int(placed.sum()), from_rig=names(registered & ~placed),
         unregistered=names(~registered), rejected=names(rejected), models=grown.sizes, attempts=grown.attempts,
-        agreement=grown.agreement, pairs=len(pairs),
+        agreement=grown.agreement, doubtful=grown.agreement < mapping.AGREED, pairs=len(pairs),
         points=len(points), observations=float(np.median(seen)), reprojection_px=reprojection,
         focal_px=camera.fx, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,
         rig_rotation_deg=None if fitted is None else float(np.degrees(fitted.rotation_rad)),

@@ -114,6 +114,13 @@ def test_names_are_text_not_markup():
     assert "<lamb>" not in page
 
 
+@pytest.mark.parametrize("doubtful", [True, False])
+def test_poses_that_matches_contradict_are_warned_of(doubtful: bool):
+    stage = StageRun("poses", 9.0, "cpu", {}, {"agreement": 0.912, "doubtful": doubtful})
+    text = " ".join(read(report.html(replace(full(), stages=(stage,)))).text)
+    assert ("Only 91 % of what pairs of views have in common agrees with the poses" in text) == doubtful
+
+
 def test_what_was_clipped_lost_or_guessed_is_listed():
     text = " ".join(read(report.html(full())).text)
     assert "2.1 % of all pixels are clipped" in text
