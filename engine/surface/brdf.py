@@ -44,7 +44,7 @@ def lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse):
     half2 = max(np.float32(0.5) + np.float32(0.5) * lv, np.float32(1e-6))  # (l.h)^2
     nh = (nl + nv) / (np.float32(2) * math.sqrt(half2))
     t = nh * nh * (a2 - np.float32(1)) + np.float32(1)
-    t = max(t, np.float32(1e-7))
+    t = max(t, a2)  # n.h exceeds 1 by rounding, or where `nl` is the mean over a lamp that is half set
     mh = np.float32(1) - math.sqrt(half2)
     fresnel = np.float32(F0) + np.float32(1 - F0) * (mh * mh * mh * mh * mh)
     smith_l = nl + math.sqrt(a2 + (np.float32(1) - a2) * nl * nl)

@@ -25,8 +25,8 @@ def rows_reference(
     nv = (normals * views).sum(1).clamp(min=1e-3)[:, None]
     a2 = roughness[:, None] ** 4 + floor
     lh = ((1 + views @ directions.T) / 2).clamp(min=1e-6).sqrt()
-    nh = (nl + nv) / (2 * lh)
-    ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1).clamp(min=1e-7) ** 2)
+    nh = ((nl + nv) / (2 * lh)).clamp(max=1)
+    ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1) ** 2)
     fresnel = F0 + (1 - F0) * (1 - lh) ** 5
     masking = 1 / ((nl + (a2 + (1 - a2) * nl**2).sqrt()) * (nv + (a2 + (1 - a2) * nv**2).sqrt()))
     diffuse = nl / math.pi

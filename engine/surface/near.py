@@ -228,7 +228,7 @@ def _each(points, views, normals, roughness, centres, radii, seen, full_diffuse,
                     if (
                         nl < sine
                     ):  # it rises above the horizon: the mean over a disc of the cosine's positive part
-                        t = nl / sine
+                        t = min(max(nl / sine, np.float32(-1)), np.float32(1))
                         side = math.sqrt(max(np.float32(1) - t * t, np.float32(0)))
                         part = t * (math.pi / 2 + math.asin(t)) + side * (np.float32(2) + t * t) / np.float32(
                             3

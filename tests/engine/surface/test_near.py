@@ -65,6 +65,27 @@ def test_a_lamp_rises_above_the_horizon_bit_by_bit(sine: float):
     assert answer(near, point, normal, 0.5, view)[0] == pytest.approx(expected, abs=0.01 * full)
 
 
+def test_no_highlight_is_brighter_than_the_lobe_is_high():
+    rng = np.random.default_rng(3)
+    centres = rng.normal(size=(300, 1, 3)) + [0.0, 0, 1]
+    near = Near(centres, np.array([0.08]), np.ones((300, 1, 3), np.float32), CELLS)
+    point, view = np.array([[0.0, 0, 1]]), np.array([[0.0, 0, -1]])
+    # Steep slopes and smooth paint: lamps that are half set, seen at a glance.
+    tilt = rng.uniform(1.3, 1.6, 200)
+    normals = np.stack([np.sin(tilt), 0 * tilt, -np.cos(tilt)], 1)
+    _, specular = near.each(
+        point, view, normals[None], np.full((1, 200), 0.2), near.visible(point, None), True
+    )
+    distance = np.linalg.norm(centres[:, 0] - point, axis=1)
+    sine = np.minimum(0.08 / distance, 0.99)
+    a2 = 0.2**4 + sine**2 / 8
+    solid = 2 * np.pi * (1 - np.sqrt(1 - sine**2))
+    # D at its top, F at most 1, and what is left of Smith's masking where the view grazes.
+    ceiling = 1 / (np.pi * a2) / np.sqrt(a2) * solid
+    assert (specular[0, :, :, 0] <= ceiling).all()
+    assert specular.max() > 0
+
+
 def test_what_hides_the_cells_around_a_lamp_hides_the_lamp():
     directions = direction_cells(CELLS)
     hidden = np.nonzero(directions[:, 0] > 0)[0].astype(np.int32)
