@@ -18,10 +18,11 @@ from engine.geometry import align_similarity, fibonacci_sphere, inverse
 from engine.hdr import HdrReport
 from engine.images import read_radiance
 from engine.light.coverage import coverage_of
-from engine.light.globes import apart, lamplight
+from engine.light.globes import apart
 from engine.light.probes import incident_energy
 from engine.pipeline import artefacts
 from engine.surface.groups import brightened, group_emitters
+from engine.surface.near import near_of
 from engine.truth import read_truth
 from engine.types import Gaussians, Lamps, Masks, Poses
 from hardware.virtual import sensor
@@ -147,11 +148,15 @@ def lights(s: Set) -> list[Light]:
 def our_energy(
     s: Set, light: Light, directions: Float[np.ndarray, "d 3"]
 ) -> tuple[Float[np.ndarray, "n d 3"], Float[np.ndarray, "n d"]]:
-    """Energy at the panoramas' point as the solver reads it, and the Gaussians' opacity there: the rest is filled in."""
+    """Energy at the panoramas' point as the solver reads it, and the Gaussians' opacity there: the rest is filled in.
+
+    The directions are those of `fibonacci_sphere`.
+    """
     point, poses = _point(s), s.cam_from_world
     energy, opaque = incident_energy(light.field, poses, point, directions, FACE)
-    for lamp in lamplight(light.lamps, light.field, poses, point, directions):
-        energy += lamp
+    if len(light.lamps.radii):
+        near = near_of(light.lamps, light.field, poses, point[0], len(directions))
+        energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
     return energy[:, 0].astype(np.float64), opaque[:, 0]
 
 

@@ -192,7 +192,7 @@ def test_a_light_that_is_right_in_another_world_scores_as_right() -> None:
     assert float(opaque.min()) > 0.95
     (found,) = emitters.emitters_of(s, fitted, ours, true, DIRECTIONS)
     assert found.ratio == pytest.approx(1, rel=0.02)
-    assert found.off_deg < 0.3
+    assert found.off_deg < 0.4
     assert found.lamp is not None
     assert found.lamp.corners_worst_deg < 1e-6
     assert found.lamp.off_cm == pytest.approx(0, abs=1e-6)

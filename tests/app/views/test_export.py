@@ -75,7 +75,7 @@ def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, 
 
 def test_every_format_is_offered_with_frame_units_and_size(page: ExportPage) -> None:
     lines = [page.table.topLevelItem(row) for row in range(page.table.topLevelItemCount())]
-    assert len(lines) == len(page.keys()) == 13
+    assert len(lines) == len(page.keys()) == 15
     for line in lines:
         assert all(line.text(column) for column in range(5)), line.text(0)
         assert "{" not in line.text(3)
