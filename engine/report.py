@@ -162,9 +162,10 @@ def _care(c: Contents) -> str:
                 f"{len(lost)} of {len(c.names)} views have no pose and were not used: {_some(lost)}."
             )
         found = next((stage.facts for stage in c.stages if stage.name == "poses"), {})
-        if found.get("doubtful"):
+        agreement = found.get("agreement")
+        if found.get("doubtful") and isinstance(agreement, float):
             lines.append(
-                f"Only {100 * found['agreement']:.0f} % of what pairs of views have in common agrees with the poses: they"
+                f"Only {100 * agreement:.0f} % of what pairs of views have in common agrees with the poses: they"
                 " may be wrong, and with them the light and the surface. Add views, or import poses."
             )
         if c.poses.scale == "unknown":
