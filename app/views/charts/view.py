@@ -23,6 +23,10 @@ BAR = 0.72
 NEAR_PX = 24.0
 NAMED = 8  # points that still have room for their names
 SLOTS = 4  # rows of lying bars there is room for at least: one alone is no wall
+AXIS_PX = (
+    84,
+    44,
+)  # width on the left, height below: fitted to their ticks, charts would jump when another is chosen
 
 
 class ChartView(QWidget):
@@ -128,6 +132,8 @@ class ChartView(QWidget):
             axis.setLabel(label, **{"color": ours.dim, "font-size": "9pt"})
             axis.showLabel(bool(label))
             axis.setTicks([list(chart.ticks.items())] if chart.ticks and name == named else None)
+        plot.getAxis("left").setWidth(AXIS_PX[0])
+        plot.getAxis("bottom").setHeight(AXIS_PX[1])
         legend = plot.addLegend(offset=(-12, 8), labelTextSize="9pt")
         legend.setLabelTextColor(ours.text)
         legend.setBrush(pg.mkBrush(QColor(ours.panel)))
@@ -248,8 +254,6 @@ class ChartView(QWidget):
         below.setFixedHeight(160)
         below.legend.setColumnCount(len(chart.series))
         below.legend.anchor((1, 0), (1, 0), offset=(-8, 0))
-        for plot in (above, below):
-            plot.getAxis("left").setWidth(84)
         self._plots = [(below, chart.series)]
 
     # Pointing
