@@ -69,15 +69,19 @@ class Bench:
         """Send an order and wait until it is over."""
         overs = self._overs()
         self.send(command, **facts)
-        return self.until(lambda state: self._overs() > overs)
+        self.until(lambda _: self._overs() > overs)
+        return self.state
 
     def until(self, met: Callable[[PanelState], object]) -> PanelState:
         """The first state from now on that meets this."""
         deadline = time.monotonic() + PATIENCE_S
         with self._changed:
-            while not met(self.state):
-                assert self._changed.wait(deadline - time.monotonic()), self.state
-            return self.state
+            at = len(self.states) - 1
+            while not met(self.states[at]):
+                at += 1
+                while at == len(self.states):
+                    assert self._changed.wait(deadline - time.monotonic()), self.state
+            return self.states[at]
 
     def told(self, kind: str) -> list[Mapping[str, Any]]:
         """Every event of a kind."""

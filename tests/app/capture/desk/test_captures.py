@@ -14,7 +14,7 @@ from engine.live.finding import Severity
 from engine.session import Shot
 from hardware import find
 from hardware.errors import AbsentError
-from hardware.interfaces import State
+from hardware.interfaces import Angles, State
 from hardware.manual import Manual
 from hardware.rig import Rig
 from hardware.virtual.rig import VirtualRig
@@ -247,6 +247,21 @@ def on_virtual(session: Path) -> dict[str, Any]:
     return start(session, shutter=None, bracket=[0])
 
 
+def pulled_at_a_move(rig: Rig, monkeypatch: pytest.MonkeyPatch, then: Callable[[], None]) -> None:
+    """Pull the cable of a virtual rig just before it goes to its second pose."""
+    pulled, moves = rig.motion, iter(range(9))
+    assert isinstance(pulled, VirtualRig)
+    move = pulled.move
+
+    def last(angles: Angles) -> Angles:
+        if next(moves) == 1:
+            pulled.pull()
+            then()
+        return move(angles)
+
+    monkeypatch.setattr(pulled, "move", last)
+
+
 def test_a_cable_that_is_pulled_ends_it_with_a_trouble_and_it_resumes_when_the_cable_is_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,12 +275,8 @@ def test_a_cable_that_is_pulled_ends_it_with_a_trouble_and_it_resumes_when_the_c
 
     with Bench(tmp_path / "pictures", opening) as bench:
         bench.order("open", rig=VIRTUAL[0], camera=VIRTUAL[1])
+        pulled_at_a_move(bench.rigs[0], monkeypatch, lambda: there.__setitem__(0, False))
         bench.send("start", **on_virtual(session))
-        bench.until(lambda state: state.going is not None and state.going.taken == 1)
-        there[0] = False
-        pulled = bench.rigs[0].motion
-        assert isinstance(pulled, VirtualRig)
-        pulled.pull()
         state = bench.until(lambda state: state.ended)
         assert state.ended is not None
         assert state.ended.trouble is not None
@@ -287,11 +298,8 @@ def test_a_cable_that_is_pulled_for_a_moment_ends_nothing(
     strict(monkeypatch)
     with Bench(tmp_path / "pictures", find.open_rig) as bench:
         bench.order("open", rig=VIRTUAL[0], camera=VIRTUAL[1])
+        pulled_at_a_move(bench.rigs[0], monkeypatch, lambda: None)
         bench.send("start", **on_virtual(tmp_path / "a"))
-        bench.until(lambda state: state.going is not None and state.going.taken == 1)
-        pulled = bench.rigs[0].motion
-        assert isinstance(pulled, VirtualRig)
-        pulled.pull()
         ended = bench.until(lambda state: state.ended).ended
         assert ended is not None
         assert (ended.taken, ended.trouble) == (4, None)
