@@ -13,7 +13,7 @@ from pathlib import Path
 
 from app import commands, cores
 from engine.errors import Cancelled, RoomlightError
-from engine.pipeline.settings import PRESETS
+from engine.pipeline.settings import PRESETS, SOLVERS
 from hardware.errors import HardwareError
 
 MOST_EV = 12.0  # of a bracket's exposures from its middle
@@ -107,6 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     demo.set_defaults(run=commands.run_demo)
 
+    _add_bench(add("bench", help="measure accuracy and speed on virtual sets, as tables and a chart"))
+
     gui = add("gui", help="open the window")
     gui.add_argument("session", type=Path, nargs="?", help="a session to open")
     gui.set_defaults(run=commands.run_gui)
@@ -175,6 +177,49 @@ def _add_rig(rig: argparse.ArgumentParser) -> None:
             order.add_argument("--tilt", type=float, metavar="DEG", help="stays as it is if left out")
 
 
+def _add_bench(bench: argparse.ArgumentParser) -> None:
+    bench.set_defaults(run=commands.run_bench)
+    add = bench.add_subparsers(dest="what", required=True, metavar="WHAT").add_parser
+    for name, text in (
+        ("table", "normals, albedo and roughness of every solver, object by object"),
+        ("views", "the same with fewer and more photographs"),
+        ("ablation", "the same with one part of the solver taken away after the other"),
+        ("chart", "error against seconds: PNG, SVG, CSV"),
+        ("scaling", "seconds and memory against views, pixels, Gaussians and directions"),
+    ):
+        order = add(name, help=text)
+        size = order.add_mutually_exclusive_group()
+        size.add_argument("--quick", action="store_true", help="tiny sets: tries the machinery in minutes")
+        size.add_argument("--size", choices=("small", "standard"), default="standard", help="of the sets")
+        order.add_argument(
+            "--rooms", type=_names, metavar="ROOM,ROOM", help="as the size has them if left out"
+        )
+        order.add_argument("--objects", type=_names, metavar="OBJECT,OBJECT")
+        order.add_argument(
+            "--sets",
+            type=Path,
+            metavar="FOLDER",
+            help="where sets and finished rows are kept; a cache if left out",
+        )
+        order.add_argument("--json", type=Path, metavar="FILE", help="write the measurement as JSON")
+        order.add_argument("--gate", type=Path, metavar="BASELINE", help="exit code 1 if a metric got worse")
+        order.add_argument(
+            "--write-baseline", type=Path, metavar="FILE", help="write what --gate compares with"
+        )
+        order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
+        order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
+        order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+        if name == "chart":
+            order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(word.strip() for word in text.split(","))
+    if not all(names) or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f"{text!r}: give different names with commas, as in study,lamps")
+    return names
+
+
 def _add_session(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path)
 
@@ -182,6 +227,12 @@ def _add_session(parser: argparse.ArgumentParser) -> None:
 def _add_settings(parser: argparse.ArgumentParser) -> None:
     """What changes params.toml; left out, what is written there holds."""
     parser.add_argument("--preset", choices=PRESETS, default=None)
+    parser.add_argument(
+        "--solver",
+        choices=SOLVERS,
+        default=None,
+        help="of the surface: ours, or the paper's as published (hours)",
+    )
     parser.add_argument("--seed", type=int, default=None)
     parser.add_argument(
         "--set",

@@ -33,14 +33,14 @@ def run_plan(args: Namespace) -> int:
 
     opened = session.open_session(args.session)
     before = asked.from_toml(session.read_params(opened))
-    changed = asked.with_changes(before, args.preset, args.seed, args.set)
-    for step in stages.plan(opened, table.stages(), changed):
+    changed = asked.with_changes(before, args.preset, args.seed, args.set, args.solver)
+    for step in stages.plan(opened, table.stages(changed.solver), changed):
         print(f"{step.stage.name:8} {step.fingerprint}  {step.tell()}")
     return 0
 
 
 def run_process(args: Namespace) -> int:
-    process(args.session, args.preset, args.seed, args.set, args.until, args.device)
+    process(args.session, args.preset, args.seed, args.set, args.until, args.device, args.solver)
     return 0
 
 
@@ -51,6 +51,7 @@ def process(
     assignments: Sequence[str] = (),
     until: str | None = None,
     device: str = "auto",
+    solver: str | None = None,
 ) -> None:
     """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options."""
     from engine import session
@@ -58,7 +59,7 @@ def process(
 
     opened = session.open_session(folder)
     before = asked.from_toml(session.read_params(opened))
-    changed = asked.with_changes(before, preset, seed, assignments)
+    changed = asked.with_changes(before, preset, seed, assignments, solver)
     with terminal.stoppable() as cancelled, terminal.Display(Console()) as display:
         watcher = run.Watcher(
             lambda step: display.begin(step.stage.name),
@@ -66,7 +67,7 @@ def process(
             lambda step, seconds: display.end(seconds),
             cancelled,
         )
-        steps = run.process(opened, table.stages(), changed, device, until, watcher)
+        steps = run.process(opened, table.stages(changed.solver), changed, device, until, watcher)
     ran = [step.stage.name for step in steps if not step.done]
     print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
 
@@ -126,6 +127,12 @@ def run_demo(args: Namespace) -> int:
     from app import demo
 
     return demo.run(args.to, args.preset, args.device)
+
+
+def run_bench(args: Namespace) -> int:
+    from app.bench import command
+
+    return command.run(args)
 
 
 def run_gui(args: Namespace) -> int:

@@ -26,7 +26,8 @@ Record = TypeVar("Record")
 def steps_of(folder: Path) -> tuple[Step, ...]:
     """The session's stages under the settings that params.toml holds."""
     session = sessions.open_session(folder)
-    return stages.plan(session, table.stages(), asked.from_toml(sessions.read_params(session)))
+    settings = asked.from_toml(sessions.read_params(session))
+    return stages.plan(session, table.stages(settings.solver), settings)
 
 
 def finished(folder: Path, stage: str) -> Step:

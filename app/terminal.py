@@ -85,9 +85,9 @@ class Display:
 
 
 @contextlib.contextmanager
-def job(name: str) -> Iterator[Progress]:
-    """One named job with its own bar; Ctrl-C stops it at its next step."""
-    with stoppable() as cancelled, Display(Console()) as display:
+def job(name: str, console: Console | None = None) -> Iterator[Progress]:
+    """One named job with its own bar (on stdout unless `console` says otherwise); Ctrl-C stops it at its next step."""
+    with stoppable() as cancelled, Display(console or Console()) as display:
         start = time.monotonic()
         display.begin(name)
         yield Progress(display.move, cancelled)

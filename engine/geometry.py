@@ -138,3 +138,11 @@ def tangents(
         np.stack([1 + sign * x * x * a, sign * b, -sign * x], 1),
         np.stack([b, sign + y * y * a, -y], 1),
     )
+
+
+def sphere_solid_angle(
+    radius: float | Float[np.ndarray, "..."], distance: float | Float[np.ndarray, "..."]
+) -> float | Float[np.ndarray, "..."]:
+    """Solid angle of spheres seen from `distance` to their middles, steradians; a point is never taken to be inside."""
+    sine = np.minimum(radius / distance, 0.99)
+    return 2 * np.pi * (1 - np.sqrt(1 - sine**2))

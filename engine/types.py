@@ -9,7 +9,7 @@ unit vectors pointing away from the surface; a normal that faces the camera has 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8, UInt8
+from jaxtyping import Bool, Float, Int, Int8, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,11 @@ class Frames:
     clipped: Bool[np.ndarray, "n h w"]
     dark: Bool[np.ndarray, "n h w"]
     noise: tuple[float, float]
+
+    def views(self, index: Int[np.ndarray, " k"]) -> "Frames":
+        """The same of some photographs."""
+        names = tuple(self.names[i] for i in index)
+        return Frames(names, self.radiance[index], self.clipped[index], self.dark[index], self.noise)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

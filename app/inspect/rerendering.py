@@ -99,9 +99,14 @@ def open_run(run: Run) -> Solved:
     """Load a run and put its light together as the solver had it.
 
     Raises:
-        SessionError: a part of it was removed, or an older version of the method made it.
+        SessionError: a part of it was removed, an older version of the method made it, or the reference solver.
     """
     record, report = run.records["surface"], run.reported("surface")
+    if "seconds_per_sample" in report:
+        raise SessionError(
+            f"{run.session}: the reference solver made this result, and its views are not rendered anew here; look at"
+            " a result of the transport solver"
+        )
     if not (run.folder("light") / "lamps.json").is_file() or "light_gains" not in report:
         raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from app.inspect import falsecolour
-from engine.geometry import fibonacci_sphere
+from engine.geometry import fibonacci_sphere, sphere_solid_angle
 
 CELLS = 2048  # directions that the surface answers to
 LATTICE = 8192  # directions that a light is given in
@@ -303,8 +303,7 @@ def _lamps(transfer: Transfer, light: Light, setting: Setting, turn: Float[np.nd
     middles = transfer.middles
     towards = centres[None] - middles[:, None]
     distance = np.linalg.norm(towards, axis=-1)
-    sine = np.minimum(light.lamp_radius / distance, 0.99)
-    solid = 2 * np.pi * (1 - np.sqrt(1 - sine**2))
+    solid = np.asarray(sphere_solid_angle(light.lamp_radius, distance))
     cells, share = cells_around(transfer, (towards / distance[..., None]).reshape(-1, 3).astype(np.float32))
     energy = solid[..., None] * (light.lamp_radiance * strength[:, None])
     shape = (len(middles), count, 3)

@@ -65,7 +65,7 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
     written = sessions.read_params(session)
     wanted = content.get("settings")
     settings = asked.from_toml(written if wanted is None else wanted)
-    rows = table.stages()
+    rows = table.stages(settings.solver)
     steps = stages.plan(session, rows, settings)
     if content.get("keep") and asked.to_toml(settings) != written:
         sessions.write_params(session, asked.to_toml(settings))

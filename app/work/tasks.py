@@ -22,7 +22,7 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
 
     opened = sessions.open_session(Path(request["session"]))
     settings = asked.from_toml(sessions.read_params(opened))
-    rows = table.stages()
+    rows = table.stages(settings.solver)
     until = request.get("until")
     planned = stages.until(stages.plan(opened, rows, settings), until)
     waiting = [step.stage.name for step in planned if not step.done]

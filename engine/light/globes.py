@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from engine.geometry import sphere_solid_angle
 from engine.light.gaussians import Y00, rotations
 from engine.light.lamps import Sightings
 from engine.light.photographs import Photographs, around, camera_centres
@@ -78,7 +79,7 @@ def measured(sightings: Sightings, photographs: Photographs) -> tuple[Sightings,
             behind = np.median(picture[ring], axis=0)
             pixel = cosine**3 / focal**2  # its solid angle
             power = ((picture - behind) * (disc & known)[..., None]).sum((0, 1)) * pixel
-            solid = 2 * np.pi * (1 - np.sqrt(1 - min(radius / distance, 0.99) ** 2))
+            solid = sphere_solid_angle(radius, distance)
             whole[bool((cut & disc).sum() > CLIPPED * disc.sum())].append(power / solid + behind)
         counted = whole if any(whole) else middle
         if not any(counted):

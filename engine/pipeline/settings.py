@@ -1,4 +1,4 @@
-"""What the user asked: a preset, a seed, and single parameters; read from `params.toml` and the command line.
+"""What the user asked: a preset, a solver, a seed, and single parameters; read from `params.toml` and the command line.
 
 Every value is checked against the stage's parameter dataclass, so a misspelt name or a word where a number
 belongs is refused before any work starts.
@@ -17,6 +17,8 @@ from typing import Any
 from engine.errors import SessionError
 
 PRESETS = ("draft", "standard", "fine")
+SOLVERS = ("transport", "reference")
+"""Ours, and the paper's as published."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,7 @@ class Settings:
     preset: str = "standard"
     seed: int = 0
     overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    solver: str = "transport"  # of the surface
 
 
 def from_toml(content: Mapping[str, Any], where: str = "params.toml") -> Settings:
@@ -33,26 +36,40 @@ def from_toml(content: Mapping[str, Any], where: str = "params.toml") -> Setting
     preset = content.get("preset", "standard")
     if preset not in PRESETS:
         raise SessionError(f"{where}: preset {preset!r} is unknown; choose {', '.join(PRESETS)}")
+    solver = content.get("solver", "transport")
+    if solver not in SOLVERS:
+        raise SessionError(f"{where}: solver {solver!r} is unknown; choose {', '.join(SOLVERS)}")
     seed = content.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SessionError(f"{where}: seed must be a whole number >= 0, not {seed!r}")
-    overrides = {key: value for key, value in content.items() if key not in ("preset", "seed")}
+    overrides = {key: value for key, value in content.items() if key not in ("preset", "seed", "solver")}
     for key, value in overrides.items():
         if not isinstance(value, dict):
             raise SessionError(f"{where}: {key!r} is unknown; write it in its stage's table, as [stage]")
-    return Settings(preset, seed, overrides)
+    return Settings(preset, seed, overrides, solver)
 
 
 def to_toml(settings: Settings) -> dict[str, Any]:
     tables = {stage: dict(values) for stage, values in settings.overrides.items() if values}
-    return {"preset": settings.preset, "seed": settings.seed, **tables}
+    # Ours goes without saying, as in every params.toml from before there was a choice.
+    chosen = {} if settings.solver == Settings().solver else {"solver": settings.solver}
+    return {"preset": settings.preset, "seed": settings.seed, **chosen, **tables}
 
 
 def with_changes(
-    settings: Settings, preset: str | None, seed: int | None, assignments: Sequence[str]
+    settings: Settings,
+    preset: str | None,
+    seed: int | None,
+    assignments: Sequence[str],
+    solver: str | None = None,
 ) -> Settings:
-    """The settings after the command line's `--preset`, `--seed` and `--set stage.param=value`."""
+    """The settings after the command line's `--preset`, `--seed`, `--solver` and `--set stage.param=value`.
+
+    Another solver has other parameters: what was set of the surface falls away with the old one.
+    """
     overrides = copy.deepcopy(dict(settings.overrides))
+    if solver not in (None, settings.solver):
+        overrides.pop("surface", None)
     for text in assignments:
         name, equals, value = text.partition("=")
         *path, parameter = name.strip().split(".")
@@ -68,6 +85,7 @@ def with_changes(
         {
             "preset": settings.preset if preset is None else preset,
             "seed": settings.seed if seed is None else seed,
+            "solver": settings.solver if solver is None else solver,
             **overrides,
         },
         "command line",

@@ -154,6 +154,9 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     if last["version"] != stage.version:
         reasons.append(f"the stage's method is new (version {last['version']} -> {stage.version})")
     before, now = dotted(last["params"]), dotted(params)
+    if before and 2 * len(before.keys() & now.keys()) < len(before):
+        # Another solver, say: naming all that either has alone would tell nobody anything.
+        return ("another method, with other parameters",)
     for name in sorted(now.keys() | before.keys()):
         if before.get(name) != now.get(name):
             reasons.append(f"params.{name} {brief(before.get(name))} -> {brief(now.get(name))}")

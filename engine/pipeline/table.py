@@ -12,14 +12,13 @@ from engine.pipeline.stages import Hashes, Stage, canonical
 from engine.session import Session, edits, shots
 
 
-def stages() -> tuple[Stage, ...]:
-    """hdr -> segment -> poses -> light -> surface -> export."""
+def stages(solver: str = "transport") -> tuple[Stage, ...]:
+    """hdr -> segment -> poses -> light -> surface -> export; `solver` (`settings.SOLVERS`) is the surface's."""
     from engine.export import ExportParams
     from engine.hdr import HdrParams
     from engine.light.train import LightParams
     from engine.segment import SegmentParams
     from engine.sfm import PoseParams
-    from engine.surface.solve import SurfaceParams
 
     return (
         Stage(
@@ -37,15 +36,30 @@ def stages() -> tuple[Stage, ...]:
             "light", 4, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
-        Stage(
-            "surface", 6, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
-            presets=presets.of_stage("surface"),
-        ),
+        _reference() if solver == "reference" else _transport(),
         Stage(
             "export", 3, ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
+
+
+def _transport() -> Stage:
+    from engine.surface.solve import SurfaceParams
+
+    return Stage(
+        "surface", 8, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        presets=presets.of_stage("surface"),
+    )  # fmt: skip
+
+
+def _reference() -> Stage:
+    """The paper's solver; every preset is the published one. Its parameters alone tell its results from ours."""
+    from engine.reference.params import ReferenceParams
+
+    return Stage(
+        "surface", 1, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True
+    )
 
 
 def _shots(session: Session) -> Hashes:

@@ -8,7 +8,7 @@ early loads no more than it needs.
 import json
 import math
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,19 @@ from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
 from engine.pipeline.stages import Work
 from engine.session import Session, shots, verify
-from engine.types import Camera, Frames, Gaussians, Grounds, Lamps, Masks, Panorama, Poses, Surface
+from engine.types import (
+    Camera,
+    Frames,
+    Gaussians,
+    Grounds,
+    Horizons,
+    Lamps,
+    Masks,
+    Panorama,
+    Poses,
+    Renders,
+    Surface,
+)
 
 Records = Mapping[str, Any]
 
@@ -157,6 +169,17 @@ def surface(work: Work) -> Records:
     """surface, renders of the views kept out, horizons that further renders need, report."""
     from engine.surface.solve import solve
 
+    return _solved(work, solve)
+
+
+def reference(work: Work) -> Records:
+    """The same by the paper's solver; no horizons."""
+    from engine.reference.solver import solve
+
+    return _solved(work, solve)
+
+
+def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Horizons, Any]]) -> Records:
     found, renders, horizons, report = solve(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),

@@ -24,10 +24,11 @@ from engine.surface.visibility import SECTORS, Occlusion
 RINGS = np.radians([28.0, 40.0, 50.0, 60.0, 68.0, 76.0, 84.0, 92.0, 102.0, 115.0])
 """Angles from the viewing ray between the rings; finer where horizons usually are."""
 LEVELS = len(RINGS) + 2
-PRICE = 30.0
+PRICE = 12.0
 """Fall of the misfit that a sector must buy to depart from the depth, in squared residual spreads: the pixel's own or
 the object's median, whichever is less. The best of all sectors and levels brings about 2 ln(12 x 11) = 10 by
-chance, and the three channels of a view share one model error."""
+chance. On a relief under lamps the horizons bought at 30, at 8 and at 3 were equally right (4.5 degrees off in the
+median), but at 30 only a third as many were, and normals stood at 6.6 degrees instead of 5.9."""
 SWEEPS = 2
 BESIDE = 4
 """Pixels to the side, at most, whose photographs stand for what an overruled horizon puts in the way."""
@@ -178,8 +179,8 @@ def explain(
 # Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
 @no_type_check
-def _misfit(sent, radiance, weight, eps, square, albedo):
-    """Robust misfit of one pixel at the albedo that suits it best, which is left in `albedo`.
+def _misfit(sent, radiance, weight, eps, square, albedo, limit):
+    """Robust misfit of one pixel at the albedo that suits it best, which is left in `albedo`; given up above `limit`.
 
     Ranks what Gauss-Newton will fit: its log residual as a relative difference, its Cauchy weight as Geman and
     McClure's, since neither needs a logarithm.
@@ -214,6 +215,8 @@ def _misfit(sent, radiance, weight, eps, square, albedo):
                 a = min(max(a * (np.float32(1) + step), low), high)
         total += width * cost
         albedo[c] = a
+        if total > limit:
+            break
     return total
 
 
@@ -287,7 +290,7 @@ def _descend(
                 total[1, v] += sends[s, own[s], 1, v]
         trial, a, square = np.empty((2, size), np.float32), np.empty(3, np.float32), squares[p]
         price = min(np.float32(PRICE) * square, dearest)
-        best = _misfit(total, radiance[p], weight[p], eps[p], square, a)
+        best = _misfit(total, radiance[p], weight[p], eps[p], square, a, np.float32(np.inf))
         best += away[p] * square + price * departures
         albedos[p] = a
         for _ in range(sweeps):
@@ -300,8 +303,8 @@ def _descend(
                     for v in range(size):
                         trial[0, v] = total[0, v] + sends[s, l, 0, v] - sends[s, here, 0, v]
                         trial[1, v] = total[1, v] + sends[s, l, 1, v] - sends[s, here, 1, v]
-                    cost = _misfit(trial, radiance[p], weight[p], eps[p], square, a)
-                    cost += away[p] * square + price * (departures - (here != 0) + (l != 0))
+                    known = away[p] * square + price * (departures - (here != 0) + (l != 0))
+                    cost = known + _misfit(trial, radiance[p], weight[p], eps[p], square, a, best - known)
                     if cost < best:
                         best, chosen = cost, l
                         albedos[p] = a

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from jaxtyping import Float, Int
 
-from engine.geometry import fibonacci_sphere, transform
+from engine.geometry import fibonacci_sphere, sphere_solid_angle, transform
 from engine.light.cells import FACES, CellMap, shared_cells
 from engine.light.globes import passing
 from engine.surface.brdf import lobes
@@ -27,8 +27,6 @@ SIDE = 128
 """Pixels along an edge of the cube map that says which cells are around a direction: less than a degree each."""
 DISC = 37
 """Points that a lamp's disc is spread over the cells by."""
-CHUNK = 1 << 22
-"""Pairs of lamp and variant answered at a time: bounds the memory."""
 
 
 @functools.lru_cache(4)
@@ -45,6 +43,12 @@ class Near:
     radii: Float[np.ndarray, " l"]  # scene units
     radiance: Float[np.ndarray, "n l 3"]  # that gets past what stands in the room; zero: hidden
     cells: int  # direction cells of the light beside them
+
+    @staticmethod
+    def none(views: int, cells: int) -> "Near":
+        """No lamps."""
+        nothing = np.zeros((views, 0, 3))
+        return Near(nothing, np.zeros(0), nothing.astype(np.float32), cells)
 
     def views(self, index: Int[np.ndarray, " k"]) -> "Near":
         """The same for some of its views."""
@@ -63,9 +67,11 @@ class Near:
 
         `hidden`: the points' hidden cells, point p owning the entries start[p]:start[p + 1] of the second array.
         """
+        seen = np.zeros((len(points), *self.centres.shape[:2]), np.float32)
+        if not len(self.radii):
+            return seen
         start, direction = hidden or (np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32))
         around = cells_around(self.cells)
-        seen = np.zeros((len(points), *self.centres.shape[:2]), np.float32)
         _visible(
             points, self.centres, self.radiance.max(2) > 0, start, direction, self.cells, around.index, around.share,
             FACES, seen,
@@ -84,10 +90,9 @@ class Near:
         """(diffuse, specular) of variants of each point to every lamp at unit radiance, no albedo; float32."""
         shape = (*normals.shape[:2], *seen.shape[1:])
         diffuse, specular = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        _each(
-            points, views.astype(np.float32), normals.astype(np.float32), roughness.astype(np.float32),
-            self.centres, self.radii, seen, full_diffuse, diffuse, specular,
-        )  # fmt: skip
+        # As if every lamp shone in a channel of its own.
+        apart = np.tile(np.eye(len(self.radii), dtype=np.float32), (len(self.centres), 1, 1))
+        self._send(points, views, normals, roughness, seen, full_diffuse, apart, diffuse, specular)
         return diffuse, specular
 
     def add(
@@ -96,48 +101,48 @@ class Near:
         views: Float[np.ndarray, "p 3"],
         normals: Float[np.ndarray, "p k 3"],
         roughness: Float[np.ndarray, "p k"],
-        hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"]] | None,
+        seen: Float[np.ndarray, "p n l"],
         full_diffuse: bool,
         diffuse: Float[np.ndarray, "p k v"],
         specular: Float[np.ndarray, "p k v"],
     ) -> None:
         """Add what all lamps send to the answers of variants of each point."""
-        seen = self.visible(points, hidden)
-        step = max(1, CHUNK // max(1, normals.shape[1] * seen[0].size))
-        for begin in range(0, len(points), step):
-            part = slice(begin, begin + step)
-            both = self.each(
-                points[part], views[part], normals[part], roughness[part], seen[part], full_diffuse
-            )
-            for out, unit in zip((diffuse, specular), both, strict=True):
-                out[part] += self.shone(unit).reshape(out[part].shape)
+        if not len(self.radii):
+            return
+        shape = (*normals.shape[:2], len(self.centres), 3)
+        self._send(
+            points, views, normals, roughness, seen, full_diffuse, self.radiance, diffuse.reshape(shape),
+            specular.reshape(shape),
+        )  # fmt: skip
+
+    def _send(
+        self, points, views, normals, roughness, seen, full_diffuse, radiance, diffuse, specular
+    ) -> None:
+        views, normals, roughness = (np.ascontiguousarray(x, np.float32) for x in (views, normals, roughness))
+        _add(
+            points, views, normals, roughness, self.centres, self.radii, seen, full_diffuse, radiance, diffuse,
+            specular,
+        )  # fmt: skip
 
     def shone(self, unit: Float[np.ndarray, "p k n l"]) -> Float[np.ndarray, "p k n 3"]:
         """The sum over the lamps, each at its radiance."""
-        p, k, n, count = unit.shape
-        by_view = unit.reshape(p * k, n, count).transpose(1, 0, 2)
-        return np.matmul(by_view, self.radiance).transpose(1, 0, 2).reshape(p, k, n, 3)
+        return np.einsum("pknl,nlc->pknc", unit, self.radiance, optimize=True)
 
     def spread(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
         """Radiance times solid angle of the lamps at one point, sorted into the cells (float32)."""
-        around = cells_around(self.cells)
         out = np.zeros((len(self.centres), self.cells, 3), np.float32)
-        _spread(
-            np.asarray(point, float),
-            self.centres,
-            self.radii,
-            self.radiance,
-            around.index,
-            around.share,
-            FACES,
-            out,
-        )
+        if len(self.radii):
+            around = cells_around(self.cells)
+            _spread(
+                np.asarray(point, float), self.centres, self.radii, self.radiance, around.index, around.share,
+                FACES, out,
+            )  # fmt: skip
         return out.transpose(1, 0, 2).reshape(self.cells, -1)
 
     def levels(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "l 3"]:
         """Radiance times solid angle of each lamp, summed over points and views."""
         distance = np.linalg.norm(self.centres[None] - points[:, None, None], axis=3)
-        return np.einsum("mnl,nlc->lc", solid_angle(self.radii, distance), self.radiance.astype(float))
+        return np.einsum("mnl,nlc->lc", sphere_solid_angle(self.radii, distance), self.radiance.astype(float))
 
 
 def near_of(
@@ -152,14 +157,6 @@ def near_of(
     through = passing(lamps, gaussians, cam_from_world, middle)
     radiance = (through[..., None] * lamps.radiance).astype(np.float32)
     return Near(centres, lamps.radii, radiance, cells)
-
-
-def solid_angle(
-    radius: Float[np.ndarray, " l"], distance: Float[np.ndarray, "*a l"]
-) -> Float[np.ndarray, "*a l"]:
-    """Of spheres, steradians; a point is never taken to be inside one."""
-    sine = np.minimum(radius / distance, 0.99)
-    return 2 * np.pi * (1 - np.sqrt(1 - sine**2))
 
 
 # Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
@@ -201,49 +198,61 @@ def _visible(points, centres, shines, start, direction, cells, index, share, fac
                 seen[p, n, l] = np.float32(1) - lost
 
 
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@no_type_check
+def _towards(centres, radii, points, p, n, l):
+    """Unit vector from a point to a lamp, the sine of half its extent, and its solid angle."""
+    x = np.float32(centres[n, l, 0] - points[p, 0])
+    y = np.float32(centres[n, l, 1] - points[p, 1])
+    z = np.float32(centres[n, l, 2] - points[p, 2])
+    over = np.float32(1) / math.sqrt(x * x + y * y + z * z)
+    sine = min(np.float32(radii[l]) * over, np.float32(0.99))
+    # Without the cancellation of 1 - cos of a small angle.
+    solid = np.float32(2 * math.pi) * sine * sine / (np.float32(1) + math.sqrt(np.float32(1) - sine * sine))
+    return x * over, y * over, z * over, sine, solid
+
+
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@no_type_check
+def _answers(nl, nv, lv, sine, r, full_diffuse):
+    """(diffuse, specular) per solid angle of a lamp whose middle and the view stand at these cosines."""
+    if nl < sine:
+        # It rises above the horizon: the mean over a disc of the cosine's positive part.
+        t = min(max(nl / sine, np.float32(-1)), np.float32(1))
+        side = math.sqrt(max(np.float32(1) - t * t, np.float32(0)))
+        part = t * (math.pi / 2 + math.asin(t)) + side * (np.float32(2) + t * t) / np.float32(3)
+        nl = max(sine * np.float32(part / math.pi), np.float32(0))
+    # A disc's extent widens the lobe, as a cell's does: `brdf.lobe_floor`.
+    a2 = r * r * r * r + sine * sine * np.float32(0.125)
+    smith_v = nv + math.sqrt(a2 + (np.float32(1) - a2) * nv * nv)
+    mv = np.float32(1) - nv
+    a, b = lobes(nl, nv, smith_v, mv * mv * mv * mv * mv, lv, r, a2, full_diffuse)
+    return a, b
+
+
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
-def _each(points, views, normals, roughness, centres, radii, seen, full_diffuse, diffuse, specular):
+def _add(points, views, normals, roughness, centres, radii, seen, full_diffuse, radiance, diffuse, specular):
     for p in numba.prange(points.shape[0]):
         vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
-        for k in range(normals.shape[1]):
-            nx, ny, nz = normals[p, k, 0], normals[p, k, 1], normals[p, k, 2]
-            r = roughness[p, k]
-            nv = max(nx * vx + ny * vy + nz * vz, np.float32(1e-3))
-            mv = np.float32(1) - nv
-            fv = mv * mv * mv * mv * mv
-            for n in range(centres.shape[0]):
-                for l in range(centres.shape[1]):
-                    if seen[p, n, l] <= 0:
-                        continue
-                    x = np.float32(centres[n, l, 0] - points[p, 0])
-                    y = np.float32(centres[n, l, 1] - points[p, 1])
-                    z = np.float32(centres[n, l, 2] - points[p, 2])
-                    over = np.float32(1) / math.sqrt(x * x + y * y + z * z)
-                    x, y, z = x * over, y * over, z * over
-                    sine = min(np.float32(radii[l]) * over, np.float32(0.99))
+        for n in range(centres.shape[0]):
+            for l in range(centres.shape[1]):
+                if seen[p, n, l] <= 0:
+                    continue
+                x, y, z, sine, solid = _towards(centres, radii, points, p, n, l)
+                lv = vx * x + vy * y + vz * z
+                solid *= seen[p, n, l]
+                for k in range(normals.shape[1]):
+                    nx, ny, nz = normals[p, k, 0], normals[p, k, 1], normals[p, k, 2]
                     nl = nx * x + ny * y + nz * z
                     if nl <= -sine:
                         continue
-                    if (
-                        nl < sine
-                    ):  # it rises above the horizon: the mean over a disc of the cosine's positive part
-                        t = min(max(nl / sine, np.float32(-1)), np.float32(1))
-                        side = math.sqrt(max(np.float32(1) - t * t, np.float32(0)))
-                        part = t * (math.pi / 2 + math.asin(t)) + side * (np.float32(2) + t * t) / np.float32(
-                            3
-                        )
-                        nl = max(sine * np.float32(part / math.pi), np.float32(0))
-                    # A disc's extent widens the lobe, as a cell's does: `brdf.lobe_floor`.
-                    a2 = r * r * r * r + sine * sine * np.float32(0.125)
-                    smith_v = nv + math.sqrt(a2 + (np.float32(1) - a2) * nv * nv)
-                    lv = vx * x + vy * y + vz * z
-                    a, b = lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse)
-                    # Without the cancellation of 1 - cos of a small angle.
-                    rim = math.sqrt(np.float32(1) - sine * sine)
-                    solid = np.float32(2 * math.pi) * sine * sine / (np.float32(1) + rim) * seen[p, n, l]
-                    diffuse[p, k, n, l] = a * solid
-                    specular[p, k, n, l] = b * solid
+                    nv = max(nx * vx + ny * vy + nz * vz, np.float32(1e-3))
+                    a, b = _answers(nl, nv, lv, sine, roughness[p, k], full_diffuse)
+                    a, b = a * solid, b * solid
+                    for c in range(radiance.shape[2]):
+                        diffuse[p, k, n, c] += a * radiance[n, l, c]
+                        specular[p, k, n, c] += b * radiance[n, l, c]
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from engine.geometry import tangents
 from engine.progress import Progress
 from engine.surface.observations import Observations
-from engine.surface.transport import Responses, Sight
+from engine.surface.transport import Rows, Sight
 from engine.surface.visibility import SECTORS
 
 STEP = 0.01
@@ -82,15 +82,14 @@ def tilt(normals: Float[np.ndarray, "p 3"], steps: Float[np.ndarray, "p 2"]) -> 
 
 
 def respread(
-    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations
+    state: State, responses: Rows, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations
 ) -> State:
     """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
     spread = np.empty(len(state.normals))
     for pixels in parts:
         diffuse, specular = responses(
-            sight, pixels, state.normals[pixels][:, None], state.roughness[pixels][:, None],
-            responses.energy(sight, pixels),
-        )  # fmt: skip
+            responses.block(sight, pixels), state.normals[pixels][:, None], state.roughness[pixels][:, None]
+        )
         residual = _residuals(diffuse[:, 0], specular[:, 0], state.albedo[pixels], seen, pixels)
         spread[pixels] = 1.4826 * np.nanmedian(np.abs(residual), axis=1)
     spread = np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
@@ -121,7 +120,7 @@ def variants(
 
 def iterate(
     state: State,
-    responses: Responses,
+    responses: Rows,
     sight: Sight,
     parts: list[Int[np.ndarray, " _"]],
     seen: Observations,
@@ -132,11 +131,11 @@ def iterate(
     kept = state.copy()
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "solving pixels")
-        energy = responses.energy(sight, pixels)
+        block = responses.block(sight, pixels)
         n, a, r = kept.normals[pixels], kept.albedo[pixels], kept.roughness[pixels]
         for turn in range(passes):
             leaning, rough, inward = variants(n, r)
-            diffuse, specular = responses(sight, pixels, leaning, rough, energy)
+            diffuse, specular = responses(block, leaning, rough)
             misfit, system, slope = _normal_equations(
                 diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels],
                 seen.eps[pixels], kept.spread[pixels], r,

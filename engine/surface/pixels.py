@@ -24,12 +24,12 @@ from engine.types import Camera, Frames
 class SurfaceParams:
     """What the person may ask of the surface solve."""
 
-    directions: int = 2048  # cells on the sphere of incident directions
+    directions: int = 1024  # cells on the sphere of incident directions
     probes_across: int = 3  # probe points along each image axis of the object's box
     probes_deep: int = 2  # probe points along the viewing axis
     probe_face_px: int = 48  # resolution of one face of each probe's cube
     candidates: int = 300  # normals tried by the global search
-    rough_rounds: int = 3  # on pixels of half the size: solve, integrate, see, refine the light: how often
+    rough_rounds: int = 4  # on pixels of half the size: solve, integrate, see, refine the light: how often
     rounds: int = 2  # on all pixels: solve, integrate, see: how often
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)

@@ -77,7 +77,7 @@ class Parts:
         """All the light, every group under its gain."""
         m, d, v = self.incident.energy.shape
         energy = self.incident.energy.reshape(m, d, v // 3, 3) * gain.astype(np.float32)[self.group]
-        near = self.near.under(gain[self.of_lamps]) if len(self.near.radii) else None
+        near = self.near.under(gain[self.of_lamps])
         return Incident(self.incident.lattice, self.incident.directions, energy.reshape(m, d, v), near)
 
     def levels(self) -> Float[np.ndarray, "k 3"]:
@@ -180,16 +180,16 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     others = np.r_[0 : lamps.start, lamps.stop : count]
     near = parts.near.under(setting.gain[lamps])
     for pixels in sample.regions:
-        points, here = sight.points[pixels], sight.points[pixels].mean(0)
+        block = responses.block(sight, pixels)
+        points, here = block.points, block.points.mean(0)
         each = parts.at(here, setting.gain)[others]
         further = parts.at(here * np.exp(NUDGE), setting.gain).sum(0)
         total = each.sum(0)
         n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
         variants, rough, inward = newton.variants(n, r)
-        diffuse, specular = responses(sight, pixels, variants, rough, total)
-        hidden = sight.occlusion.of(pixels)[:2] if sight.occlusion is not None else None
-        seen_lamps = near.visible(points, hidden)
-        shining = near.each(points, sight.views[pixels], variants, rough, seen_lamps, sample.full_diffuse)
+        diffuse, specular = responses(replace(block, energy=total), variants, rough)
+        seen_lamps = near.visible(points, block.hidden[:2] if block.hidden else None)
+        shining = near.each(points, block.views, variants, rough, seen_lamps, sample.full_diffuse)
         diffuse += near.shone(shining[0]).reshape(diffuse.shape)
         specular += near.shone(shining[1]).reshape(specular.shape)
         channels = total.shape[1]
@@ -210,19 +210,13 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         for c in range(3):
             own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
         lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
-        d, s = dark(
-            sight, pixels, n[:, None], r[:, None], np.ascontiguousarray(lights).reshape(len(total), -1)
-        )
+        every = np.ascontiguousarray(lights).reshape(len(total), -1)
+        d, s = dark(replace(block, energy=every), n[:, None], r[:, None])
         sent = (len(pixels), len(others) + 1, channels)
         share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
         # What hides what does not change when the whole object moves along the viewing rays.
         moved = near.each(
-            points * np.exp(NUDGE),
-            sight.views[pixels],
-            n[:, None],
-            r[:, None],
-            seen_lamps,
-            sample.full_diffuse,
+            points * np.exp(NUDGE), block.views, n[:, None], r[:, None], seen_lamps, sample.full_diffuse
         )
         for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
             change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / NUDGE
@@ -237,10 +231,10 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
             light[:, c::3, c + 3 * lamps.start : c + 3 * lamps.stop : 3] = lamp
         light[..., -1] = share[:, -1]
         wo, wl = own * weight[..., None], light * weight[..., None]
-        block = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
+        inner = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
         cross = own.transpose(0, 2, 1) @ wl  # p 6 u
         own_slope = np.einsum("pvi,pv->pi", wo, e)
-        solved = np.linalg.solve(block, np.concatenate([cross, own_slope[..., None]], 2))
+        solved = np.linalg.solve(inner, np.concatenate([cross, own_slope[..., None]], 2))
         flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
         system += flat.T @ weighted - cross.reshape(-1, unknowns).T @ solved[..., :-1].reshape(-1, unknowns)
         slope += weighted.T @ e.ravel() - cross.reshape(-1, unknowns).T @ solved[..., -1].ravel()

@@ -2,8 +2,8 @@
 
 A look at a few hundred pixels says about how far away the object is. Pixels of half the size are then solved in
 turns with the light (how far away it stands, how bright its parts are), each turn with the depth, shadows and
-bounced light that the last one gave; all pixels take one turn at the end. Half of the views and directions
-serve: model errors, not noise, are what these turns remove.
+bounced light that the last one gave; all pixels take one turn at the end. Half of the views serve:
+model errors, not noise, are what these turns remove.
 """
 
 import numpy as np
@@ -59,10 +59,7 @@ def rough(
 ) -> tuple[newton.State, Setting, Distance, tuple[float, ...]]:
     """State of all pixels of the mask, the light's setting, the distance, and the residual turn by turn."""
     views = fitted[:: max(1, len(fitted) // VIEWS)]
-    few = Frames(
-        tuple(frames.names[i] for i in views), frames.radiance[views], frames.clipped[views],
-        frames.dark[views], frames.noise,
-    )  # fmt: skip
+    few = frames.views(views)
     camera = room.poses.camera
     whole = subject(few, mask, camera, np.arange(len(views)), params)
     levels = [whole] * max(1, params.rough_rounds)
@@ -74,7 +71,7 @@ def rough(
     distance, tried, misfits = params.object_distance, (), ()
     who = levels[0]
     if free:
-        distance, tried, misfits = _first_look(who, room, views, params, seed, progress.part(0, 0.2))
+        distance, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
 
     def light_around(middle: float, span: Progress) -> Parts:
         lattice = lattice_around(camera, mask, (middle / MARGIN, middle * MARGIN), (2, 2, 2))
@@ -111,7 +108,7 @@ def rough(
     return state, setting, found, tuple(residuals)
 
 
-def _first_look(
+def first_look(
     who: Subject,
     room: Room,
     views: Int[np.ndarray, " n"],
@@ -119,6 +116,7 @@ def _first_look(
     seed: int,
     progress: Progress,
 ) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+    """The object's distance to a fifth or so, and the curve: distances tried and their misfits."""
     every = np.arange(0, len(views), max(1, len(views) // FIRST_VIEWS))
     reach = (NEAREST * room.size(), FARTHEST * room.size())
     lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))

@@ -8,12 +8,13 @@ shadows and bounced light of the last round. Some views are kept out of the fit 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
-from engine.surface.confidence import confidence
+from engine.surface.confidence import Confidence, confidence
 from engine.surface.distance import Distance
+from engine.surface.newton import State
 from engine.surface.pixels import (
     SurfaceParams,
     as_photographed,
@@ -132,7 +133,19 @@ def solve(
             for name, bit in (("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8))
         },
     )
-    surface = Surface(
+    surface = surface_of(mask, state, depth, certainty, params.model_error)
+    return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), report
+
+
+def surface_of(
+    mask: Bool[np.ndarray, "h w"],
+    state: State,
+    depth: Float[np.ndarray, "h w"],
+    certainty: Confidence,
+    model_error: float,
+) -> Surface:
+    """A state of the mask's pixels as maps."""
+    return Surface(
         mask,
         image(mask, state.normals),
         image(mask, state.albedo),
@@ -141,7 +154,6 @@ def solve(
         image(mask, certainty.normal),
         image(mask, certainty.albedo),
         image(mask, certainty.roughness),
-        image(mask, state.spread * params.model_error),
+        image(mask, state.spread * model_error),
         image(mask, certainty.flags).astype(np.uint8),
     )
-    return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), report

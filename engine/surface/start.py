@@ -5,20 +5,22 @@ least-squares albedo and its misfit follow from five sums over the views, each o
 pixels with candidates. The best few are compared again by a robust log misfit, which forgives shadows.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from engine.geometry import fibonacci_sphere
 from engine.progress import Progress
 from engine.surface.observations import Observations
-from engine.surface.transport import Responses, Sight
+from engine.surface.transport import Rows, Sight
 
 ROUGHNESSES = (0.25, 0.5, 0.8)
 FINALISTS = 12
 
 
 def global_start(
-    responses: Responses,
+    responses: Rows,
     sight: Sight,
     seen: Observations,
     regions: list[Int[np.ndarray, " _"]],
@@ -36,14 +38,15 @@ def global_start(
         facing = sphere[sphere @ sight.views[middle[0]] > 0.05]
         tried = np.repeat(facing, len(ROUGHNESSES), 0)
         rough = np.tile(ROUGHNESSES, len(facing))
-        light = responses.energy(sight, pixels)
         # As so many one-variant pixels: candidates differ in more than a lean.
         alike = Sight(
             np.repeat(sight.points[middle], len(tried), 0),
             np.repeat(sight.views[middle], len(tried), 0),
             None,
         )
-        diffuse, specular = responses(alike, np.arange(len(tried)), tried[:, None], rough[:, None], light)
+        block = responses.block(alike, np.arange(len(tried)))
+        block = replace(block, energy=responses.incident.at(sight.points[pixels].mean(0)))
+        diffuse, specular = responses(block, tried[:, None], rough[:, None])
         best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
     return normals, albedo, roughness

@@ -14,7 +14,7 @@ from engine.light.globes import apart
 from engine.light.probes import incident_energy
 from engine.progress import Progress
 from engine.surface.groups import brightened, clipped_groups, group_emitters, labelled, whose
-from engine.surface.near import near_of
+from engine.surface.near import Near, near_of
 from engine.surface.relight import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
@@ -83,7 +83,7 @@ def light_at(
     gaussians, lamps = room.under(gain)
     energy, _ = incident_energy(gaussians, poses, lattice.points(), cells, face_px, True, progress)
     near = near_of(lamps, gaussians, poses, lattice.points().mean(0), directions)
-    return Incident(lattice, cells, _stacked(energy), near if len(lamps.radii) else None)
+    return Incident(lattice, cells, _stacked(energy), near)
 
 
 def parts_at(
@@ -103,8 +103,9 @@ def parts_at(
 
     energy, seen = look(room.gaussians, 0)
     places, low = labelled(room.gaussians)
-    bare = Incident(lattice, cells, _stacked(energy))
-    shine = Incident(lattice, cells, _stacked(look(places, 1)[0]))
+    no_lamps = Near.none(len(views), directions)
+    bare = Incident(lattice, cells, _stacked(energy), no_lamps)
+    shine = Incident(lattice, cells, _stacked(look(places, 1)[0]), no_lamps)
     came_from = whose(shine, bare, low, room.gaussians, room.group)
     # What no photograph shows is filled in from its surroundings; it keeps its level here.
     filled = len(room.clipped)
@@ -115,7 +116,7 @@ def parts_at(
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
     prior = np.append(np.full(filled, room.prior), CERTAIN)
     near = near_of(room.lamps, room.gaussians, poses, lattice.points().mean(0), directions)
-    total = Incident(lattice, cells, _stacked(energy))
+    total = Incident(lattice, cells, _stacked(energy), no_lamps)
     return Parts(total, came_from, near, np.append(room.clipped, False), prior)
 
 

@@ -12,7 +12,7 @@ flattened to one axis `v` = 3 n, view-major.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import no_type_check
+from typing import Protocol, no_type_check, runtime_checkable
 
 import numba
 import numpy as np
@@ -88,7 +88,7 @@ class Incident:
     lattice: Lattice
     directions: Float[np.ndarray, "d 3"]  # camera frame
     energy: Float[np.ndarray, "m d v"]  # float32, radiance times solid angle; of all that is no lamp
-    near: Near | None = None
+    near: Near
 
     def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
         """Energy at a point of the camera frame, without the lamps."""
@@ -102,8 +102,7 @@ class Incident:
         """The same light for some of its views."""
         m, d, v = self.energy.shape
         energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
-        near = self.near.views(index) if self.near else None
-        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy), near)
+        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy), self.near.views(index))
 
 
 def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
@@ -151,6 +150,49 @@ def _bounce(table, start, direction, source, photographed, cell, rows_per_pixel,
                     out[row, v] += t * photographed[q, v]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Some neighbouring pixels and what reaches them, whatever their normals and roughness are.
+
+    `hidden` as `Occlusion.of` has it.
+    """
+
+    points: Float[np.ndarray, "p 3"]
+    views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
+    energy: Float[np.ndarray, "d v"]  # the light they share: all but the lamps
+    hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
+    lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
+
+
+@runtime_checkable
+class Light(Protocol):
+    """What the rows of a block are multiplied with."""
+
+    def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
+        """The light at a point of the camera frame; `d` counts directions or other functions on the sphere."""
+        ...
+
+
+@runtime_checkable
+class Rows(Protocol):
+    """What search and Gauss-Newton ask of a model of reflectance and light: `Responses`, or a poorer one."""
+
+    @property
+    def incident(self) -> Light:
+        """The light."""
+        ...
+
+    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+        """What reaches a block of pixels."""
+        ...
+
+    def __call__(
+        self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
+    ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
+        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied."""
+        ...
+
+
 class Responses:
     """Diffuse and specular responses of blocks of pixels in every view, under one light."""
 
@@ -167,57 +209,46 @@ class Responses:
         self.bounce = bounce
         self.full_diffuse = full_diffuse
         self.device = device
+        self.towards = incident.directions.T.astype(np.float32)
         self.floor = lobe_floor(len(incident.directions))
         self.cell = np.float32(4 * np.pi / len(incident.directions))
 
-    def energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
-        """The light a block of pixels shares: all but the lamps."""
-        return self.incident.at(sight.points[pixels].mean(0))
+    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+        """What reaches a block of pixels."""
+        points = sight.points[pixels]
+        hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
+        lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
+        return Block(points, sight.views[pixels], self.incident.at(points.mean(0)), hidden, lamps)
 
     def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
-        """The same with the lamps, as the middle of the block sees them."""
-        near, middle = self.incident.near, sight.points[pixels].mean(0)
-        return self.incident.at(middle) + (near.spread(middle) if near else 0)
+        """All the light a block of pixels shares, with the lamps as its middle sees them."""
+        middle = sight.points[pixels].mean(0)
+        return self.incident.at(middle) + self.incident.near.spread(middle)
 
     def __call__(
-        self,
-        sight: Sight,
-        pixels: Int[np.ndarray, " p"],
-        normals: Float[np.ndarray, "p k 3"],
-        roughness: Float[np.ndarray, "p k"],
-        energy: Float[np.ndarray, "d v"],
+        self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
     ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
-        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied.
-
-        `energy` is the block's; the lamps of the light come from every pixel's own place.
-        """
-        variants = roughness.shape[1]
-        directions = self.incident.directions
+        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied."""
+        count, variants = roughness.shape
         # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
-        flat = normals.reshape(-1, 3).astype(np.float32)
-        above = (flat @ directions.T.astype(np.float32)).max(0) > 0
-        kept = np.nonzero(above)[0]
-        hidden = behind = None
-        if sight.occlusion is not None:
-            start, direction, source = sight.occlusion.of(pixels)
-            behind = start, direction
+        kept = np.nonzero((normals.reshape(-1, 3).astype(np.float32) @ self.towards).max(0) > 0)[0]
+        hidden = None
+        if block.hidden is not None:
+            start, direction, source = block.hidden
             if not self.bounce:
                 source = np.full_like(source, -1)
-            column = np.full(len(directions), -1, np.int32)
+            column = np.full(self.towards.shape[1], -1, np.int32)
             column[kept] = np.arange(len(kept))
             hidden = start, column[direction], source
-        views = np.repeat(sight.views[pixels], variants, 0)
         run = self._on_cpu if self.device == "cpu" else self._on_device
         answer = run(
-            normals.reshape(-1, 3), roughness.reshape(-1), views, directions[kept], energy[kept], hidden,
-            variants,
+            normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0),
+            self.incident.directions[kept], block.energy[kept], hidden, variants,
         )  # fmt: skip
-        diffuse, specular = answer.reshape(2, len(pixels), variants, -1)
-        if self.incident.near is not None:
-            self.incident.near.add(
-                sight.points[pixels], sight.views[pixels], normals, roughness, behind, self.full_diffuse, diffuse,
-                specular,
-            )  # fmt: skip
+        diffuse, specular = answer.reshape(2, count, variants, -1)
+        self.incident.near.add(
+            block.points, block.views, normals, roughness, block.lamps, self.full_diffuse, diffuse, specular
+        )
         return diffuse, specular
 
     def _on_cpu(self, normals, roughness, views, directions, energy, hidden, variants):
@@ -286,11 +317,7 @@ def predict(
     """Re-rendered radiance of each block of pixels in every view of the responses' light."""
     for pixels in parts:
         diffuse, specular = responses(
-            sight,
-            pixels,
-            normals[pixels][:, None],
-            roughness[pixels][:, None],
-            responses.energy(sight, pixels),
+            responses.block(sight, pixels), normals[pixels][:, None], roughness[pixels][:, None]
         )
         shape = (len(pixels), -1, 3)
         yield pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)

@@ -90,7 +90,7 @@ def occlusion(
         o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
     )
     flat_normals = normals[mask]
-    footprint = _footprint(points, mask)
+    footprint = footprint_of(points, mask)
     origins = vertices + flat_normals * footprint[:, None] * 0.5
     # Facing the camera a little more than the surface does keeps origins off back-tilted facets.
     origins -= vertices / np.linalg.norm(vertices, axis=1, keepdims=True) * footprint[:, None] * 0.5
@@ -120,7 +120,9 @@ def occlusion(
     )
 
 
-def _footprint(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
+def footprint_of(
+    points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, " p"]:
     """Width of a pixel at the surface, scene units: z times the ideal plane's pixel pitch."""
     z = points[..., 2]
     x = np.where(mask, points[..., 0] / np.where(mask, z, 1), np.nan)

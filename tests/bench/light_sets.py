@@ -154,9 +154,8 @@ def our_energy(
     """
     point, poses = _point(s), s.cam_from_world
     energy, opaque = incident_energy(light.field, poses, point, directions, FACE)
-    if len(light.lamps.radii):
-        near = near_of(light.lamps, light.field, poses, point[0], len(directions))
-        energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
+    near = near_of(light.lamps, light.field, poses, point[0], len(directions))
+    energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
     return energy[:, 0].astype(np.float64), opaque[:, 0]
 
 

@@ -13,24 +13,16 @@ import argparse
 import json
 import os
 import platform
-import shutil
 import statistics
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
 from app import results
-from engine import importing, png
-from engine import session as sessions
-from engine.errors import TruthError
-from engine.posefiles import write_transforms
-from engine.truth import read_truth
-from engine.types import Poses
+from app.bench.given import give_truth
+from app.bench.markdown import markdown, shown
 
 GIVEN = "given.session"
 
@@ -115,36 +107,6 @@ def roomlight(*words: object) -> None:
     subprocess.run([sys.executable, "-m", "app.cli", *map(str, words)], check=True, stdout=sys.stderr)
 
 
-def give_truth(session: Path, truth_path: Path, to: Path) -> None:
-    """Import the same photographs again, with the truth's poses and mask."""
-    truth = read_truth(truth_path)
-    if truth.cam_from_world is None or truth.camera is None:
-        raise TruthError(f"{truth_path}: holds no poses and camera to give; simulate the set again")
-    views = sessions.shots(sessions.open_session(session))
-    if len(views) != len(truth.cam_from_world):
-        raise TruthError(
-            f"{truth_path}: {len(truth.cam_from_world)} poses for {len(views)} views; not the same set"
-        )
-    scratch = Path(tempfile.mkdtemp(prefix="given-", dir=to.parent))
-    try:
-        photographs = scratch / "photographs"
-        photographs.mkdir()
-        names = []
-        for index, view in enumerate(views):
-            for exposure, file in enumerate(view.files):
-                (photographs / f"{index:04d}_{exposure}{file.suffix}").symlink_to(file.resolve())
-            names.append(f"{index:04d}_0{view.files[0].suffix}")
-        registered = np.ones(len(views), bool)
-        poses = Poses(truth.camera, truth.cam_from_world, registered, np.zeros((0, 3)), "given", float("nan"))
-        write_transforms(scratch / "transforms.json", poses, names)
-        (scratch / "mask.png").write_bytes(png.encode(truth.mask.astype(np.uint8) * 255))
-        importing.make_session(
-            photographs, to, scratch / "transforms.json", scratch / "mask.png", len(views[0].files)
-        )
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-
-
 def row(name: str, session: Path, truth: Path) -> Row:
     """Score a processed session and read what its stages cost."""
     records = {
@@ -166,7 +128,7 @@ def table(rows: Sequence[Row]) -> str:
     columns = [[_value(r, group, score, factor) for r in rows] for _, group, score, factor, _, _ in COLUMNS]
     totals = [sum(r.seconds.values()) for r in rows]
     for index, r in enumerate(rows):
-        cells = [_shown(column[index], COLUMNS[k][4]) for k, column in enumerate(columns)]
+        cells = [shown(column[index], COLUMNS[k][4]) for k, column in enumerate(columns)]
         lines.append([r.name, *cells, f"{totals[index]:.0f}"])
     if len(rows) > 1:
         for title, of in (("mean", None), ("worst", max)):
@@ -174,7 +136,7 @@ def table(rows: Sequence[Row]) -> str:
             for k, column in enumerate(columns):
                 known = [value for value in column if value is not None]
                 pick = statistics.fmean if of is None else COLUMNS[k][5]
-                cells.append(_shown(pick(known) if known else None, COLUMNS[k][4]))
+                cells.append(shown(pick(known) if known else None, COLUMNS[k][4]))
             cells.append(f"{statistics.fmean(totals) if of is None else max(totals):.0f}")
             lines.append([title, *cells])
     return markdown(lines)
@@ -185,7 +147,7 @@ def times(rows: Sequence[Row]) -> str:
     stages = list(dict.fromkeys(stage for r in rows for stage in r.seconds))
     lines = [["set", *(f"{stage} s" for stage in stages), "all s", "peak GB"]]
     for r in rows:
-        cells = [_shown(r.seconds.get(stage), 1) for stage in stages]
+        cells = [shown(r.seconds.get(stage), 1) for stage in stages]
         lines.append([r.name, *cells, f"{sum(r.seconds.values()):.1f}", f"{r.peak_memory_bytes / 1e9:.2f}"])
     return markdown(lines)
 
@@ -193,25 +155,6 @@ def times(rows: Sequence[Row]) -> str:
 def _value(r: Row, group: str, score: str, factor: float) -> float | None:
     value = r.scores.get(group, {}).get(score)
     return None if value is None else factor * value
-
-
-def _shown(value: float | None, decimals: int) -> str:
-    return "-" if value is None else f"{value:.{decimals}f}"
-
-
-def markdown(lines: Sequence[Sequence[str]]) -> str:
-    """A table whose first line is the heading; the first column leans left, the others right."""
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    told = [
-        "| "
-        + " | ".join(
-            c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(line, widths, strict=True))
-        )
-        + " |"
-        for line in lines
-    ]
-    rule = "|" + "|".join("-" * (w + 1) + ("-" if k == 0 else ":") for k, w in enumerate(widths)) + "|"
-    return "\n".join([told[0], rule, *told[1:]])
 
 
 def _parser() -> argparse.ArgumentParser:

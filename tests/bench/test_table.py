@@ -5,9 +5,10 @@ import json
 import numpy as np
 import OpenEXR
 
+from app.bench.given import give_truth
 from engine import importing
 from engine import session as sessions
-from tests.bench.table import Row, give_truth, table, times
+from tests.bench.table import Row, table, times
 from tests.engine.ball import CAMERA, ball
 from tests.engine.test_metrics import ring
 

@@ -332,7 +332,24 @@ def plain() -> Room:
     return build.room("plain")
 
 
-ROOMS: dict[str, Callable[[], Room]] = {"study": study, "lamps": lamps, "window": window, "plain": plain}
+def booth() -> Room:
+    """Six mottled walls of few texels, a glowing sheet and a globe: built in seconds, for trials of the machinery."""
+    rng, side = np.random.default_rng(61), 2.8
+    centre = np.array([0.0, 0.0, side / 2])
+    walls = []
+    for inwards in (X, Y, Z, -X, -Y, -Z):
+        right, down = np.roll(inwards, 1), np.cross(np.roll(inwards, 1), inwards)
+        tiles = rng.uniform(0.15, 0.8, (16, 16, 3)).astype(np.float32)
+        walls.append(Panel(centre - side / 2 * (inwards + right + down), side * right, side * down, tiles))
+    glow = np.full((4, 4, 3), (7.0, 6.6, 6.0), np.float32)
+    sheet = Sheet(np.array([-0.2, -0.5, side - 0.05]), X.copy(), Y.copy(), glow)
+    globe = Globe(np.array([-1.1, 0.7, 1.7]), 0.09, np.array([38.0, 34.0, 30.0]))
+    return Room("booth", tuple(walls), (globe,), (sheet,), centre)
+
+
+ROOMS: dict[str, Callable[[], Room]] = {
+    "study": study, "lamps": lamps, "window": window, "plain": plain, "booth": booth,
+}  # fmt: skip
 
 
 def furnish(name: str) -> Room:

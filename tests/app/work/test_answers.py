@@ -46,7 +46,7 @@ def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
     assert [row.given for row in plan.rows] == [False, True, False, False, False, False]
     directions = plan.parameter("surface.directions")
     assert directions is not None
-    assert (directions.value, directions.default, directions.kind) == (2048, 2048, "int")
+    assert (directions.value, directions.default, directions.kind) == (1024, 1024, "int")
     kinds = {p.name: p.kind for row in plan.rows for p in row.parameters}
     assert kinds["light.keep_out"] == "float?"
     assert kinds["light.passes"] == "list"
@@ -58,7 +58,7 @@ def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
     directions = plan.parameter("surface.directions")
     assert directions is not None
-    assert (directions.value, directions.default, directions.changed) == (1024, 1024, False)
+    assert (directions.value, directions.default, directions.changed) == (512, 512, False)
 
 
 def test_an_edit_is_written_only_when_it_is_to_be_kept(session: Path) -> None:
@@ -66,11 +66,11 @@ def test_an_edit_is_written_only_when_it_is_to_be_kept(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session))["answer"])
     directions = plan.parameter("surface.directions")
     assert directions is not None
-    settings = asked.to_toml(with_value(plan.settings, directions, 512))
+    settings = asked.to_toml(with_value(plan.settings, directions, 256))
     answer(question="plan", session=str(session), settings=settings)
     assert sessions.read_params(opened) == {}
     answer(question="plan", session=str(session), settings=settings, keep=True)
-    assert sessions.read_params(opened)["surface"] == {"directions": 512}
+    assert sessions.read_params(opened)["surface"] == {"directions": 256}
 
 
 def test_settings_that_cannot_be_meant_are_refused_and_not_written(session: Path) -> None:

@@ -116,7 +116,7 @@ def test_spread_light_is_radiance_times_solid_angle_wherever_the_point_is():
     for point in (np.zeros(3), np.array([0.2, 0, 0.3])):
         cells = near.spread(point)
         distance = np.linalg.norm(near.centres[0, 0] - point)
-        solid = 2 * np.pi * (1 - np.sqrt(1 - (0.1 / distance) ** 2))
+        solid = 2 * np.pi * (1 - np.sqrt(1 - (0.1 / distance) ** 2))  # of a cap
         np.testing.assert_allclose(cells.sum(0), RADIANCE[0, 0] * solid, rtol=1e-4)
         np.testing.assert_allclose(near.levels(point[None])[0], RADIANCE[0, 0] * solid, rtol=1e-4)
 
@@ -130,10 +130,12 @@ def test_the_sum_over_lamps_is_theirs_one_by_one():
     normals = -fibonacci_sphere(8).reshape(4, 2, 3)
     views, rough = np.tile([0.0, 0, -1], (4, 1)), rng.uniform(0.3, 0.8, (4, 2))
     diffuse, specular = np.zeros((2, 4, 2, 15), np.float32)
-    near.add(points, views, normals, rough, None, True, diffuse, specular)
-    each = near.each(points, views, normals, rough, near.visible(points, None), True)
+    seen = near.visible(points, None)
+    near.add(points, views, normals, rough, seen, True, diffuse, specular)
+    each = near.each(points, views, normals, rough, seen, True)
     for total, unit in zip((diffuse, specular), each, strict=True):
         expected = np.einsum("pknl,nlc->pknc", unit, radiance).reshape(4, 2, 15)
         np.testing.assert_allclose(total, expected, rtol=1e-5, atol=1e-7)
+        np.testing.assert_allclose(near.shone(unit).reshape(4, 2, 15), expected, rtol=1e-5, atol=1e-7)
     assert diffuse.max() > 0
     assert (each[0][:, :, 2, 1] == 0).all()

@@ -10,6 +10,7 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.near import Near
 from engine.surface.pixels import (
     SurfaceParams,
     ask,
@@ -48,7 +49,7 @@ def light_of_lamps(rng: np.random.Generator, views: int, d: int) -> Incident:
             energy[0, :, n] += np.exp(20 * (directions @ lamp - 1))[:, None] * rng.uniform(2, 6, 3)
     lattice = Lattice(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
     energy = (energy * 4 * np.pi / d).reshape(1, d, -1).astype(np.float32)
-    return Incident(lattice, directions, energy)
+    return Incident(lattice, directions, energy, Near.none(views, d))
 
 
 def ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
     # As much light as the glow of the others has.
     radiance = np.tile(np.float32(9 * 2 / 60 / RADIUS**2) * np.array(COLOUR, np.float32), (VIEWS, 1, 1))
     near = Near(bulbs, np.array([RADIUS]), radiance, CELLS)
-    light = Incident(lattice, directions, energy)
+    light = Incident(lattice, directions, energy, Near.none(VIEWS, CELLS))
     unsure = np.array([False, False, clipped, False])
     return Parts(light, group, near, unsure, np.array([0.15, 0.15, 0.15, 0.05]))
 
@@ -129,7 +129,6 @@ def test_settings_of_one_light_add_up_to_it():
     point = np.array([0.03, -0.02, 0.47])
     np.testing.assert_allclose(parts.at(point, gain).sum(0), parts.under(gain).at(point), rtol=1e-5)
     light = parts.under(gain)
-    assert light.near is not None
     whole = light.energy.reshape(-1, 3).sum(0, dtype=float)
     whole += light.near.levels(light.lattice.points()).sum(0)
     np.testing.assert_allclose((parts.levels() * gain).sum(0), whole, rtol=1e-4)

@@ -1,0 +1,159 @@
+"""The chart of error against seconds: one panel each for normal, albedo and roughness, with the Pareto front.
+
+Log-log; the albedo's PSNR is drawn as the root mean square error that it says, so that down is better in every
+panel. Hollow points are extrapolated. Colours: Okabe and Ito 2008, told apart by the colour-blind; shapes too.
+"""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from app import places
+from app.bench.front import pareto
+from app.bench.record import BenchError
+from app.bench.scores import Scored, albedo_rmse
+
+WIDTH_IN, HEIGHT_IN = 7.2, 3.0  # across both columns of a paper
+DPI = 300
+KINDS = {
+    "ours": ("ours", "#0072B2", "o"),
+    "reference": ("reference", "#D55E00", "s"),
+    "baseline": ("baselines", "#009E73", "^"),
+    "maps": ("maps computed elsewhere", "#CC79A7", "D"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One error of a row, as drawn."""
+
+    key: str
+    title: str
+    error: Callable[[Scored], float]
+
+
+PANELS = (
+    Panel("normal_deg", "Normal: mean angular error (deg)", lambda one: one.values["normal"]),
+    Panel("albedo_rmse", "Albedo: RMS error", lambda one: albedo_rmse(one.values["albedo"])),
+    Panel("roughness_mae", "Roughness: mean absolute error", lambda one: one.values["roughness"]),
+)
+
+
+def table(points: Sequence[Scored]) -> str:
+    """The numbers behind the chart as CSV; `front` lists the panels on whose Pareto front the point lies."""
+    fronts = {panel.key: set(front(points, panel)) for panel in PANELS}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    heads = [panel.key for panel in PANELS]
+    writer.writerow(
+        ["method", "title", "kind", "seconds", *heads, "albedo_psnr_db", "extrapolated", "run", "front"]
+    )
+    for i, one in enumerate(points):
+        on = " ".join(panel.key for panel in PANELS if i in fronts[panel.key])
+        errors = [f"{panel.error(one):.6g}" for panel in PANELS]
+        writer.writerow([
+            one.method, one.title, one.kind, f"{one.seconds:.6g}", *errors, f"{one.values['albedo']:.6g}",
+            "yes" if one.extrapolated else "no", one.run or "several", on,
+        ])  # fmt: skip
+    return text.getvalue()
+
+
+def front(points: Sequence[Scored], panel: Panel) -> list[int]:
+    """Indices of the points that no other beats in this panel."""
+    return pareto([one.seconds for one in points], [panel.error(one) for one in points])
+
+
+def write(points: Sequence[Scored], folder: Path, caption: str) -> list[Path]:
+    """chart.png, chart.svg and chart.csv in `folder`; the same points give the same bytes.
+
+    Raises:
+        BenchError: the disk refuses.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    figure = draw(points, caption)
+    paths = [folder / name for name in ("chart.png", "chart.svg", "chart.csv")]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        FigureCanvasAgg(figure).print_png(paths[0], metadata={"Software": None})
+        # Fixed ids and no date: a chart that says the same is the same file. Letters stay letters.
+        with matplotlib.rc_context({"svg.hashsalt": "roomlight", "svg.fonttype": "none"}):
+            FigureCanvasSVG(figure).print_svg(paths[1], metadata={"Date": None})
+        places.keep(paths[2], table(points))
+    except OSError as error:
+        raise BenchError(
+            f"{folder}: cannot be written ({error.strerror or error}); name another --out"
+        ) from error
+    return paths
+
+
+def draw(points: Sequence[Scored], caption: str):
+    """A matplotlib figure of the three panels, a legend and a caption under them."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI)
+    grid = figure.subplots(1, len(PANELS))
+    for axes, panel in zip(grid, PANELS, strict=True):
+        _panel(axes, panel, points)
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        loc="lower center",
+        ncols=len(labels),
+        fontsize=7,
+        frameon=False,
+        bbox_to_anchor=(0.5, 0.055),
+    )
+    figure.text(0.5, 0.02, caption, ha="center", fontsize=5.5, color="0.35")
+    figure.subplots_adjust(left=0.065, right=0.99, top=0.91, bottom=0.3, wspace=0.28)
+    return figure
+
+
+def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    best = front(points, panel)
+    x, y = [points[i].seconds for i in best], [panel.error(points[i]) for i in best]
+    axes.plot(x, y, color="0.6", lw=1.0, drawstyle="steps-post", zorder=1, label="Pareto front")
+    for kind, (name, colour, mark) in KINDS.items():
+        for hollow in (False, True):
+            these = [one for one in points if one.kind == kind and one.extrapolated == hollow]
+            if these:
+                axes.plot(
+                    [one.seconds for one in these], [panel.error(one) for one in these], mark, color=colour, ms=4.5,
+                    mfc="white" if hollow else colour, mew=1.0, ls="none", zorder=3,
+                    label=f"{name}, extrapolated" if hollow else name,
+                )  # fmt: skip
+    for i in best:
+        one = points[i]
+        at = (one.seconds, panel.error(one))
+        name = one.title.removeprefix("ours, ")
+        axes.annotate(name, at, (3, 4), textcoords="offset points", fontsize=5.5, color="0.25")
+    axes.margins(x=0.18, y=0.15)
+    axes.set_title(panel.title, fontsize=7.5)
+    axes.set_xlabel("seconds", fontsize=7, labelpad=1)
+    _number(axes.xaxis, axes.get_xlim())
+    _number(axes.yaxis, axes.get_ylim())
+    axes.tick_params(labelsize=6.5, length=2.5)
+    axes.grid(True, which="major", lw=0.3, color="0.88")
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _number(axis, limits: tuple[float, float]) -> None:
+    """Plain numbers, some between the decades where there are few of those."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    span = limits[1] / limits[0]
+    between = (1.0, 2.0, 3.0, 5.0, 7.0) if span < 10 else (1.0, 2.0, 5.0) if span < 100 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=between, numticks=20))
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, place: f"{value:g}" if value < 1e3 else f"{value:,.0f}")
+    )
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,157 @@
+"""`roomlight bench`: makes sets, measures rows, prints tables, keeps the record and holds it against a baseline.
+
+Exit codes: 0 done, 1 something got worse than the baseline, and those of every command.
+"""
+
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from app.bench import chart, gate, record, rows, scaling, scores, sets, tables
+from app.bench.measured import Bench
+from app.bench.record import BenchError, Metric, Record
+from app.bench.scores import Scored
+from app.bench.sets import Set
+from app.bench.sizes import SIZES, Size
+from engine.pipeline.run import choose_device
+
+
+class Call:
+    """What one call of the command measures on; sets are made as they are asked for."""
+
+    def __init__(self, args: Namespace):
+        self.args = args
+        self.size: Size = SIZES["quick" if args.quick else args.size]
+        # One set says as much about a switch or a chart as nine, in a ninth of the time.
+        many = args.what == "table"
+        self.rooms = args.rooms or (self.size.rooms if many else self.size.rooms[:1])
+        self.objects = args.objects or (self.size.objects if many else self.size.objects[:1])
+        self.folder = args.sets or sets.default_folder()
+        sets.check_names(self.rooms, self.objects)
+        if args.seed < 0:
+            raise BenchError(f"--seed {args.seed}: give a whole number from 0 on")
+        if self.folder.exists() and not self.folder.is_dir():
+            raise BenchError(f"{self.folder}: is no folder; name another with --sets")
+        self.device = choose_device(args.device)
+        self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
+
+    def sets(self, views: int | None = None, count: int | None = None) -> list[Set]:
+        """Every room and object, of `views` photographs (the size's if None) or `count` of them."""
+        return [
+            sets.ready(
+                self.folder,
+                room,
+                thing,
+                self.size,
+                views or self.size.views,
+                self.args.seed,
+                self.device,
+                count,
+            )
+            for room in self.rooms
+            for thing in self.objects
+        ]
+
+    def scored(self, methods: Sequence[rows.Method], on: Sequence[Set]) -> list[Scored]:
+        """Every method on every set, compared over the same pixels."""
+        return [one for each in on for one in scores.score(self.bench.rows(each, methods))]
+
+
+def run(args: Namespace) -> int:
+    """Measure, print, write; 1 if the gate is red.
+
+    Raises:
+        RoomlightError: what was asked cannot be measured.
+    """
+    baseline = record.read(args.gate) if args.gate else None  # before hours of work
+    call = Call(args)
+    metrics = WHAT[args.what](call)
+    measured = Record(
+        args.what, call.size.name, call.size.told(), args.seed, record.machine(call.device), record.versions(),
+        tuple(metrics),
+    )  # fmt: skip
+    print(f"\n{call.size.told()}\n{record.told(measured)}")
+    if args.json:
+        record.write(measured, args.json)
+    if args.write_baseline:
+        record.write(gate.baseline_of(measured), args.write_baseline)
+    return _judge(measured, baseline) if baseline is not None else 0
+
+
+def table(call: Call) -> list[Metric]:
+    scored = call.scored((*rows.preset_rows(), *rows.others(call.size.reference_work)), call.sets())
+    print(tables.by_object(scored) + "\n")
+    print(tables.by_switch(scored))
+    print("\n" + tables.notes(scored, call.bench.run))
+    return scores.as_metrics([*scored, *scores.means(scored)])
+
+
+def views(call: Call) -> list[Metric]:
+    usual = tuple(method for method in rows.preset_rows() if method.key == rows.OURS)
+    methods = (*usual, *rows.others(call.size.reference_work))
+    counted: list[tuple[int, Scored]] = []
+    for count in call.size.counts:
+        on = call.sets(max(call.size.counts), count)
+        counted += [(count, one) for one in call.scored(methods, on)]
+    print("the light too is that of so many photographs; true poses and masks given\n")
+    print(tables.by_views(counted))
+    print("\n" + tables.notes([one for _, one in counted], call.bench.run))
+    return scores.as_metrics([replace(one, set=f"{count}-views/{one.set}") for count, one in counted])
+
+
+def ablation(call: Call) -> list[Metric]:
+    scored = call.scored((*rows.switch_rows(), *rows.switched(call.size.reference_work)), call.sets())
+    print("light, poses and masks are shared\n")
+    print(tables.by_switch(scored))
+    print("\n" + tables.notes(scored, call.bench.run))
+    return scores.as_metrics([*scored, *scores.means(scored)])
+
+
+def draw(call: Call) -> list[Metric]:
+    work = call.size.reference_work
+    scored = call.scored((*rows.preset_rows(), *rows.others(work), *rows.swept(work)), call.sets())
+    points = scores.means(scored)
+    print(tables.by_switch(scored))
+    print("\n" + tables.notes(scored, call.bench.run))
+    caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
+    caption += "" if len({one.run for one in points}) == 1 else "; seconds of several runs"
+    for path in chart.write(points, call.args.out, caption):
+        print(path)
+    return scores.as_metrics([*scored, *points])
+
+
+def scale(call: Call) -> list[Metric]:
+    metrics: list[Metric] = []
+    for on in call.sets():
+        points = [
+            scaling.measure(
+                on, call.folder, axis, value, call.device, call.args.seed, call.bench.run, call.args.fresh
+            )
+            for axis, values in scaling.values(on, call.size.directions).items()
+            for value in values
+        ]
+        print(f"{on.name}, ours at its defaults, each point in a process of its own\n")
+        print(scaling.table(points, call.bench.run))
+        if any(point.run != call.bench.run for point in points):
+            print(
+                "\n* seconds of an earlier run; exponents are fitted within one run (--fresh measures all again)"
+            )
+        metrics += scaling.as_metrics(points, on.name)
+    return metrics
+
+
+def _judge(measured: Record, baseline: Record) -> int:
+    worse, skipped = gate.check(measured, baseline)
+    for line in skipped:
+        print(f"not compared: {line}", file=sys.stderr)
+    for line in worse:
+        print(f"worse: {line}", file=sys.stderr)
+    gated = len([m for m in baseline.metrics if m.tolerance is not None]) - len(skipped)
+    print(f"gate: {len(worse)} of {gated} metrics got worse", file=sys.stderr)
+    return 1 if worse else 0
+
+
+WHAT: dict[str, Callable[[Call], list[Metric]]] = {
+    "table": table, "views": views, "ablation": ablation, "chart": draw, "scaling": scale,
+}  # fmt: skip

@@ -1,0 +1,113 @@
+"""Runs a row on a set, or takes what an earlier call kept of the very same: an interrupted benchmark goes on.
+
+A kept row is named by its input's fingerprint, its own facts, the seed, the device and the engine's source. Its
+seconds are those of the run that measured it, and are compared with those of the same run only.
+"""
+
+import hashlib
+import json
+import secrets
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.bench import record
+from app.bench.rows import Method, ours, params_of
+from app.bench.sets import Set, job
+from app.bench.stored import Stored, fewer_pixels, fewer_views
+from engine import session as sessions
+from engine.errors import SessionError
+from engine.pipeline import artefacts
+from engine.pipeline.stages import canonical
+from engine.types import Surface
+
+VERSION = 1  # raise when a kept row would be measured otherwise
+WARM_PIXELS, WARM_VIEWS = 400, 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """What one method made of one set."""
+
+    set: Set
+    method: Method
+    surface: Surface
+    seconds: float  # of the whole object
+    extrapolated: bool
+    run: str  # names the call that measured the seconds
+
+
+class Bench:
+    """One call of the benchmark: keeps rows as they are finished."""
+
+    def __init__(self, folder: Path, device: str, seed: int, fresh: bool):
+        self._rows, self._device, self._seed, self._fresh = folder / "rows", device, seed, fresh
+        self.run = secrets.token_hex(6)
+        self._warm = False
+
+    def rows(self, on: Set, methods: Sequence[Method]) -> list[Row]:
+        """Every method on one set.
+
+        Raises:
+            RoomlightError: what a solver has to say.
+            Cancelled: a stop was asked for; finished rows are kept.
+        """
+        return [self._row(on, method) for method in methods]
+
+    def _row(self, on: Set, method: Method) -> Row:
+        place = self._rows / row_key(on.stored, method, self._device, self._seed)
+        if place.is_dir() and not self._fresh:
+            try:
+                return _read(place, on, method)
+            except (SessionError, OSError, ValueError, KeyError):
+                pass  # damaged: measured again, as if it had never been
+        if not self._warm:
+            warm_up(on.stored, self._device)
+            self._warm = True
+        with job(f"{on.name} {method.key}") as progress:
+            answer = method.solve(on.stored, self._device, self._seed, progress)
+        row = Row(on, method, answer.surface, answer.seconds, answer.extrapolated, self.run)
+        _keep(row, place)
+        return row
+
+
+def row_key(stored: Stored, method: Method, device: str, seed: int) -> str:
+    """Names all that decides a row."""
+    facts = [
+        VERSION, stored.fingerprint, len(stored.frames.names), method.key, dict(method.facts), device, seed,
+        record.engine_digest(),
+    ]  # fmt: skip
+    return hashlib.sha256(canonical(facts).encode()).hexdigest()[:16]
+
+
+def warm_up(stored: Stored, device: str) -> None:
+    """Compile and load what solvers share, so that the first row does not pay for it."""
+    views = len(stored.frames.names)
+    small = fewer_pixels(stored, WARM_PIXELS)
+    small = fewer_views(small, min(WARM_VIEWS, views)) if stored.poses.registered.all() else small
+    with job("warming up") as progress:
+        ours("warm", "", replace(params_of("draft"), object_distance=1.0)).solve(small, device, 0, progress)
+
+
+def _keep(row: Row, place: Path) -> None:
+    """Write a row; it appears whole or not at all."""
+    partial = place.with_name(place.name + ".partial")
+    with sessions.told(place):
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+    try:
+        artefacts.save(partial, "surface", row.surface)
+        facts = {"seconds": row.seconds, "extrapolated": row.extrapolated, "run": row.run}
+        artefacts.save_json(partial / "row.json", facts)
+        with sessions.told(place):
+            shutil.rmtree(place, ignore_errors=True)
+            partial.rename(place)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _read(place: Path, on: Set, method: Method) -> Row:
+    facts = json.loads((place / "row.json").read_bytes())
+    surface = artefacts.load(place, "surface", Surface)
+    return Row(on, method, surface, float(facts["seconds"]), bool(facts["extrapolated"]), str(facts["run"]))

@@ -1,0 +1,161 @@
+"""The solvers that the benchmarks compare: a row each.
+
+To add one, append a `Method` to `others` (rows of every table and of the chart), to `swept` (the chart alone) or to
+`switched` (the ablation alone). `solve` takes what the stages before the surface left, and answers with the surface
+and what it took; it is given no truth.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from app.bench.alike import alike
+from app.bench.stored import Stored, unlit_by_lamps
+from engine.pipeline import presets
+from engine.progress import Progress
+from engine.reference.baselines import BASELINES
+from engine.reference.params import ReferenceParams, scaled, title
+from engine.surface.pixels import SurfaceParams
+from engine.surface.solve import solve
+from engine.types import Surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """A surface; its mask may hold fewer pixels than the object.
+
+    `seconds` are those of the whole object: where fewer pixels, views or samples were computed than are meant, they
+    are `extrapolated`.
+    """
+
+    surface: Surface
+    seconds: float
+    extrapolated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One row. `facts` decide its answer, besides what it is given: another fact, another result to keep."""
+
+    key: str  # in metrics: no spaces
+    title: str
+    kind: str  # "ours" | "reference" | "baseline" | "maps"; points of one kind look alike on the chart
+    solve: Callable[[Stored, str, int, Progress], Answer]  # device, seed
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    matched: bool = False  # its albedo has no scale: it is compared after matching the truth's mean
+
+
+OURS = "standard"
+"""Key of the row that ratios of times refer to."""
+
+
+def ours(
+    key: str, title: str, params: SurfaceParams, change: Callable[[Stored], Stored] = lambda stored: stored
+) -> Method:
+    """Our solver with some parameters, on what `change` (named by `key`) makes of its input."""
+
+    def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
+        given = change(stored)
+        start = time.perf_counter()
+        surface, *_ = solve(*given.inputs, params, device, seed, progress)
+        return Answer(surface, time.perf_counter() - start)
+
+    return Method(key, title, "ours", run, dataclasses.asdict(params))
+
+
+def params_of(preset: str) -> SurfaceParams:
+    return replace(SurfaceParams(), **presets.of_stage("surface")[preset])
+
+
+def preset_rows() -> tuple[Method, ...]:
+    """Ours, at every preset."""
+    return tuple(ours(name, f"ours, {name}", params_of(name)) for name in presets.of_stage("surface"))
+
+
+def baselines() -> tuple[Method, ...]:
+    """Simpler methods, each under the light and at the distance that ours found, if it knows of light at all."""
+    return tuple(_baseline(key) for key in BASELINES)
+
+
+def _baseline(key: str) -> Method:
+    known = key != "uncalibrated"
+
+    def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
+        params, given = BASELINES[key].params(), stored
+        if known:
+            same = alike(stored, device, seed)
+            params, given = replace(params, object_distance=same.distance), same.stored
+        start = time.perf_counter()
+        surface = BASELINES[key].solve(*given.inputs, params, device, seed, progress)
+        return Answer(surface, time.perf_counter() - start)
+
+    facts = dataclasses.asdict(BASELINES[key].params())
+    return Method(key, key.replace("_", " "), "baseline", run, facts, matched=not known)
+
+
+def reference(params: ReferenceParams, work: int) -> Method:
+    """The paper's solver, on as many of the pixels as `work` (pixels x views x samples x epochs) is enough for."""
+
+    def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
+        # Torch takes seconds to load.
+        from engine.reference.solver import solve as solve_by_reference
+
+        same = alike(stored, device, seed)
+        each = len(stored.frames.names) * params.samples * params.epochs
+        pixels = max(LEAST_PIXELS, work // each)
+        params_here = replace(params, pixels=pixels, object_distance=same.distance)
+        surface, _, _, report = solve_by_reference(*same.stored.inputs, params_here, device, seed, progress)
+        whole = report.seconds_per_pixel * report.object_pixels
+        return Answer(surface, whole, report.pixels < report.object_pixels)
+
+    name = f"reference_{params.samples}_{params.epochs}"
+    name += "" if params.emitter_sampling else "_cosine_ggx"
+    return Method(name, title(params), "reference", run, dataclasses.asdict(params) | {"work": work})
+
+
+LEAST_PIXELS = 48
+"""Of the reference, however dear: three of its tiles."""
+SWEEP = tuple((samples, epochs) for samples in (16, 64, 256) for epochs in (10, 25, 50, 100))
+
+
+def others(work: int) -> tuple[Method, ...]:
+    """The reference at its published settings, and the baselines; `work` as in `reference`."""
+    return (reference(ReferenceParams(), work), *baselines())
+
+
+def swept(work: int) -> tuple[Method, ...]:
+    """The reference at several numbers of samples and epochs, short of the published ones."""
+    published = ReferenceParams()
+    few = [pair for pair in SWEEP if pair != (published.samples, published.epochs)]
+    return tuple(reference(scaled(*pair), work) for pair in few)
+
+
+def switched(work: int) -> tuple[Method, ...]:
+    """The reference as published, and without emitter sampling."""
+    return tuple(reference(ReferenceParams(emitter_sampling=on), work) for on in (True, False))
+
+
+def switch_rows() -> tuple[Method, ...]:
+    """Ours at its defaults, and with one remedy for a bias taken away after the other."""
+    usual = params_of(OURS)
+
+    def without(key: str, title: str, **changes: Any) -> Method:
+        return ours(key, title, replace(usual, **changes))
+
+    return (
+        ours(OURS, "ours", usual),
+        without("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", full_diffuse=False),
+        without("no_visibility", "w/o shadows of the object on itself", visibility=False),
+        without("no_horizons", "w/o horizons: shadows from depth alone", horizons=False),
+        without("no_bounce", "w/o light bounced by the object", bounce=False),
+        without("no_relight", "w/o refining the light", relight=False),
+        # The turns that find the distance keep their own few probes.
+        ours(
+            "far_light", "w/o near light: one probe, lamps far away",
+            replace(usual, probes_across=1, probes_deep=1), unlit_by_lamps,
+        ),
+        without("half_directions", "half the directions", directions=usual.directions // 2),
+        without("one_round", "one round on all pixels", rounds=1),
+    )  # fmt: skip

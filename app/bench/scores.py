@@ -1,0 +1,141 @@
+"""Rows held against their truth, over the pixels that every row of a set answered, and as metrics with tolerances."""
+
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.bench.gate import RATIO
+from app.bench.measured import Row
+from app.bench.record import BenchError, Metric
+from app.bench.rows import OURS
+from engine import metrics
+from engine.types import Surface
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """One of the paper's three measures."""
+
+    key: str
+    title: str
+    unit: str
+    direction: str
+    tolerance: float  # that a gate allows: libraries and processors round differently
+    decimals: int
+
+
+SCORES = (
+    Score("normal", "Normal ↓", "deg", "lower", 0.1, 2),
+    Score("albedo", "Albedo ↑", "dB", "higher", 0.2, 1),
+    Score("roughness", "Roughness ↓", "mean absolute error", "lower", 0.004, 4),
+)
+SLOWER = 1.0
+"""A ratio of times may rise by this share of itself: small sets and busy machines."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """One method on one set, or their mean over sets. `earlier`: the seconds are of an earlier run."""
+
+    set: str
+    method: str
+    title: str
+    kind: str
+    values: Mapping[str, float]  # by `Score.key`
+    seconds: float
+    extrapolated: bool
+    pixels: int  # compared
+    run: str  # "" when the seconds are of several
+
+
+def score(rows: Sequence[Row]) -> list[Scored]:
+    """Every row of one set, over the same pixels.
+
+    Raises:
+        BenchError: no pixel was answered by all.
+    """
+    common = np.logical_and.reduce([row.surface.mask for row in rows]) & rows[0].set.truth.mask
+    if not common.any():
+        raise BenchError(
+            f"{rows[0].set.name}: no pixel of the truth was answered by every row; nothing to compare"
+        )
+    scored = []
+    for row in rows:
+        found = metrics.evaluate(_masked(row.surface, common), row.set.truth)
+        albedo = found.albedo_psnr_matched_db if row.method.matched else found.albedo_psnr_db
+        values = {"normal": found.normal_mean_deg, "albedo": albedo, "roughness": found.roughness_mae}
+        scored.append(
+            Scored(
+                row.set.name, row.method.key, row.method.title, row.method.kind, values, row.seconds,
+                row.extrapolated, int(common.sum()), row.run,
+            )
+        )  # fmt: skip
+    return scored
+
+
+def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
+    """One method's mean over sets."""
+    first = scored[0]
+    runs = {s.run for s in scored}
+    return replace(
+        first,
+        set=name,
+        values={key: statistics.fmean(s.values[key] for s in scored) for key in first.values},
+        seconds=statistics.fmean(s.seconds for s in scored),
+        extrapolated=any(s.extrapolated for s in scored),
+        pixels=sum(s.pixels for s in scored),
+        run=runs.pop() if len(runs) == 1 else "",
+    )
+
+
+def by_method(scored: Iterable[Scored]) -> dict[str, list[Scored]]:
+    """In the order in which methods first appear."""
+    groups: dict[str, list[Scored]] = {}
+    for one in scored:
+        groups.setdefault(one.method, []).append(one)
+    return groups
+
+
+def means(scored: Sequence[Scored]) -> list[Scored]:
+    """Every method's mean over its sets."""
+    return [mean(group) for group in by_method(scored).values()]
+
+
+def ratio(one: Scored, other: Scored) -> float | None:
+    """Seconds of one per second of the other; None unless both were measured in one run."""
+    return one.seconds / other.seconds if one.run and one.run == other.run else None
+
+
+def as_metrics(scored: Sequence[Scored]) -> list[Metric]:
+    """Accuracies, seconds, and ratios of seconds to ours at its defaults where one run measured both."""
+    usual = {one.set: one for one in scored if one.method == OURS}
+    found = []
+    for one in scored:
+        at = f"{one.set}/{one.method}"
+        for kind in SCORES:
+            found.append(
+                Metric(f"{at}/{kind.key}", one.values[kind.key], kind.unit, kind.direction, kind.tolerance)
+            )
+        found.append(Metric(f"{at}/seconds", one.seconds, "s", "lower", None, one.extrapolated))
+        beside = usual.get(one.set)
+        share = ratio(one, beside) if beside is not None and beside is not one else None
+        if share is not None:
+            at_ours = one.kind == "ours"
+            # Ours may not become slower beside itself; of the others it is their being slower that counts.
+            direction, slack = (
+                ("lower", SLOWER * share) if at_ours else ("higher", share * SLOWER / (1 + SLOWER))
+            )
+            found.append(Metric(f"{at}/seconds_to_{OURS}", share, RATIO, direction, slack, one.extrapolated))
+    return found
+
+
+def albedo_rmse(psnr_db: float) -> float:
+    """The root mean square error that a PSNR against a peak of 1 says."""
+    return math.pow(10, -psnr_db / 20)
+
+
+def _masked(surface: Surface, mask: np.ndarray) -> Surface:
+    return replace(surface, mask=mask)

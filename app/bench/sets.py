@@ -1,0 +1,145 @@
+"""Sets of photographs with a known truth: made by the studio on first use, kept in a folder, taken to their light.
+
+A set's folder is named by all that decides it. It appears by one rename: a making that was killed leaves nothing
+that counts as a set, and the next one sweeps up what it left.
+"""
+
+import os
+import shutil
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from app import places, studio, terminal
+from app.bench.given import give_truth
+from app.bench.record import BenchError
+from app.bench.sizes import Size
+from app.bench.stored import Stored, evenly, load
+from engine import session as sessions
+from engine.pipeline import run, table
+from engine.pipeline.settings import Settings
+from engine.progress import Progress
+from engine.truth import Truth, read_truth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Set:
+    """One room and object, processed up to its light."""
+
+    room: str
+    thing: str
+    session: Path
+    stored: Stored
+    truth: Truth
+
+    @property
+    def name(self) -> str:
+        return f"{self.room}-{self.thing}"
+
+
+def default_folder() -> Path:
+    return places.cache() / "bench"
+
+
+def key(room: str, thing: str, size: Size, views: int, seed: int) -> str:
+    """The folder's name: room, object, views, pixels, seed, and the studio's version."""
+    from hardware.virtual.studio import shoot
+
+    return f"{room}-{thing}-{views}x{size.width}x{size.height}-seed{seed}-studio{shoot.VERSION}"
+
+
+def check_names(rooms: tuple[str, ...], things: tuple[str, ...]) -> None:
+    """Refuse names that the studio does not know before any work begins.
+
+    Raises:
+        BenchError: saying which, and what there is.
+    """
+    from hardware.virtual.studio import objects
+    from hardware.virtual.studio import rooms as furnished
+
+    for what, names, known in (
+        ("room", rooms, furnished.ROOMS), ("object", things, objects.OBJECTS),
+    ):  # fmt: skip
+        for name in names:
+            if name not in known:
+                raise BenchError(f"there is no {what} called {name!r}; choose of {', '.join(known)}")
+
+
+def photographed(folder: Path, room: str, thing: str, size: Size, views: int, seed: int, device: str) -> Path:
+    """The set's folder, with `session` and `truth`; made if it is not there."""
+    place = folder / key(room, thing, size, views, seed)
+    if place.is_dir():
+        return place
+    from hardware.virtual.studio.shoot import Order
+
+    with sessions.told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        _sweep(folder, place.name)
+    partial = folder / f".{place.name}.{os.getpid()}.making"
+    order = Order(room, thing, views, size.width, size.height, "handheld", seed, device)
+    try:
+        with job(f"making {room}-{thing}") as progress:
+            studio.simulate(partial, order, 0.0, progress)
+        with sessions.told(place):
+            partial.rename(place)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return place
+
+
+def ready(
+    folder: Path,
+    room: str,
+    thing: str,
+    size: Size,
+    views: int,
+    seed: int,
+    device: str,
+    count: int | None = None,
+) -> Set:
+    """The set of `views` photographs with its light; with `count`, only so many of them and the truth's poses and mask.
+
+    Raises:
+        RoomlightError: what the studio, the import or a stage has to say.
+    """
+    place = photographed(folder, room, thing, size, views, seed, device)
+    session, truth = place / "session", place / "truth"
+    if size.given or count is not None:
+        session = place / (f"given-{count}.session" if count is not None else "given.session")
+        if not session.exists():
+            chosen = None if count is None else evenly(count, views)
+            give_truth(place / "session", truth, session, chosen)
+    enlighten(session, f"{room}-{thing}", size.settings, seed, device)
+    return Set(room, thing, session, load(session), read_truth(truth))
+
+
+def enlighten(
+    session: Path, name: str, overrides: Mapping[str, Mapping[str, Any]], seed: int, device: str
+) -> None:
+    """Run what is not done of the stages up to the light."""
+    with terminal.stoppable() as cancelled, terminal.Display(Console(stderr=True)) as display:
+        watcher = run.Watcher(
+            lambda step: display.begin(f"{name} {step.stage.name}"),
+            lambda step, fraction, note: display.move(fraction, note),
+            lambda step, seconds: display.end(seconds),
+            cancelled,
+        )
+        settings = Settings("standard", seed, overrides)
+        run.process(sessions.open_session(session), table.stages(), settings, device, "light", watcher)
+
+
+def job(name: str) -> AbstractContextManager[Progress]:
+    """Progress on stderr: tables alone go to stdout."""
+    return terminal.job(name, Console(stderr=True))
+
+
+def _sweep(folder: Path, name: str) -> None:
+    """Remove what killed makings of a set left."""
+    for left in folder.glob(f".{name}.*.making"):
+        process = left.name.split(".")[-2]
+        if not Path("/proc", process).exists():
+            shutil.rmtree(left, ignore_errors=True)

@@ -1,0 +1,52 @@
+"""How large the benchmark's sets are, and which rooms and objects each size takes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo")
+ROOMS = ("study", "lamps", "window")
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """One size of sets."""
+
+    name: str
+    views: int
+    width: int  # pixels
+    height: int
+    rooms: tuple[str, ...]
+    objects: tuple[str, ...]
+    given: bool  # the truth's poses and mask: such photographs are too small to place views by
+    counts: tuple[int, ...]  # views that `bench views` compares; its sets hold the most of them
+    directions: tuple[int, ...]  # that `bench scaling` compares
+    reference_work: (
+        int  # pixels x views x samples x epochs of one row of the reference: 5 microseconds each, about
+    )
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
+
+    @property
+    def inputs(self) -> str:
+        return "true poses and masks given" if self.given else "poses and masks estimated"
+
+    def told(self) -> str:
+        """For a table's head."""
+        light = ", a light of few Gaussians" if self.settings else ""
+        return f"sets of size {self.name} ({self.views} views of {self.width} x {self.height}), {self.inputs}{light}"
+
+
+SIZES = {
+    "quick": Size(
+        "quick", 24, 96, 72, ("booth",), ("blob",), True, (12, 24), (512, 1024, 2048), 400_000,
+        # The machinery is what is tried: a light of few Gaussians does.
+        {"light": {"budget": 3000, "passes": [2, 2, 2]}},
+    ),
+    "small": Size(
+        "small", 48, 256, 192, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096), 60_000_000
+    ),
+    "standard": Size(
+        "standard", 96, 512, 384, ROOMS, ("blob", "relief", "duo"), False, (10, 20, 40, 80, 150),
+        (512, 1024, 2048, 4096), 60_000_000,
+    ),
+}  # fmt: skip

@@ -1,0 +1,72 @@
+"""The benchmark's tables, in the forms of the paper's Tables 1 to 3: normals, albedo and roughness, method by method."""
+
+from collections.abc import Sequence
+
+from app.bench.markdown import markdown, shown
+from app.bench.rows import OURS
+from app.bench.scores import SCORES, Scored, by_method, mean, means, ratio
+
+
+def by_object(scored: Sequence[Scored]) -> str:
+    """Table 1: objects as rows, averaged over rooms; methods as groups of columns; an average; seconds."""
+    methods = by_method(scored)
+    things = list(dict.fromkeys(_thing(one) for one in scored))
+    lines = [["object", *(f"{group[0].title}: {s.title}" for group in methods.values() for s in SCORES)]]
+    for thing in things:
+        means_here = [mean([one for one in group if _thing(one) == thing]) for group in methods.values()]
+        lines.append([thing, *_cells(means_here)])
+    lines.append(["average", *_cells([mean(group) for group in methods.values()])])
+    return markdown(lines)
+
+
+def by_views(scored: Sequence[tuple[int, Scored]]) -> str:
+    """Table 2: numbers of views as rows, methods as groups of columns; each the mean over the sets."""
+    methods = by_method(one for _, one in scored)
+    lines = [["views", *(f"{group[0].title}: {s.title}" for group in methods.values() for s in SCORES)]]
+    for count in sorted({count for count, _ in scored}):
+        here = by_method(one for views, one in scored if views == count)
+        lines.append([str(count), *_cells([mean(here[key]) for key in methods])])
+    return markdown(lines)
+
+
+def by_switch(scored: Sequence[Scored]) -> str:
+    """Table 3: methods as rows, three scores, seconds, and how many times as long as ours at its defaults."""
+    averages = means(scored)
+    usual = next((one for one in averages if one.method == OURS), None)
+    lines = [["method", *(s.title for s in SCORES), "seconds", f"x {OURS}"]]
+    now = latest_run(scored)
+    for one in averages:
+        share = ratio(one, usual) if usual is not None else None
+        lines.append([one.title, *_cells([one]), seconds(one, now), shown(share, 2)])
+    return markdown(lines)
+
+
+def latest_run(scored: Sequence[Scored]) -> str:
+    """The run that the last row was measured in."""
+    return scored[-1].run
+
+
+def seconds(one: Scored, run: str) -> str:
+    """With `~` where extrapolated and `*` where another run (or several) measured them."""
+    digits = shown(one.seconds, 1 if one.seconds < 100 else 0)
+    return f"{'~' if one.extrapolated else ''}{digits}{'' if one.run == run else '*'}"
+
+
+def notes(scored: Sequence[Scored], run: str) -> str:
+    """What the marks in a table mean, where it has any; and which pixels were compared."""
+    said = [
+        f"{len({one.set for one in scored})} sets, {min(one.pixels for one in scored)} pixels or more each"
+    ]
+    if any(one.extrapolated for one in scored):
+        said.append("~ extrapolated from fewer pixels, views or samples")
+    if any(one.run != run for one in scored):
+        said.append("* seconds of an earlier run, in no ratio with others (--fresh measures all again)")
+    return "; ".join(said)
+
+
+def _thing(one: Scored) -> str:
+    return one.set.partition("-")[2]
+
+
+def _cells(scored: Sequence[Scored]) -> list[str]:
+    return [shown(one.values[s.key], s.decimals) for one in scored for s in SCORES]

@@ -1,0 +1,226 @@
+"""Baselines that know the light as ours does but use less of it: as if far away, to second order, or without highlights.
+
+They take the light as the stage *light* found it: how bright its parts are is not refined by the object's shading,
+which is our solver's; of a lamp that every photograph shows clipped they know the lower bound. Where a row is to
+differ from ours in nothing else, give them the `light_gains` and the distance that ours found. All registered views
+are fitted. Camera frame.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from engine.errors import SurfaceError
+from engine.progress import Progress
+from engine.reference.flat import HarmonicRows, panoramas, projected
+from engine.reference.matt import Matt, answered, matt_start, refined, seen_object
+from engine.surface.newton import State
+from engine.surface.pixels import (
+    Subject,
+    SurfaceParams,
+    as_photographed,
+    depth_of,
+    improve,
+    search,
+    sight_of,
+)
+from engine.surface.rough import first_look
+from engine.surface.solve import DEPTH_MARGIN
+from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.transport import Sight, lattice_around
+from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
+
+
+@dataclass(frozen=True, slots=True)
+class KnownLightParams:
+    """What the person may ask of a baseline that knows the light."""
+
+    object_distance: float = 0.0  # camera to object along z, scene units; 0 = our solver's first look
+    directions: int = 1024  # cells on the sphere of incident directions
+    probe_face_px: int = 48  # resolution of one face of each probe's cube
+    candidates: int = 300  # normals tried by the global search
+    passes: int = 6  # Gauss-Newton evaluations in each round
+    rounds: int = 3  # solve, integrate, see: how often; nothing is hidden in the first
+    visibility: bool = True  # let the object shadow and light itself; second order knows no shadows
+    model_error: float = 0.02  # relative misfit expected of a good model
+    light_gains: tuple[tuple[float, ...], ...] = ()  # `SurfaceReport.light_gains` of our solver, same seed
+
+    def ours(self, full_diffuse: bool) -> SurfaceParams:
+        """The same for the parts of our solver, with nothing refined of the light."""
+        return SurfaceParams(
+            directions=self.directions,
+            probe_face_px=self.probe_face_px,
+            candidates=self.candidates,
+            passes=self.passes,
+            full_diffuse=full_diffuse,
+            visibility=self.visibility,
+            horizons=self.visibility,
+            bounce=self.visibility,
+            relight=False,
+            model_error=self.model_error,
+            held_out=0,
+            object_distance=self.object_distance,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """The object in all registered views, the room around it, and how far away it is along z."""
+
+    who: Subject
+    views: Int[np.ndarray, " n"]
+    room: Room
+    distance: float
+
+
+Method = Callable[[Scene, KnownLightParams, SurfaceParams, str, Progress], Surface]
+
+
+def on_stages(full_diffuse: bool) -> Callable[[Method], Callable[..., Surface]]:
+    """Makes a method on a scene one on what the stages left: it takes what `surface/solve.py:solve` takes.
+
+    Raises (the method): SurfaceError: too few views, an empty mask, or light gains of another light.
+    """
+
+    def made(method: Method) -> Callable[..., Surface]:
+        def solve(
+            frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps,
+            params: KnownLightParams, device: str, seed: int, progress: Progress,
+        ) -> Surface:  # fmt: skip
+            ours = params.ours(full_diffuse)
+            scene = _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress.part(0, 0.2))
+            return method(scene, params, ours, device, progress.part(0.2, 1))
+
+        return solve
+
+    return made
+
+
+@on_stages(full_diffuse=True)
+def far_field(
+    scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
+) -> Surface:
+    """Our solver under a panorama for each view, taken at the object's place: no parallax over the object."""
+    return _under_panoramas(scene, _place(scene), params, ours, device, progress)
+
+
+@on_stages(full_diffuse=True)
+def one_panorama(
+    scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
+) -> Surface:
+    """Our solver under one panorama, taken in the middle of all cameras, that only turns from view to view."""
+    return _under_panoramas(scene, None, params, ours, device, progress)
+
+
+@on_stages(full_diffuse=False)
+def harmonics(
+    scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
+) -> Surface:
+    """Lambert under nine harmonics, per view and channel, of the panorama at the object's place; no shadows.
+
+    Runs on the CPU whatever the device: its rows are nine numbers long.
+    """
+    light = panoramas(
+        scene.room,
+        scene.views,
+        _place(scene),
+        params.directions,
+        params.probe_face_px,
+        progress.part(0, 0.25),
+    )
+    who, rows = scene.who, HarmonicRows(projected(light.directions, light.energy[0]))
+    sight = who.flat(scene.distance)
+    state = matt_start(who, rows, sight, params.candidates, progress.part(0.25, 0.5))
+    state = refined(who, state, rows, sight, params.passes, progress.part(0.5, 0.95))
+    depth = depth_of(who, state, scene.distance, progress.part(0.95, 1))
+    return answered(who, state, sight, depth, params.model_error)
+
+
+@on_stages(full_diffuse=False)
+def lambert(
+    scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
+) -> Surface:
+    """Lambert under our near-field light, with shadows and bounced light but without highlights."""
+    who, z = scene.who, scene.distance
+    lattice = lattice_around(
+        who.camera, who.mask, (z * (1 - DEPTH_MARGIN), z * (1 + DEPTH_MARGIN)),
+        (ours.probes_across, ours.probes_across, ours.probes_deep),
+    )  # fmt: skip
+    light = light_at(
+        lattice, scene.room, np.ones((len(scene.room.clipped), 3)), scene.views, params.directions,
+        params.probe_face_px, progress.part(0, 0.25),
+    )  # fmt: skip
+    rows = Matt(who.responses(light, ours, device))
+    state = matt_start(who, rows, who.flat(z), params.candidates, progress.part(0.25, 0.4))
+
+    def solved(state: State, sight: Sight, progress: Progress) -> State:
+        return refined(who, state, rows, sight, params.passes, progress)
+
+    state, sight, depth = _in_turns(
+        scene, state, solved, light.directions, ours, params.rounds, progress.part(0.4, 1)
+    )
+    return answered(who, state, sight, depth, params.model_error)
+
+
+def _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress) -> Scene:
+    who, views = seen_object(frames, masks, poses, ours)
+    room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
+    if params.light_gains:
+        gain = np.array(params.light_gains)[:-1]  # the last is that of what was filled in
+        if gain.shape != (len(room.clipped), 3):
+            raise SurfaceError(
+                f"{len(gain)} light gains for {len(room.clipped)} groups of emitters; give those of a solve with"
+                " the same light and seed"
+            )
+        brighter, lit = room.under(gain)
+        room = replace(room, gaussians=brighter, lamps=lit)
+    distance = params.object_distance
+    if distance <= 0:
+        distance, _, _ = first_look(who, room, views, ours, seed, progress)
+    return Scene(who, views, room, distance)
+
+
+def _place(scene: Scene) -> Float[np.ndarray, " 3"]:
+    """The middle of the object, as if it were flat."""
+    return scene.who.flat(scene.distance).points.mean(0)
+
+
+def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
+    who = scene.who
+    light = panoramas(
+        scene.room, scene.views, point, params.directions, params.probe_face_px, progress.part(0, 0.2)
+    )
+    state = search(who, light, who.flat(scene.distance), ours, device, progress.part(0.2, 0.3))
+
+    def solved(state: State, sight: Sight, progress: Progress) -> State:
+        return improve(who, state, light, sight, ours, device, progress)
+
+    state, sight, depth = _in_turns(
+        scene, state, solved, light.directions, ours, params.rounds, progress.part(0.3, 1)
+    )
+    sight = as_photographed(who, state, sight, light.directions)
+    return answered(who, state, sight, depth, params.model_error)
+
+
+def _in_turns(
+    scene: Scene,
+    state: State,
+    solved: Callable[[State, Sight, Progress], State],
+    directions: Float[np.ndarray, "d 3"],
+    ours: SurfaceParams,
+    rounds: int,
+    progress: Progress,
+) -> tuple[State, Sight, Float[np.ndarray, "h w"]]:
+    """The pixels in turns with the depth, which says where the points are and what hides the room from them."""
+    who, z = scene.who, scene.distance
+    sight = who.flat(z)
+    depth = depth_of(who, state, z, progress.part(0, 0.05))
+    for turn in range(rounds):
+        span = progress.part(0.05 + 0.95 * turn / rounds, 0.05 + 0.95 * (turn + 1) / rounds)
+        if turn:
+            sight = sight_of(who, state, depth, directions, ours, span.part(0, 0.2))
+        state = solved(state, sight, span.part(0.2, 0.9))
+        depth = depth_of(who, state, z, span.part(0.9, 1))
+    return state, sight, depth

@@ -1,0 +1,118 @@
+"""What the paper's inverse renderer starts from: normals and materials from elsewhere, depth by integration.
+
+Source: the paper, Sec. 4, "Implementation details", which takes a network's normals and roughness. Here they are
+those of our own global search under the room's light, or maps of the user's. The paper does not say what albedo
+begins with: here with the search's own, or where maps hold none with the middle of its range. Camera frame.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.errors import SurfaceError
+from engine.images import read_radiance
+from engine.progress import Progress
+from engine.reference.params import ReferenceParams
+from engine.surface import newton
+from engine.surface.distance import Distance
+from engine.surface.pixels import SurfaceParams, depth_of, search, subject
+from engine.surface.rough import DIRECTIONS, FACE_PX, MARGIN, VIEWS, first_look
+from engine.surface.surroundings import Room, light_at
+from engine.surface.transport import lattice_around
+from engine.types import Frames
+
+MIDDLE = 0.5
+"""Albedo and roughness of which nothing is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """The first surface of the mask's pixels, in row order; depth on the grid of the photographs."""
+
+    normals: Float[np.ndarray, "p 3"]
+    albedo: Float[np.ndarray, "p 3"]
+    roughness: Float[np.ndarray, " p"]
+    depth: Float[np.ndarray, "h w"]  # z, scene units
+    distance: Distance
+
+
+def begin(
+    frames: Frames,
+    mask: Bool[np.ndarray, "h w"],
+    room: Room,
+    fitted: Int[np.ndarray, " f"],
+    params: ReferenceParams,
+    device: str,
+    seed: int,
+    progress: Progress,
+) -> Start:
+    """Distance, normals, roughness and albedo, then depth.
+
+    Raises:
+        SurfaceError: the user's maps cannot be read or do not fit the photographs.
+    """
+    views = fitted[:: max(1, len(fitted) // VIEWS)]
+    few = frames.views(views)
+    ours = SurfaceParams(full_diffuse=params.full_diffuse)
+    who = subject(few, mask, room.poses.camera, np.arange(len(views)), ours)
+    distance = Distance(params.object_distance, 0.0, "given")
+    if params.object_distance <= 0:
+        value, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
+        distance = Distance(value, np.nan, "light", tried, misfit)
+    if params.start_maps:
+        state = newton.begin(*read_maps(Path(params.start_maps), mask))
+    else:
+        z = distance.value
+        lattice = lattice_around(who.camera, mask, (z / MARGIN, z * MARGIN), (2, 2, 2))
+        evenly = np.ones((len(room.clipped), 3))
+        light = light_at(lattice, room, evenly, views, DIRECTIONS, FACE_PX, progress.part(0.5, 0.7))
+        state = search(who, light, who.flat(z), ours, device, progress.part(0.7, 0.9))
+    depth = depth_of(who, state, distance.value, progress.part(0.9, 1))
+    return Start(state.normals, state.albedo, state.roughness, depth, distance)
+
+
+def read_maps(
+    path: Path, mask: Bool[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
+    """(normals, albedo, roughness) of the mask's pixels, from maps made elsewhere.
+
+    An .npz holds `normal` and may hold `roughness` and `albedo`; an .npy or the red, green and blue of an .exr are the
+    normals' x, y and z. Camera frame: a normal that faces the camera has z < 0.
+
+    Raises:
+        SurfaceError: no such file, not of the photographs' size, or normals that look away.
+    """
+    try:
+        if path.suffix == ".exr":
+            maps = {"normal": read_radiance(path)}
+        else:
+            content = np.load(path, allow_pickle=False)
+            maps = {"normal": content} if isinstance(content, np.ndarray) else dict(content)
+    except (OSError, ValueError, EOFError) as error:
+        raise SurfaceError(f"{path}: cannot be read as maps ({error}); give an .npz, .npy or .exr") from error
+    maps = {"albedo": np.full((*mask.shape, 3), MIDDLE), "roughness": np.full(mask.shape, MIDDLE)} | maps
+    for name, shape in (
+        ("normal", (*mask.shape, 3)),
+        ("albedo", (*mask.shape, 3)),
+        ("roughness", mask.shape),
+    ):
+        found = maps[name].shape if name in maps else "nothing"
+        if found != shape or not np.isfinite(maps[name][mask]).all():
+            raise SurfaceError(
+                f"{path}: {name} holds {found}, or values that are not finite; it must be {shape}, one for every"
+                " pixel of the photographs as they are processed"
+            )
+    normals = maps["normal"][mask].astype(np.float64)
+    length = np.linalg.norm(normals, axis=1)
+    if (length < 0.5).any() or np.median(normals[:, 2]) > 0:
+        raise SurfaceError(
+            f"{path}: normals are missing on the object or look away from the camera; in the camera's frame (x right,"
+            " y down, z forward) one that faces the camera has z < 0"
+        )
+    return (
+        normals / length[:, None],
+        maps["albedo"][mask].astype(np.float64),
+        maps["roughness"][mask].astype(np.float64),
+    )

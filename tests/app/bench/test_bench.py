@@ -1,0 +1,228 @@
+"""`roomlight bench`: finished rows are kept, half sets never count, the gate's exit code, errors in one line."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app import studio
+from app.bench import measured, rows, scaling, sets
+from app.bench.measured import Bench, row_key
+from app.bench.record import BenchError
+from app.bench.sizes import SIZES
+from app.bench.stored import evenly, fewer_gaussians, fewer_pixels, fewer_views, unlit_by_lamps
+from app.cli import main
+from engine.errors import Cancelled
+from tests.app.bench.synthetic import GAUSSIANS, LAMPS, VIEWS, a_set, method, stored
+from tests.app.calls import refused
+
+QUICK = SIZES["quick"]
+
+
+@pytest.fixture(autouse=True)
+def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Nothing to warm up, and a cache of this test's own."""
+    monkeypatch.setattr(measured, "warm_up", lambda given, device: None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Sets and solvers that cost nothing; what was solved."""
+    seen: list[str] = []
+    monkeypatch.setattr(sets, "ready", lambda folder, room, thing, *rest: a_set(room, thing))
+    solvers = (method("draft", 3.0, 1.0, calls=seen), method("standard", 2.0, 4.0, calls=seen))
+    monkeypatch.setattr(rows, "preset_rows", lambda: solvers)
+    monkeypatch.setattr(rows, "others", lambda work: (method("published", 4.0, 8e3, "reference", seen),))
+    monkeypatch.setattr(rows, "swept", lambda work: ())
+    return seen
+
+
+def bench(folder: Path, fresh: bool = False) -> Bench:
+    return Bench(folder, "cpu", 0, fresh)
+
+
+def test_finished_rows_are_kept_and_not_solved_again(tmp_path: Path):
+    calls: list[str] = []
+    methods = (method("a", 1.0, 5.0, calls=calls), method("b", 2.0, 6.0, calls=calls))
+    first = bench(tmp_path).rows(a_set(), methods)
+    again = bench(tmp_path).rows(a_set(), methods)
+    assert calls == ["a", "b"]
+    assert [(r.seconds, r.run) for r in again] == [(r.seconds, r.run) for r in first]
+    assert np.array_equal(again[1].surface.normal, first[1].surface.normal)
+    redone = bench(tmp_path, fresh=True).rows(a_set(), methods)
+    assert calls == ["a", "b", "a", "b"]
+    assert redone[0].run != first[0].run
+
+
+def test_a_stop_keeps_what_was_finished(tmp_path: Path):
+    calls: list[str] = []
+
+    def stop(*_):
+        raise Cancelled("stopped")
+
+    stopping = replace(method("b", 2.0, 6.0), solve=stop)
+    with pytest.raises(Cancelled):
+        bench(tmp_path).rows(a_set(), (method("a", 1.0, 5.0, calls=calls), stopping))
+    bench(tmp_path).rows(a_set(), (method("a", 1.0, 5.0, calls=calls), method("b", 2.0, 6.0, calls=calls)))
+    assert calls == ["a", "b"]
+
+
+def test_a_damaged_row_is_measured_again(tmp_path: Path):
+    calls: list[str] = []
+    methods = (method("a", 1.0, 5.0, calls=calls),)
+    bench(tmp_path).rows(a_set(), methods)
+    next((tmp_path / "rows").glob("*/row.json")).write_text("{")
+    assert bench(tmp_path).rows(a_set(), methods)[0].seconds == 5.0
+    assert calls == ["a", "a"]
+
+
+def test_a_rows_key_changes_with_all_that_decides_it(monkeypatch: pytest.MonkeyPatch):
+    plain = method("a", 1.0, 5.0, directions=512)
+    keys = [
+        row_key(stored(), plain, "cpu", 0),
+        row_key(stored("beef"), plain, "cpu", 0),
+        row_key(stored(), replace(plain, key="b"), "cpu", 0),
+        row_key(stored(), replace(plain, facts={"directions": 1024}), "cpu", 0),
+        row_key(stored(), plain, "cuda", 0),
+        row_key(stored(), plain, "cpu", 1),
+    ]
+    monkeypatch.setattr("app.bench.record.engine_digest", lambda: "other source")
+    keys.append(row_key(stored(), plain, "cpu", 0))
+    assert len(set(keys)) == len(keys)
+    assert keys[-1] == row_key(stored(), replace(plain, title="said otherwise"), "cpu", 0)
+
+
+def test_a_sets_folder_changes_with_all_that_decides_it(monkeypatch: pytest.MonkeyPatch):
+    wide = replace(QUICK, width=128)
+    keys = {
+        sets.key("booth", "blob", QUICK, 24, 0), sets.key("plain", "blob", QUICK, 24, 0),
+        sets.key("booth", "duo", QUICK, 24, 0), sets.key("booth", "blob", wide, 24, 0),
+        sets.key("booth", "blob", QUICK, 25, 0), sets.key("booth", "blob", QUICK, 24, 1),
+    }  # fmt: skip
+    monkeypatch.setattr("hardware.virtual.studio.shoot.VERSION", 99)
+    keys.add(sets.key("booth", "blob", QUICK, 24, 0))
+    assert len(keys) == 7
+
+
+def test_a_killed_making_leaves_no_set_and_is_swept_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made: list[Path] = []
+
+    def make(out: Path, *_: object) -> None:
+        (out / "truth").mkdir(parents=True)
+        made.append(out)
+        if len(made) == 1:
+            raise KeyboardInterrupt
+        (out / "session").mkdir()
+
+    monkeypatch.setattr(studio, "simulate", make)
+    left = tmp_path / f".{sets.key('booth', 'blob', QUICK, 24, 0)}.{2**30}.making"  # no such process
+    left.mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        sets.photographed(tmp_path, "booth", "blob", QUICK, 24, 0, "cpu")
+    assert os.listdir(tmp_path) == []
+    place = sets.photographed(tmp_path, "booth", "blob", QUICK, 24, 0, "cpu")
+    assert sorted(os.listdir(place)) == ["session", "truth"]
+    assert sets.photographed(tmp_path, "booth", "blob", QUICK, 24, 0, "cpu") == place
+    assert len(made) == 2
+
+
+def test_parts_of_a_set_are_even_and_keep_the_lamps():
+    assert evenly(3, 9) == [0, 4, 8]
+    with pytest.raises(BenchError, match="12 views of a set of 9"):
+        evenly(12, 9)
+    few = fewer_views(stored(), 3)
+    assert few.frames.radiance[:, 0, 0, 0].tolist() == [0, 6, 11]
+    assert few.poses.cam_from_world[:, 0, 3].tolist() == [0, 6, 11]
+    assert few.masks.background.shape[0] == 3
+    assert fewer_pixels(stored(), 50).masks.object.sum() == 50
+    sparse = fewer_gaussians(stored(), 10, 0)
+    assert len(sparse.gaussians.means) == 10
+    assert sparse.gaussians.density[-LAMPS:].tolist() == [GAUSSIANS - 2, GAUSSIANS - 1]
+    assert len(unlit_by_lamps(stored()).lamps.radii) == 0
+    assert len(stored().frames.names) == VIEWS
+
+
+def test_every_switch_differs_from_the_defaults_in_what_it_says():
+    usual, *without = rows.switch_rows()
+    assert usual.key == rows.OURS
+    assert len({row.key for row in without}) == len(without)
+    for row in without:
+        assert any(row.facts[name] != usual.facts[name] for name in usual.facts), row.key
+
+
+def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    words = ["bench", "table", "--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    files = ["--json", str(tmp_path / "m.json"), "--write-baseline", str(tmp_path / "base.json")]
+    assert main([*words, *files]) == 0
+    out = capsys.readouterr().out
+    assert "ours, draft: Normal ↓" in out
+    assert "~8000" in out
+    record = json.loads((tmp_path / "m.json").read_text())
+    assert record["command"] == "table"
+    assert record["inputs"].startswith("sets of size quick (24 views")
+    ratios = {m["key"]: m["value"] for m in record["metrics"] if m["unit"] == "x"}
+    assert ratios["mean/published/seconds_to_standard"] == 2000
+    baseline = json.loads((tmp_path / "base.json").read_text())
+    assert {m["unit"] for m in baseline["metrics"]} == {"deg", "dB", "mean absolute error", "x"}
+    assert main([*words, "--gate", str(tmp_path / "base.json")]) == 0
+    assert calls == ["draft", "standard", "published"]
+    worse = (method("draft", 3.0, 1.0, calls=calls), method("standard", 2.5, 4.0, calls=calls, slip=True))
+    monkeypatch.setattr(rows, "preset_rows", lambda: worse)
+    capsys.readouterr()
+    assert main([*words, "--gate", str(tmp_path / "base.json")]) == 1
+    said = capsys.readouterr().err
+    assert "worse: mean/standard/normal: 2.5 deg, was 2" in said
+    assert "draft/normal" not in said
+    assert "not compared: mean/draft/seconds_to_standard" in said
+
+
+def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]):
+    to = ["--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    assert main(["bench", "chart", *to, "--out", str(tmp_path / "drawn")]) == 0
+    assert sorted(p.name for p in (tmp_path / "drawn").iterdir()) == ["chart.csv", "chart.png", "chart.svg"]
+    assert str(tmp_path / "drawn" / "chart.svg") in capsys.readouterr().out
+    assert main(["bench", "views", *to, "--json", str(tmp_path / "m.json")]) == 0
+    assert "| 12 " in capsys.readouterr().out
+    keys = {m["key"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
+    assert {"12-views/booth-blob/standard/normal", "24-views/booth-blob/standard/normal"} <= keys
+
+
+def test_scaling_fits_what_one_run_measured(monkeypatch: pytest.MonkeyPatch):
+    points = [scaling.Point("pixels", n, 0.1 * n, 10**9, 1000 * n**2, "now") for n in (100, 200, 400)]
+    assert scaling.fit(points, "seconds")[0] == pytest.approx(1)
+    assert scaling.fit(points, "solve_bytes")[0] == pytest.approx(2)
+    assert "1.00 ± 0.00" in scaling.table(points, "now")
+    mixed = [*points[:2], replace(points[2], run="before")]
+    assert np.isnan(scaling.fit(mixed, "seconds")[0])
+    assert "40.00*" in scaling.table(mixed, "now")
+    values = scaling.values(a_set(), (512, 1024))
+    assert values["views"] == [10, VIEWS]
+    assert values["pixels"][-1] == stored().masks.object.sum()
+    assert values["directions"] == [512, 1024]
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--rooms", "cellar"], "no room called 'cellar'"),
+        (["--objects", "bear"], "no object called 'bear'"),
+        (["--seed", "-1"], "--seed -1"),
+        (["--gate", "nowhere.json"], "nowhere.json: cannot be read"),
+        (["--sets", __file__], "is no folder"),
+    ],
+)
+def test_what_cannot_be_measured_is_one_line(words: list[str], why: str, capsys: pytest.CaptureFixture[str]):
+    assert why in refused(capsys, "bench", "table", "--quick", *words)
+
+
+@pytest.mark.parametrize("words", [["--quick", "--size", "small"], ["--rooms", "a,,b"], ["--size", "huge"]])
+def test_what_the_command_line_does_not_know_is_refused(words: list[str]):
+    with pytest.raises(SystemExit) as left:
+        main(["bench", "table", *words])
+    assert left.value.code == 2

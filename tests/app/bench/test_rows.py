@@ -1,0 +1,65 @@
+"""The rows beside ours: the same light and distance for all, and what a part of the pixels stands for."""
+
+import numpy as np
+import pytest
+
+from app.bench import rows
+from app.bench.alike import Alike, brightened
+from app.bench.stored import Stored
+from engine.light.gaussians import Y00
+from engine.progress import Progress
+from engine.reference.baselines import BASELINES
+from engine.reference.params import ReferenceParams, scaled
+from engine.surface.pixels import SurfaceParams
+from engine.surface.surroundings import furnished
+from tests.engine.reference.lit_room import DISTANCE, lambert, scene
+
+
+@pytest.fixture(scope="module")
+def lit() -> Stored:
+    return Stored("f00d", *scene(lambert).given)
+
+
+def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Stored):
+    params = SurfaceParams()
+    room = furnished(
+        lit.gaussians,
+        lit.lamps,
+        lit.frames,
+        lit.masks,
+        lit.poses,
+        params.relight_groups,
+        params.relight_prior,
+        0,
+    )
+    count, lamps = len(room.clipped), len(lit.lamps.radii)
+    assert lamps > 0
+    gain = np.ones((count, 3))
+    gain[-1] = [3.0, 2.0, 1.0]
+    bright = brightened(lit, gain, params, 0)
+    np.testing.assert_allclose(bright.lamps.radiance[-1], lit.lamps.radiance[-1] * [3, 2, 1])
+    np.testing.assert_allclose(bright.gaussians.radiance[-1, 0] * Y00, bright.lamps.radiance[-1], rtol=1e-6)
+    np.testing.assert_allclose(bright.gaussians.radiance[:-1], lit.gaussians.radiance[:-1], rtol=1e-6)
+    assert not bright.lamps.clipped.any()
+
+
+def test_a_part_of_the_pixels_is_told_as_the_whole(lit: Stored, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(rows, "alike", lambda stored, device, seed: Alike(stored, DISTANCE))
+    answer = rows.reference(scaled(2, 1), work=1).solve(lit, "cpu", 0, Progress())
+    whole = int(lit.masks.object.sum())
+    assert answer.surface.mask.sum() == rows.LEAST_PIXELS < whole
+    assert answer.extrapolated
+    every = rows.reference(scaled(2, 1), work=10**9).solve(lit, "cpu", 0, Progress())
+    assert every.surface.mask.sum() == whole
+    assert not every.extrapolated
+
+
+def test_every_baseline_and_switch_has_a_row_of_its_own():
+    work = 1000
+    methods = (*rows.preset_rows(), *rows.others(work), *rows.swept(work))
+    assert len({method.key for method in methods}) == len(methods)
+    assert {method.key for method in methods if method.kind == "baseline"} == set(BASELINES)
+    published, without = rows.switched(work)
+    assert published.key == rows.others(work)[0].key
+    assert without.facts["emitter_sampling"] is False
+    assert published.facts["samples"] == ReferenceParams().samples

@@ -1,0 +1,132 @@
+"""Tables hold the numbers of the right rows, over the same pixels, and ratios of one run alone."""
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from app.bench import chart, scores, tables
+from app.bench.markdown import markdown
+from app.bench.measured import Row
+from app.bench.rows import Method
+from app.bench.scores import Scored
+from tests.app.bench.synthetic import a_set, leaning, method
+
+
+def scored(
+    thing: str, key: str, normal: float, seconds: float, run: str = "now", room: str = "study"
+) -> Scored:
+    values = {"normal": normal, "albedo": 30.0, "roughness": 0.05}
+    return Scored(f"{room}-{thing}", key, f"ours, {key}", "ours", values, seconds, False, 100, run)
+
+
+def cells(text: str, first: str) -> list[str]:
+    (line,) = [line for line in text.splitlines() if line.startswith(f"| {first} ")]
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_objects_are_averaged_over_rooms_and_then_over_all():
+    some = [
+        scored("blob", "draft", 2.0, 1.0), scored("blob", "draft", 4.0, 1.0, room="lamps"),
+        scored("duo", "draft", 9.0, 1.0), scored("blob", "fine", 1.0, 1.0),
+        scored("blob", "fine", 1.0, 1.0, room="lamps"), scored("duo", "fine", 4.0, 1.0),
+    ]  # fmt: skip
+    text = tables.by_object(some)
+    assert cells(text, "blob")[1:] == ["3.00", "30.0", "0.0500", "1.00", "30.0", "0.0500"]
+    assert cells(text, "duo")[1] == "9.00"
+    assert cells(text, "average")[1::3] == ["5.00", "2.00"]
+    assert cells(text, "object")[1] == "ours, draft: Normal ↓"
+
+
+def test_views_are_rows_in_order():
+    text = tables.by_views(
+        [(40, scored("blob", "standard", 3.0, 1.0)), (10, scored("blob", "standard", 8.0, 1.0))]
+    )
+    assert [line.split("|")[1].strip() for line in text.splitlines()[2:]] == ["10", "40"]
+    assert cells(text, "10")[1] == "8.00"
+
+
+def test_a_ratio_is_taken_within_one_run_only():
+    usual, slow = scored("blob", "standard", 3.0, 10.0), scored("blob", "fine", 2.0, 30.0)
+    assert cells(tables.by_switch([usual, slow]), "ours, fine")[-2:] == ["30.0", "3.00"]
+    earlier = replace(slow, run="before")
+    text = tables.by_switch([earlier, usual])
+    assert cells(text, "ours, fine")[-2:] == ["30.0*", "-"]
+    assert "earlier run" in tables.notes([earlier, usual], usual.run)
+    keys = [m.key for m in scores.as_metrics([usual, earlier])]
+    assert not any("seconds_to" in key for key in keys)
+    assert [m.value for m in scores.as_metrics([usual, slow]) if m.unit == "x"] == [3.0]
+
+
+def test_a_mean_of_several_runs_belongs_to_none():
+    assert scores.mean([scored("a", "fine", 1, 1, "r1"), scored("b", "fine", 1, 3, "r1")]).run == "r1"
+    both = scores.mean([scored("a", "fine", 1, 1, "r1"), scored("b", "fine", 3, 3, "r2")])
+    assert (both.run, both.seconds, both.values["normal"]) == ("", 2, 2)
+
+
+def row(degrees: float, mask=None, what: Method | None = None) -> Row:
+    return Row(a_set(), what or method("standard", degrees, 1.0), leaning(degrees, mask), 1.0, False, "now")
+
+
+def test_scores_are_what_the_surface_is_off():
+    (one,) = scores.score([row(3.0)])
+    assert one.values["normal"] == pytest.approx(3.0, abs=1e-6)
+    assert one.values["albedo"] == pytest.approx(-20 * -1.5228787, abs=1e-4)  # -20 log10(0.03)
+    assert one.values["roughness"] == pytest.approx(0.03)
+    assert scores.albedo_rmse(one.values["albedo"]) == pytest.approx(0.03)
+
+
+def test_every_row_is_compared_over_the_pixels_that_all_answered():
+    part = leaning(0).mask.copy()
+    part[: part.shape[0] // 2] = False
+    whole, some = scores.score([row(1.0), row(5.0, part)])
+    assert whole.pixels == some.pixels == part.sum()
+
+
+def test_rows_without_a_common_pixel_are_refused():
+    top = leaning(0).mask.copy()
+    top[top.shape[0] // 2 :] = False
+    with pytest.raises(scores.BenchError, match="no pixel"):
+        scores.score([row(1.0, top), row(1.0, leaning(0).mask & ~top)])
+
+
+def test_an_albedo_without_scale_is_matched_first():
+    plain = method("uncalibrated", 3.0, 1.0)
+    free, bound = (scores.score([row(3.0, None, replace(plain, matched=m))])[0] for m in (True, False))
+    assert free.values["albedo"] > bound.values["albedo"] + 3
+
+
+def test_markdown_lines_are_of_one_length():
+    text = markdown([["a", "b"], ["longer", "1"], ["x", "100.25"]])
+    assert len({len(line) for line in text.splitlines()}) == 1
+
+
+POINTS = (
+    scored("blob", "draft", 3.0, 2.0), scored("blob", "standard", 2.0, 5.0), scored("blob", "fine", 2.5, 9.0),
+    replace(scored("blob", "published", 4.0, 9e3), kind="reference", extrapolated=True),
+)  # fmt: skip
+
+
+def test_the_charts_numbers_say_what_is_on_the_front_and_what_is_extrapolated():
+    lines = {line["method"]: line for line in csv.DictReader(io.StringIO(chart.table(POINTS)))}
+    assert [key for key, line in lines.items() if "normal_deg" in line["front"]] == ["draft", "standard"]
+    assert lines["published"]["extrapolated"] == "yes"
+    assert float(lines["draft"]["albedo_rmse"]) == pytest.approx(10**-1.5, rel=1e-5)
+
+
+def test_the_chart_is_drawn_alike_each_time_with_extrapolated_points_hollow(tmp_path: Path):
+    first, second = (chart.write(POINTS, tmp_path / name, "a caption") for name in "ab")
+    assert [p.name for p in first] == ["chart.png", "chart.svg", "chart.csv"]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+    with Image.open(first[0]) as picture:
+        assert picture.size == (2160, 900)
+    assert "a caption" in first[1].read_text()
+    marks = {
+        line.get_label(): line.get_markerfacecolor() for line in chart.draw(POINTS, "").axes[0].get_lines()
+    }
+    assert marks["reference, extrapolated"] == "white"
+    assert marks["ours"] != "white"
