@@ -206,7 +206,9 @@ def distance(run: Run, shown: Maps) -> Chart:
     factor, unit = shown.unit_factor, shown.unit
     tried = tuple(factor * z for z in found.get("tried", ()))
     misfit = tuple(map(float, found.get("misfit", ())))
-    value, error = factor * float(found.get("value", math.nan)), float(found.get("stderr", math.nan))
+    value, error = float(found.get("value", math.nan)), float(found.get("stderr", math.nan))
+    relative = error / value
+    value *= factor
     series: tuple[Series, ...] = ()
     if tried:
         series = (
@@ -222,7 +224,7 @@ def distance(run: Run, shown: Maps) -> Chart:
         QT_TRANSLATE_NOOP("maps", "Camera to object along the viewing axis: {value}{spread}, from {source}."),
         {
             "value": f"{value:.4g} {unit}",
-            "spread": f" \u00b1 {100 * error:.2g} %" if error > 0 else "",
+            "spread": f" \u00b1 {100 * relative:.2g} %" if 0 < relative < math.inf else "",
             "source": found.get("source", "?"),
         },
         log_x=True,

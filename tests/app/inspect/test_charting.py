@@ -106,7 +106,7 @@ def test_the_search_for_the_distance_is_shown_in_the_runs_unit(session: Path) ->
     assert mark.x == pytest.approx((800.0,))
     assert "[mm]" in chart.x_label
     assert chart.said.format(**chart.facts).startswith(
-        "Camera to object along the viewing axis: 800 mm \u00b1 1 %"
+        "Camera to object along the viewing axis: 800 mm \u00b1 1.2 %"
     )
     report = session / "stages" / "surface" / run.fingerprint / "report.json"
     content = json.loads(report.read_text())
