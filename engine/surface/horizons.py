@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from engine.light.rasterise import Run
 from engine.surface.brdf import rows
 from engine.surface.newton import ALBEDO, CAUCHY, ROUGHNESS_PRIOR
 from engine.surface.observations import Observations, aside
@@ -141,13 +142,14 @@ def explain(
     spread: Float[np.ndarray, " p"],
     usual: float,
     beside: Int[np.ndarray, "every s"],
+    run: Run,
     sweeps: int = SWEEPS,
 ) -> tuple[Int[np.ndarray, "p s"], Float[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """The levels that explain the photographs of a block's pixels best, their misfit, and albedo.
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
     of the depth; `energy` and `around` (the compass) belong to the block, `seen` and `spread` to the given pixels;
-    `usual` is the object's median spread; all light and photographs are `by_channel`. Misfits compare between
+    `usual` is the object's median spread; `run` does the work; all light and photographs are `by_channel`. Misfits compare between
     normals, roughnesses and levels of one pixel.
     """
     directions, (sector, ring) = responses.incident.directions, around
@@ -166,14 +168,15 @@ def explain(
         start, direction, source = np.zeros(len(pixels) + 1, np.int64), *np.zeros((2, 0), np.int32)
     else:
         start, direction, source = hidden.of(pixels)
-    level = np.ascontiguousarray(level)
     away = ((roughness - ROUGHNESS_PRIOR[0]) / ROUGHNESS_PRIOR[1]) ** 2
-    return _descend(
+    answer = level.copy(), np.empty(len(level)), np.empty((len(level), 3))
+    run(_descend, (
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
         energy, responses.cell, start, direction, source, beside[pixels], responses.photographed,
         responses.bounce, seen.radiance, seen.weight, seen.eps,
-        spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), level, sweeps,
-    )  # fmt: skip
+        spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
+    ))  # fmt: skip
+    return answer
 
 
 # Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
@@ -220,16 +223,18 @@ def _misfit(sent, radiance, weight, eps, square, albedo, limit):
     return total
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+# Threads from outside, no `parallel`: of a parallel kernel what was just compiled and what is kept of it differ in
+# the last bits, for they are optimised in different company.
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _descend(
     diffuse, specular, order, sector, ring, energy, cell, start, direction, source, beside, photographed,
-    bounce, radiance, weight, eps, squares, dearest, away, level, sweeps,
+    bounce, radiance, weight, eps, squares, dearest, away, sweeps, found, misfits, albedos, part, parts,
 ):  # fmt: skip
+    """Every `parts`-th pixel from `part` on; what `found` holds is where it begins."""
     count, across, size = diffuse.shape[0], energy.shape[0], energy.shape[1]
-    found, misfits, albedos = level.copy(), np.empty(count), np.empty((count, 3))
     rings = LEVELS - 1
-    for p in numba.prange(count):
+    for p in range(part, count, parts):
         # What each ring of each sector sends, what each sector sends as the depth has it, and how much of
         # what stands in the way each ring would show.
         room = np.zeros((SECTORS, rings, 2, size), np.float32)
@@ -318,4 +323,3 @@ def _descend(
             if not moved:
                 break
         misfits[p] = best
-    return found, misfits, albedos

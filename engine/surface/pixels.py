@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import distance_transform_edt
 
 from engine.geometry import rays, resized
+from engine.light.rasterise import workers
 from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.integrate import integrate
@@ -36,9 +37,10 @@ class SurfaceParams:
     visibility: bool = True  # let the object shadow itself
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
     bounce: bool = True  # let the object light itself with what was photographed
+    accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
     relight_groups: int = 12  # groups besides the lamps
-    relight_prior: float = 0.15  # how far a group's log brightness may be off before it has to be argued
+    relight_prior: float = 0.05  # how far a group's log brightness may be off before it has to be argued
     model_error: float = 0.02  # relative misfit expected of a good model
     held_out: int = 4  # views kept out of the fit and re-rendered
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
@@ -181,33 +183,34 @@ def ask(
     restless = state.spread > ASKING * usual
     others = neighbours(who.mask).T
     kept = state.copy()
-    for i, block in enumerate(parts):
-        progress.step(i / len(parts), "asking the neighbours")
-        pixels = block[~seen.edge[block]]
-        if not len(pixels):
-            continue
-        energy = horizons.by_channel(responses.whole_energy(sight, block))
-        around = horizons.compass(light.directions, sight.middle(block))
-        least = np.full(len(pixels), np.inf)
-        for turn, other in enumerate((everybody, everybody, *others)):
-            # First what it holds, then what the depth has, then the neighbours.
-            of = np.arange(len(pixels)) if turn < 2 else np.nonzero(restless[pixels])[0]
-            if turn == 1:
-                of = np.nonzero(state.level[pixels].any(1))[0]
-            if not len(of):
+    with workers() as run:
+        for i, block in enumerate(parts):
+            progress.step(i / len(parts), "asking the neighbours")
+            pixels = block[~seen.edge[block]]
+            if not len(pixels):
                 continue
-            mine, theirs = pixels[of], other[pixels[of]]
-            normals = newton.facing(state.normals[theirs], sight.views[mine])
-            level = state.level[theirs] if turn != 1 else np.zeros_like(state.level[theirs])
-            level, misfit, albedo = horizons.explain(
-                responses, sight, mine, normals, state.roughness[theirs], level, energy, around,
-                seen.part(mine), state.spread[mine], usual, beside, sweeps,
-            )  # fmt: skip
-            better = misfit < least[of] * (CONVINCED if turn > 1 else 1)
-            won = mine[better]
-            least[of[better]] = misfit[better]
-            kept.normals[won], kept.roughness[won] = normals[better], state.roughness[theirs[better]]
-            kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], 1e-2
+            energy = horizons.by_channel(responses.whole_energy(sight, block))
+            around = horizons.compass(light.directions, sight.middle(block))
+            least = np.full(len(pixels), np.inf)
+            for turn, other in enumerate((everybody, everybody, *others)):
+                # First what it holds, then what the depth has, then the neighbours.
+                of = np.arange(len(pixels)) if turn < 2 else np.nonzero(restless[pixels])[0]
+                if turn == 1:
+                    of = np.nonzero(state.level[pixels].any(1))[0]
+                if not len(of):
+                    continue
+                mine, theirs = pixels[of], other[pixels[of]]
+                normals = newton.facing(state.normals[theirs], sight.views[mine])
+                level = state.level[theirs] if turn != 1 else np.zeros_like(state.level[theirs])
+                level, misfit, albedo = horizons.explain(
+                    responses, sight, mine, normals, state.roughness[theirs], level, energy, around,
+                    seen.part(mine), state.spread[mine], usual, beside, run, sweeps,
+                )  # fmt: skip
+                better = misfit < least[of] * (CONVINCED if turn > 1 else 1)
+                won = mine[better]
+                least[of[better]] = misfit[better]
+                kept.normals[won], kept.roughness[won] = normals[better], state.roughness[theirs[better]]
+                kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], 1e-2
     return kept
 
 
