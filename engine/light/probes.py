@@ -31,8 +31,9 @@ from engine.types import Gaussians
 
 FINEST = 4
 # A tile is refined once its brightest Gaussian exceeds this many times the mean radiance (at 64 pixels a
-# face): an edge of it then misplaces about 0.2 % of all energy per tile.
-_CONTRAST = 50.0
+# face). At 48 pixels and 150 the irradiance in a room with bright windows is 0.1 % off, mean over normals; at 50 it
+# is 0.06 % off for twice the time, at 400 0.6 %.
+_CONTRAST = 150.0
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 

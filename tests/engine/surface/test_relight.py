@@ -14,7 +14,7 @@ from engine.surface import newton
 from engine.surface.near import Near
 from engine.surface.observations import observe
 from engine.surface.pixels import coarse_regions
-from engine.surface.relight import Parts, Sample, Setting, settle, untouched
+from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, predict
 from engine.types import Camera, Frames
 
@@ -91,6 +91,30 @@ def test_distance_is_found_from_the_parallax_of_near_lamps():
     assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
     assert 0 < found.distance_stderr < 0.05
     np.testing.assert_allclose(found.gain, 1, rtol=1e-6)  # the light was not to be touched
+
+
+@pytest.mark.parametrize("off", [0.93, 1.0, 1.08])
+def test_the_distance_is_found_from_either_side(off: float):
+    """Also where the pixels have made themselves at home at the wrong distance."""
+    parts = parts_of_lamps(np.random.default_rng(0), False)
+    sample, state, _ = sample_of(parts, np.ones((4, 3)))
+    wrong, state = settle(untouched(parts, TRUE_Z * off), parts, sample, state, False, True, 3, 3, Progress())
+    found = place(wrong, parts, sample, state, True, 2, 3, Progress())
+    assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
+    assert 1e-4 < found.distance_stderr < 0.05
+
+
+def test_no_distance_is_told_where_every_distance_misfits_alike():
+    parts = parts_of_lamps(np.random.default_rng(0), False)
+    even = np.full_like(parts.incident.energy, 0.15 * 4 * np.pi / CELLS)
+    far = replace(
+        parts,
+        incident=replace(parts.incident, energy=even),
+        near=replace(parts.near, centres=parts.near.centres * 1e3, radii=parts.near.radii * 1e3),
+    )
+    sample, state, _ = sample_of(far, np.ones((4, 3)))
+    found = place(untouched(far, TRUE_Z), far, sample, state, False, 1, 2, Progress())
+    assert found.distance_stderr > 0.1
 
 
 def test_a_clipped_lamp_is_as_bright_as_the_shading_says():
