@@ -252,6 +252,9 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.bounce", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),
+    ("surface.accord", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Neighbours agree"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let neighbours decide what a pixel's own photographs leave open."), advanced=False)),
     ("surface.relight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Refine the light"), "",
         QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),

@@ -150,6 +150,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_visibility", "w/o shadows of the object on itself", visibility=False),
         without("no_horizons", "w/o horizons: shadows from depth alone", horizons=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),
+        without("no_accord", "w/o neighbours that agree", accord=False),
         without("no_relight", "w/o refining the light", relight=False),
         # The turns that find the distance keep their own few probes.
         ours(

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
+from engine.surface.accord import accord
 from engine.surface.confidence import Confidence, confidence
 from engine.surface.distance import Distance
 from engine.surface.newton import State
@@ -107,8 +108,11 @@ def solve(
         sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.95))
         depth = depth_of(who, state, z, span.part(0.95, 1))
+    if params.accord:
+        state = accord(state, mask)
+        depth = depth_of(who, state, z, progress.part(0.98, 0.99))
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
-    sight = sight_of(who, state, depth, light.directions, params, progress.part(0.98, 1))
+    sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
     certainty = confidence(state, who.seen, sight)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
