@@ -18,7 +18,7 @@ from engine.reference.params import ReferenceParams
 from engine.surface import newton
 from engine.surface.distance import Distance
 from engine.surface.pixels import SurfaceParams, depth_of, search, subject
-from engine.surface.rough import DIRECTIONS, FACE_PX, MARGIN, VIEWS, first_look
+from engine.surface.rough import DIRECTIONS, FACE_PX, TIGHT, VIEWS, first_look
 from engine.surface.surroundings import Room, light_at
 from engine.surface.transport import lattice_around
 from engine.types import Frames
@@ -65,7 +65,7 @@ def begin(
         state = newton.begin(*read_maps(Path(params.start_maps), mask))
     else:
         z = distance.value
-        lattice = lattice_around(who.camera, mask, (z / MARGIN, z * MARGIN), (2, 2, 2))
+        lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
         evenly = np.ones((len(room.clipped), 3))
         light = light_at(lattice, room, evenly, views, DIRECTIONS, FACE_PX, progress.part(0.5, 0.7))
         state = search(who, light, who.flat(z), ours, device, progress.part(0.7, 0.9))

@@ -65,7 +65,7 @@ class Answers:
 def accord(state: State, mask: Bool[np.ndarray, "h w"]) -> State:
     """The state after the pixels heard their neighbours; errors, systems and horizons stay each pixel's own."""
     pairs = [aside(mask, np.array([step, (-step[0], -step[1])])) for step in LINES]
-    known = [(pair >= 0).all(1) for pair in pairs]
+    known = [np.all(pair >= 0, axis=1) for pair in pairs]
     own = state.system / np.maximum(state.spread, 1.0)[:, None, None] ** 2 + 1e-6 * np.eye(6)
     variance = np.einsum("pii->pi", np.linalg.inv(own))
     start = Answers(state.normals, np.log(state.albedo), state.roughness)
