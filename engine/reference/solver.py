@@ -28,7 +28,7 @@ from engine.reference.shadows import Shadows, shadows_of
 from engine.reference.start import Start, begin
 from engine.surface.observations import aside
 from engine.surface.pixels import SurfaceParams, image
-from engine.surface.solve import held_out
+from engine.surface.solve import held_out, rerendering_error
 from engine.surface.surroundings import furnished
 from engine.surface.visibility import SECTORS
 from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
@@ -105,7 +105,8 @@ def solve(
                 ]
                 pictures[i, solved] = torch.cat(parts).cpu().numpy()
     report = _report(
-        params, first, count, int(mask.sum()), len(fitted), kept_out, _error(frames, kept_out, pictures, solved),
+        params, first, count, int(mask.sum()), len(fitted), kept_out,
+        rerendering_error(frames, kept_out, pictures, solved),
         unit, told, begun - clock, seconds,
     )  # fmt: skip
     no_horizons = Horizons(np.zeros((count, SECTORS), np.int8))
@@ -177,19 +178,6 @@ def _keep_in_place(
         torch.zeros(int(tile.max()) + 1, device=depth.device).index_add_(0, which, x) for x in (first, depth)
     ]
     depth *= (sums[0] / sums[1])[which]
-
-
-def _error(
-    frames: Frames,
-    views: tuple[int, ...],
-    pictures: Float[np.ndarray, "k h w 3"],
-    solved: Bool[np.ndarray, "h w"],
-) -> float:
-    """Median relative error of the pictures, as our own solver reports it; 0 without pictures."""
-    if not views:
-        return 0.0
-    truth, answer = frames.radiance[list(views)][:, solved], pictures[:, solved]
-    return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
 def _surface(

@@ -117,15 +117,11 @@ def solve(
     certainty = confidence(state, who.seen, sight)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
     pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)
-    error = np.zeros(1)
-    if kept_out:
-        truth, answer = frames.radiance[list(kept_out)][:, mask], pictures[:, mask]
-        error = np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))
     report = SurfaceReport(
         int(mask.sum()),
         len(fitted),
         kept_out,
-        float(np.median(error)),
+        rerendering_error(frames, kept_out, pictures, mask),
         float(np.median(state.spread)),
         distance,
         tuple(tuple(map(float, gain)) for gain in setting.gain),
@@ -139,6 +135,19 @@ def solve(
     )
     surface = surface_of(mask, state, depth, certainty, params.model_error)
     return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), report
+
+
+def rerendering_error(
+    frames: Frames,
+    views: tuple[int, ...],
+    pictures: Float[np.ndarray, "k h w 3"],
+    mask: Bool[np.ndarray, "h w"],
+) -> float:
+    """Median relative error of pictures of some views; 0 without pictures."""
+    if not views:
+        return 0.0
+    truth, answer = frames.radiance[list(views)][:, mask], pictures[:, mask]
+    return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
 def surface_of(
