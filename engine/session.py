@@ -32,6 +32,7 @@ _REMEDY = {
     errno.EPERM: "writing here is not permitted; change the folder's permissions or choose another folder",
     errno.EROFS: "the disk is read-only; choose another folder",
     errno.EFBIG: "the file grew over the size this disk or process allows; choose another disk",
+    errno.ENOENT: "no such file or folder, or the drive takes no new ones; check the path and that its drive is there",
     errno.EIO: "the disk reported an input/output error; check the disk and copy the session elsewhere",
 }
 

@@ -100,6 +100,12 @@ def test_edits_are_hashed_by_content(session: sessions.Session) -> None:
     assert before != sessions.edits(session)
 
 
+def test_a_folder_that_vanished_is_told(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    with pytest.raises(SessionError, match="gone.*no such file or folder.*check the path"), sessions.told(gone):
+        sessions.write_atomic(gone / "session.json", b"")
+
+
 def test_a_folder_without_write_permission_is_told(session: sessions.Session) -> None:
     """Without root's power to write anywhere."""
     code = (
