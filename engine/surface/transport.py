@@ -134,20 +134,24 @@ class Sight:
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
 @no_type_check
-def _bounce(table, start, direction, source, photographed, cell, rows_per_pixel, out):
-    """Move each occluded entry's light from the room's to what the photograph saw there."""
-    for row in numba.prange(table.shape[0]):
-        p = row // rows_per_pixel
+def _bounce(table, start, direction, source, photographed, cell, variants, out):
+    """Move each occluded entry's light from the room's to what the photograph saw there.
+
+    Rows are the variants of every pixel, diffuse and then specular: each photographed row is read once for all.
+    """
+    pixels = len(start) - 1
+    for p in numba.prange(pixels):
         for k in range(start[p], start[p + 1]):
-            d = direction[k]
+            d, q = direction[k], source[k]
             if d < 0:
                 continue
-            t = table[row, d] * cell
-            table[row, d] = 0
-            q = source[k]
-            if t != 0 and q >= 0:
-                for v in range(out.shape[1]):
-                    out[row, v] += t * photographed[q, v]
+            for half in range(2):
+                for row in range((half * pixels + p) * variants, (half * pixels + p + 1) * variants):
+                    t = table[row, d] * cell
+                    table[row, d] = 0
+                    if t != 0 and q >= 0:
+                        for v in range(out.shape[1]):
+                            out[row, v] += t * photographed[q, v]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,9 +265,7 @@ class Responses:
         )  # fmt: skip
         out = np.zeros((2 * size, energy.shape[1]), np.float32)
         if hidden is not None:
-            for half in (slice(0, size), slice(size, 2 * size)):
-                start, column, source = hidden
-                _bounce(table[half], start, column, source, self.photographed, self.cell, variants, out[half])
+            _bounce(table, *hidden, self.photographed, self.cell, variants, out)
         out += table @ energy
         return out
 

@@ -102,7 +102,10 @@ def test_edits_are_hashed_by_content(session: sessions.Session) -> None:
 
 def test_a_folder_that_vanished_is_told(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
-    with pytest.raises(SessionError, match="gone.*no such file or folder.*check the path"), sessions.told(gone):
+    with (
+        pytest.raises(SessionError, match=r"gone.*no such file or folder.*check the path"),
+        sessions.told(gone),
+    ):
         sessions.write_atomic(gone / "session.json", b"")
 
 
