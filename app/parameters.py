@@ -119,7 +119,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
 
     ("poses.focal_px", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Focal length, first guess"), PX,
-        QT_TRANSLATE_NOOP("parameters", "Refined from the photographs. 0: 1.2 times the longer side."),
+        QT_TRANSLATE_NOOP("parameters", "Refined from the photographs. 0: what pairs of views imply."),
         0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "1.2 x longer side"), advanced=False)),
     ("poses.board", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Board of known size"), "",

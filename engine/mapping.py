@@ -4,6 +4,7 @@ Source: incremental structure from motion as in COLMAP (Schoenberger and Frahm 2
 the images in the database. The world frame and its unit are COLMAP's, arbitrary.
 """
 
+import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -92,6 +93,29 @@ def best_of_both(
     return np.stack([rows[clear], columns[clear]], 1).astype(np.uint32)
 
 
+def calibrate(database: Path, seed: int) -> float | None:
+    """Let the model start from the focal length that the pairs' fundamental matrices imply; pixels, None if they do not.
+
+    Source: Fetzer, Reis, Stricker, "Stable Intrinsic Auto-Calibration from Fundamental Matrices of Devices with
+    Uncorrelated Camera Parameters", WACV 2020, as in COLMAP's view graph calibration. What has to be refined anyway is
+    rounded, so that the last digits of a sum over threads decide nothing.
+    """
+    trial = database.with_name("calibrated.db")
+    shutil.copyfile(database, trial)
+    options = pycolmap.ViewGraphCalibrationOptions()
+    options.random_seed = seed
+    options.reestimate_relative_pose = False
+    known = pycolmap.calibrate_view_graph(trial, options)
+    with pycolmap.Database.open(trial) as opened:
+        found = opened.read_all_cameras()[0]
+    trial.unlink()
+    if not known or not found.has_prior_focal_length:
+        return None
+    focal = float(round(found.mean_focal_length()))
+    _begin_with(database, [focal, *map(float, found.params[1:])])
+    return focal
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Grown:
     """A model and how well it explains what views have in common."""
@@ -124,16 +148,15 @@ def best_grown(
             best = Grown(model, sizes, agreement, support, attempt + 1)
         if agreement >= AGREED:
             break
-        _begin_with(database, best.model)
+        _begin_with(database, [float(x) for x in next(iter(best.model.cameras.values())).params])
     return best
 
 
-def _begin_with(database: Path, model: pycolmap.Reconstruction) -> None:
-    """Let the next model start from the lens of this one."""
-    found = next(iter(model.cameras.values()))
+def _begin_with(database: Path, lens: Sequence[float]) -> None:
+    """Let the next model start from this lens."""
     with pycolmap.Database.open(database) as opened:
         camera = opened.read_all_cameras()[0]
-        camera.params = found.params
+        camera.params = lens
         camera.has_prior_focal_length = True
         opened.update_camera(camera)
 

@@ -35,7 +35,7 @@ _SCALE_STDERR = 0.05  # a length known worse than this is no length
 class PoseParams:
     """What a person may ask of this stage."""
 
-    focal_px: float = 0.0  # first guess, refined; 0 means 1.2 times the longer side
+    focal_px: float = 0.0  # first guess, refined; 0 means what pairs of views imply
     board: str = ""  # "charuco COLUMNSxROWS SQUARE_M MARKER_M DICTIONARY" or "aruco SIDE_M DICTIONARY"
     least_share: float = 0.5  # of the views must be placed
     trusted_share: float = 0.5  # of a view's matches must agree with its pose
@@ -102,6 +102,8 @@ def find_poses(
     database = detect(frames, masks, guess, params.features, workdir, progress.part(0.0, 0.35))
     pairs = likely_pairs(database, count, params.features, progress.part(0.35, 0.37))
     mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
+    if params.focal_px <= 0:
+        mapping.calibrate(database, params.seed)
     grown = mapping.best_grown(database, factor, count, params.mapping, params.seed, progress.part(0.7, 0.97))
     if grown is None:
         raise PoseError(

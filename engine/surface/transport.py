@@ -265,7 +265,8 @@ class Responses:
         )  # fmt: skip
         out = np.zeros((2 * size, energy.shape[1]), np.float32)
         if hidden is not None:
-            _bounce(table, *hidden, self.photographed, self.cell, variants, out)
+            start, column, source = hidden
+            _bounce(table, start, column, source, self.photographed, self.cell, variants, out)
         out += table @ energy
         return out
 
