@@ -120,7 +120,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("poses.focal_px", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Focal length, first guess"), PX,
         QT_TRANSLATE_NOOP("parameters", "Refined from the photographs. 0: what pairs of views imply."),
-        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "1.2 x longer side"), advanced=False)),
+        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "from pairs of views"), advanced=False)),
     ("poses.board", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Board of known size"), "",
         QT_TRANSLATE_NOOP("parameters", 'Fixes the scale: "charuco COLUMNSxROWS SQUARE_M MARKER_M DICTIONARY" or "aruco SIDE_M DICTIONARY".'),

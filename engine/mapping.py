@@ -6,7 +6,7 @@ the images in the database. The world frame and its unit are COLMAP's, arbitrary
 
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,8 +93,8 @@ def best_of_both(
     return np.stack([rows[clear], columns[clear]], 1).astype(np.uint32)
 
 
-def calibrate(database: Path, seed: int) -> float | None:
-    """Let the model start from the focal length that the pairs' fundamental matrices imply; pixels, None if they do not.
+def calibrate(database: Path, seed: int) -> None:
+    """Let the model start from the focal length that the pairs' fundamental matrices imply, if they imply one.
 
     Source: Fetzer, Reis, Stricker, "Stable Intrinsic Auto-Calibration from Fundamental Matrices of Devices with
     Uncorrelated Camera Parameters", WACV 2020, as in COLMAP's view graph calibration. What has to be refined anyway is
@@ -109,11 +109,8 @@ def calibrate(database: Path, seed: int) -> float | None:
     with pycolmap.Database.open(trial) as opened:
         found = opened.read_all_cameras()[0]
     trial.unlink()
-    if not known or not found.has_prior_focal_length:
-        return None
-    focal = float(round(found.mean_focal_length()))
-    _begin_with(database, [focal, *map(float, found.params[1:])])
-    return focal
+    if known and found.has_prior_focal_length:
+        _begin_with(database, (float(round(found.mean_focal_length())), *found.params[1:]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,15 +145,15 @@ def best_grown(
             best = Grown(model, sizes, agreement, support, attempt + 1)
         if agreement >= AGREED:
             break
-        _begin_with(database, [float(x) for x in next(iter(best.model.cameras.values())).params])
+        _begin_with(database, next(iter(best.model.cameras.values())).params)
     return best
 
 
-def _begin_with(database: Path, lens: Sequence[float]) -> None:
+def _begin_with(database: Path, lens: Iterable[float]) -> None:
     """Let the next model start from this lens."""
     with pycolmap.Database.open(database) as opened:
         camera = opened.read_all_cameras()[0]
-        camera.params = lens
+        camera.params = [float(x) for x in lens]
         camera.has_prior_focal_length = True
         opened.update_camera(camera)
 

@@ -149,8 +149,8 @@ def explain(
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
     of the depth; `energy` and `around` (the compass) belong to the block, `seen` and `spread` to the given pixels;
-    `usual` is the object's median spread; `run` does the work; all light and photographs are `by_channel`. Misfits compare between
-    normals, roughnesses and levels of one pixel.
+    `usual` is the object's median spread; `run` does the work; all light and photographs are `by_channel`. Misfits
+    compare between normals, roughnesses and levels of one pixel.
     """
     directions, (sector, ring) = responses.incident.directions, around
     everything = np.ones((len(pixels), len(directions)), np.uint8)

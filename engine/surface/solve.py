@@ -102,15 +102,14 @@ def solve(
     )  # fmt: skip
     here = light.views(np.arange(len(fitted)))
     who = subject(frames, mask, poses.camera, fitted, params)
-    depth = depth_of(who, state, z, progress.part(0.65, 0.67))
     for turn in range(params.rounds):
-        span = progress.part(0.67 + 0.31 * turn / params.rounds, 0.67 + 0.31 * (turn + 1) / params.rounds)
-        sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
-        state = improve(who, state, here, sight, params, device, span.part(0.2, 0.95))
-        depth = depth_of(who, state, z, span.part(0.95, 1))
+        span = progress.part(0.65 + 0.32 * turn / params.rounds, 0.65 + 0.32 * (turn + 1) / params.rounds)
+        depth = depth_of(who, state, z, span.part(0, 0.05))
+        sight = sight_of(who, state, depth, light.directions, params, span.part(0.05, 0.25))
+        state = improve(who, state, here, sight, params, device, span.part(0.25, 1))
     if params.accord:
         state = accord(state, mask)
-        depth = depth_of(who, state, z, progress.part(0.98, 0.99))
+    depth = depth_of(who, state, z, progress.part(0.97, 0.99))
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)

@@ -123,7 +123,7 @@ def test_every_parameter_has_unit_default_and_name_in_its_tooltip(qtbot: QtBot) 
     )
     assert (
         told_default(Parameter("poses.focal_px", "float", 1.0, 0.0, MEANINGS["poses.focal_px"]))
-        == "1.2 x longer side"
+        == "from pairs of views"
     )
 
 
