@@ -249,6 +249,9 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.horizons", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Horizons from photographs"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the photographs overrule what the depth says hides the room."), advanced=False)),
+    ("surface.steps", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Steps from horizons"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let shadows tell how high steps are; normals do not."), advanced=False)),
     ("surface.bounce", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),

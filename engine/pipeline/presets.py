@@ -8,7 +8,7 @@ Preset = Mapping[str, Mapping[str, Any]]
 
 def draft() -> Preset:
     """A first look."""
-    return {"surface": {"directions": 512, "rough_rounds": 2, "rounds": 1}}
+    return {"surface": {"rough_rounds": 2}}
 
 
 def standard() -> Preset:
@@ -18,7 +18,7 @@ def standard() -> Preset:
 
 def fine() -> Preset:
     """As far as the data carry."""
-    return {"surface": {"directions": 2048, "passes": 6}}
+    return {"surface": {"directions": 2048, "rounds": 2, "passes": 6}}
 
 
 def of_stage(stage: str) -> dict[str, Mapping[str, Any]]:

@@ -22,7 +22,6 @@ from engine.surface.pixels import (
     SurfaceParams,
     as_photographed,
     depth_of,
-    improve,
     search,
     sight_of,
 )
@@ -30,6 +29,7 @@ from engine.surface.rough import first_look
 from engine.surface.solve import DEPTH_MARGIN
 from engine.surface.surroundings import Room, furnished, light_at
 from engine.surface.transport import Sight, lattice_around
+from engine.surface.turn import improve
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 

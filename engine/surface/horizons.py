@@ -144,13 +144,15 @@ def explain(
     beside: Int[np.ndarray, "every s"],
     run: Run,
     sweeps: int = SWEEPS,
+    prices: Float[np.ndarray, "p s l"] | None = None,
 ) -> tuple[Int[np.ndarray, "p s"], Float[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """The levels that explain the photographs of a block's pixels best, their misfit, and albedo.
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
     of the depth; `energy` and `around` (the compass) belong to the block, `seen` and `spread` to the given pixels;
     `usual` is the object's median spread; `run` does the work; all light and photographs are `by_channel`. Misfits
-    compare between normals, roughnesses and levels of one pixel.
+    compare between normals, roughnesses and levels of one pixel. `prices` (float32), if given, takes what each level of
+    each sector would add to the misfit, all others as they are found to be, in the spreads of `PRICE`.
     """
     directions, (sector, ring) = responses.incident.directions, around
     everything = np.ones((len(pixels), len(directions)), np.uint8)
@@ -168,6 +170,8 @@ def explain(
         start, direction, source = np.zeros(len(pixels) + 1, np.int64), *np.zeros((2, 0), np.int32)
     else:
         start, direction, source = hidden.of(pixels)
+    if prices is None:
+        prices = np.empty((0, SECTORS, LEVELS), np.float32)
     away = ((roughness - ROUGHNESS_PRIOR[0]) / ROUGHNESS_PRIOR[1]) ** 2
     answer = level.copy(), np.empty(len(level)), np.empty((len(level), 3))
     run(_descend, (
@@ -175,6 +179,7 @@ def explain(
         energy, responses.cell, start, direction, source, beside[pixels], responses.photographed,
         responses.bounce, seen.radiance, seen.weight, seen.eps,
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
+        prices,
     ))  # fmt: skip
     return answer
 
@@ -229,7 +234,7 @@ def _misfit(sent, radiance, weight, eps, square, albedo, limit):
 @no_type_check
 def _descend(
     diffuse, specular, order, sector, ring, energy, cell, start, direction, source, beside, photographed,
-    bounce, radiance, weight, eps, squares, dearest, away, sweeps, found, misfits, albedos, part, parts,
+    bounce, radiance, weight, eps, squares, dearest, away, sweeps, found, misfits, albedos, prices, part, parts,
 ):  # fmt: skip
     """Every `parts`-th pixel from `part` on; what `found` holds is where it begins."""
     count, across, size = diffuse.shape[0], energy.shape[0], energy.shape[1]
@@ -323,3 +328,13 @@ def _descend(
             if not moved:
                 break
         misfits[p] = best
+        if not len(prices):
+            continue
+        known = _misfit(total, radiance[p], weight[p], eps[p], square, a, np.float32(np.inf))
+        for s in range(SECTORS):
+            for l in range(LEVELS):
+                for v in range(size):
+                    trial[0, v] = total[0, v] + sends[s, l, 0, v] - sends[s, own[s], 0, v]
+                    trial[1, v] = total[1, v] + sends[s, l, 1, v] - sends[s, own[s], 1, v]
+                cost = _misfit(trial, radiance[p], weight[p], eps[p], square, a, np.float32(np.inf))
+                prices[p, s, l] = (cost - known) * np.float32(PRICE) / price

@@ -43,6 +43,7 @@ class State:
     system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state
     slope: Float[np.ndarray, "p 6"]
     level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
+    lift: Float[np.ndarray, " p"]  # of `steps`: log of how much nearer the point is than normals tell
 
     def copy(self) -> "State":
         """The same in arrays of its own."""
@@ -58,6 +59,7 @@ def begin(
     albedo: Float[np.ndarray, "p 3"],
     roughness: Float[np.ndarray, " p"],
     level: Int[np.ndarray, "p s"] | None = None,
+    lift: Float[np.ndarray, " p"] | None = None,
 ) -> State:
     """A state with no misfit known yet."""
     count = len(normals)
@@ -71,6 +73,7 @@ def begin(
         np.zeros((count, 6, 6)),
         np.zeros((count, 6)),
         np.zeros((count, SECTORS), np.int8) if level is None else level,
+        np.zeros(count) if lift is None else lift,
     )
 
 

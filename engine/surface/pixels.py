@@ -3,18 +3,17 @@
 Camera frame. Knows nothing of Gaussians or files: the light arrives as energy at a lattice of probes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import distance_transform_edt
 
 from engine.geometry import rays, resized
-from engine.light.rasterise import workers
 from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.integrate import integrate
-from engine.surface.observations import Observations, aside, numbered, observe
+from engine.surface.observations import Observations, numbered, observe
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
@@ -25,17 +24,18 @@ from engine.types import Camera, Frames
 class SurfaceParams:
     """What the person may ask of the surface solve."""
 
-    directions: int = 1024  # cells on the sphere of incident directions
+    directions: int = 512  # cells on the sphere of incident directions
     probes_across: int = 3  # probe points along each image axis of the object's box
     probes_deep: int = 2  # probe points along the viewing axis
     probe_face_px: int = 48  # resolution of one face of each probe's cube
     candidates: int = 300  # normals tried by the global search
     rough_rounds: int = 4  # on pixels of half the size: solve, integrate, see, refine the light: how often
-    rounds: int = 2  # on all pixels: solve, integrate, see: how often
+    rounds: int = 1  # on all pixels, once more under the whole light: solve, integrate, see: how often
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
+    steps: bool = True  # let horizons tell how high steps are, which normals do not
     bounce: bool = True  # let the object light itself with what was photographed
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
@@ -58,6 +58,13 @@ class Subject:
     def rays(self) -> Float[np.ndarray, "p 3"]:
         """Unit viewing directions."""
         return rays(self.camera)[self.mask]
+
+    @property
+    def pitch(self) -> float:
+        """Angle between the rays of neighbouring pixels, radians."""
+        every = rays(self.camera)
+        beside = self.mask[:, 1:] & self.mask[:, :-1]
+        return float(np.median(np.linalg.norm((every[:, 1:] - every[:, :-1])[beside], axis=1)))
 
     def flat(self, distance: float) -> Sight:
         """All points at one z, nothing hidden."""
@@ -116,30 +123,6 @@ def search(
     return newton.begin(*global_start(responses, sight, who.seen, regions, params.candidates, progress))
 
 
-def improve(
-    who: Subject,
-    state: newton.State,
-    light: Incident,
-    sight: Sight,
-    params: SurfaceParams,
-    device: str,
-    progress: Progress,
-) -> newton.State:
-    """Gauss-Newton on every pixel; then each looks at what its neighbours found, and again.
-
-    `sight` is what the depth says hides the room; the photographs may know better.
-    """
-    responses, parts = who.responses(light, params, device), blocks(who.mask)
-    for turn, passes in enumerate((params.passes, 3)):
-        span = progress.part(0, 0.3) if turn == 0 else progress.part(0.8, 1)
-        if turn:
-            state = ask(who, state, light, sight, params, progress.part(0.3, 0.8))
-        seeing = as_photographed(who, state, sight, light.directions)
-        state = newton.respread(state, responses, seeing, parts, who.seen)
-        state = newton.iterate(state, responses, seeing, parts, who.seen, passes, span)
-    return state
-
-
 def as_photographed(
     who: Subject, state: newton.State, sight: Sight, directions: Float[np.ndarray, "d 3"]
 ) -> Sight:
@@ -148,84 +131,24 @@ def as_photographed(
     return horizons.overruled(sight, state.level, state.normals, blocks(who.mask), directions, beside)
 
 
-REACH = (1, 3)
-"""How many pixels away the neighbours are that a pixel asks."""
-ASKING = 1.15
-"""Pixels whose residuals spread this many times the median's ask their neighbours; the others explain well."""
-CONVINCED = 0.98
-"""A neighbour's answer must lower the misfit to this share: noise alone is no reason to jump."""
-ASKED_VIEWS = 48
-"""Views that are enough to compare answers."""
-
-
-def ask(
-    who: Subject,
-    state: newton.State,
-    light: Incident,
-    sight: Sight,
-    params: SurfaceParams,
-    progress: Progress,
-) -> newton.State:
-    """Let every pixel look for its horizon, and those that explain badly try their neighbours' answers.
-
-    Gauss-Newton finds the bottom of the valley it stands in; what its neighbours found may lie in a deeper one.
-    The object's rim holds some background, which horizons would explain as well: it keeps what it has.
-    """
-    parts, beside = blocks(who.mask), horizons.beside(who.mask)
-    count = light.energy.shape[2] // 3
-    every = np.arange(0, count, -(-count // ASKED_VIEWS))
-    everybody = np.arange(len(state.normals))
-    light, seen = light.views(every), who.seen.part(everybody, every)
-    seen = replace(seen, radiance=horizons.by_channel(seen.radiance), weight=horizons.by_channel(seen.weight))
-    responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, "cpu")
-    sweeps = horizons.SWEEPS if params.horizons and sight.occlusion is not None else 0
-    usual = float(np.median(state.spread))
-    restless = state.spread > ASKING * usual
-    others = neighbours(who.mask).T
-    kept = state.copy()
-    with workers() as run:
-        for i, block in enumerate(parts):
-            progress.step(i / len(parts), "asking the neighbours")
-            pixels = block[~seen.edge[block]]
-            if not len(pixels):
-                continue
-            energy = horizons.by_channel(responses.whole_energy(sight, block))
-            around = horizons.compass(light.directions, sight.middle(block))
-            least = np.full(len(pixels), np.inf)
-            for turn, other in enumerate((everybody, everybody, *others)):
-                # First what it holds, then what the depth has, then the neighbours.
-                of = np.arange(len(pixels)) if turn < 2 else np.nonzero(restless[pixels])[0]
-                if turn == 1:
-                    of = np.nonzero(state.level[pixels].any(1))[0]
-                if not len(of):
-                    continue
-                mine, theirs = pixels[of], other[pixels[of]]
-                normals = newton.facing(state.normals[theirs], sight.views[mine])
-                level = state.level[theirs] if turn != 1 else np.zeros_like(state.level[theirs])
-                level, misfit, albedo = horizons.explain(
-                    responses, sight, mine, normals, state.roughness[theirs], level, energy, around,
-                    seen.part(mine), state.spread[mine], usual, beside, run, sweeps,
-                )  # fmt: skip
-                better = misfit < least[of] * (CONVINCED if turn > 1 else 1)
-                won = mine[better]
-                least[of[better]] = misfit[better]
-                kept.normals[won], kept.roughness[won] = normals[better], state.roughness[theirs[better]]
-                kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], 1e-2
-    return kept
-
-
-def neighbours(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p k"]:
-    """The pixels (in mask order) that each pixel asks; itself where the object ends."""
-    steps = [step for r in REACH for step in ((0, r), (0, -r), (r, 0), (-r, 0))]
-    others = aside(mask, np.array(steps))
-    return np.where(others >= 0, others, np.arange(len(others))[:, None])
-
-
 def depth_of(
     who: Subject, state: newton.State, distance: float, progress: Progress
 ) -> Float[np.ndarray, "h w"]:
-    """Depth from the normals; its mean is `distance`."""
-    return integrate(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
+    """Depth from the normals and steps; its mean is `distance`."""
+    depth = integrate(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
+    return lifted(who, depth, state.lift, distance)
+
+
+def lifted(
+    who: Subject, depth: Float[np.ndarray, "h w"], lift: Float[np.ndarray, " p"], distance: float
+) -> Float[np.ndarray, "h w"]:
+    """The depth with its pixels nearer by `lift` (in logarithms); the mean stays `distance`."""
+    if not lift.any():
+        return depth
+    z = depth[who.mask] * np.exp(-lift)
+    lower = np.zeros_like(depth)
+    lower[who.mask] = z * distance / z.mean()
+    return lower
 
 
 def sight_of(
@@ -253,7 +176,9 @@ def finer(
     index = numbered(small)[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     v, u = np.nonzero(mask)
     take = index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
-    return newton.begin(state.normals[take], state.albedo[take], state.roughness[take], state.level[take])
+    return newton.begin(
+        state.normals[take], state.albedo[take], state.roughness[take], state.level[take], state.lift[take]
+    )
 
 
 def rerender(

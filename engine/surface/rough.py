@@ -22,7 +22,6 @@ from engine.surface.pixels import (
     depth_of,
     finer,
     halved,
-    improve,
     search,
     sight_of,
     subject,
@@ -30,6 +29,7 @@ from engine.surface.pixels import (
 from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
 from engine.surface.surroundings import Room, parts_at
 from engine.surface.transport import Sight, lattice_around
+from engine.surface.turn import improve, relief
 from engine.types import Frames
 
 HALVED_FROM = 6000
@@ -97,9 +97,9 @@ def rough(
             state, who = finer(state, who.mask, following.mask), following
             depth = depth_of(who, state, distance, span.part(0.2, 0.25))
             sight = sight_of(who, state, depth, light.directions, params, span.part(0.25, 0.3))
-        state = improve(who, state, light, sight, params, device, span.part(0.3, 0.7))
+        state = improve(who, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))
-        depth = depth_of(who, state, distance, span.part(0.7, 0.73))
+        state, depth = relief(who, state, light, sight, distance, params, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
             seeing = as_photographed(who, state, sight, light.directions)

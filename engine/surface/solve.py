@@ -21,7 +21,6 @@ from engine.surface.pixels import (
     as_photographed,
     depth_of,
     image,
-    improve,
     rerender,
     sight_of,
     subject,
@@ -29,6 +28,7 @@ from engine.surface.pixels import (
 from engine.surface.rough import rough
 from engine.surface.surroundings import furnished, light_at
 from engine.surface.transport import lattice_around
+from engine.surface.turn import improve, relief
 from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 DEPTH_MARGIN = 0.2
@@ -106,10 +106,10 @@ def solve(
         span = progress.part(0.65 + 0.32 * turn / params.rounds, 0.65 + 0.32 * (turn + 1) / params.rounds)
         depth = depth_of(who, state, z, span.part(0, 0.05))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.05, 0.25))
-        state = improve(who, state, here, sight, params, device, span.part(0.25, 1))
-    if params.accord:
-        state = accord(state, mask)
-    depth = depth_of(who, state, z, progress.part(0.97, 0.99))
+        state = improve(who, state, here, sight, params, device, span.part(0.25, 0.85))
+        if turn + 1 == params.rounds and params.accord:
+            state = accord(state, mask)
+        state, depth = relief(who, state, here, sight, z, params, span.part(0.85, 1))
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)

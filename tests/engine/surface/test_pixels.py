@@ -10,14 +10,13 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.asking import ask
 from engine.surface.near import Near
 from engine.surface.pixels import (
     SurfaceParams,
-    ask,
     depth_of,
     finer,
     halved,
-    improve,
     search,
     sight_of,
     subject,
@@ -32,6 +31,7 @@ from engine.surface.transport import (
     lattice_around,
     predict,
 )
+from engine.surface.turn import improve
 from engine.surface.visibility import occlusion
 from engine.types import Camera, Frames
 

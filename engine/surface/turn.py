@@ -1,0 +1,60 @@
+"""One turn of the surface: pixels improve under what hides the room, then the depth follows them."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from engine.progress import Progress
+from engine.surface import newton, steps
+from engine.surface.asking import ask, prices
+from engine.surface.pixels import Subject, SurfaceParams, as_photographed, depth_of, lifted
+from engine.surface.transport import Incident, Sight, blocks
+
+
+def improve(
+    who: Subject,
+    state: newton.State,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    device: str,
+    progress: Progress,
+) -> newton.State:
+    """Gauss-Newton on every pixel; then each looks at what its neighbours found, and again.
+
+    `sight` is what the depth says hides the room; the photographs may know better.
+    """
+    responses, parts = who.responses(light, params, device), blocks(who.mask)
+    for turn, passes in enumerate((params.passes, 3)):
+        span = progress.part(0, 0.3) if turn == 0 else progress.part(0.8, 1)
+        if turn:
+            state = ask(who, state, light, sight, params, progress.part(0.3, 0.8))
+        seeing = as_photographed(who, state, sight, light.directions)
+        state = newton.respread(state, responses, seeing, parts, who.seen)
+        state = newton.iterate(state, responses, seeing, parts, who.seen, passes, span)
+    return state
+
+
+def relief(
+    who: Subject,
+    state: newton.State,
+    light: Incident,
+    sight: Sight,
+    distance: float,
+    params: SurfaceParams,
+    progress: Progress,
+) -> tuple[newton.State, Float[np.ndarray, "h w"]]:
+    """The state with the steps that its horizons tell, and its depth; `sight` is that under which it was solved."""
+    believed = state.lift
+    state = replace(state, lift=np.zeros(len(believed)))
+    depth = depth_of(who, state, distance, progress.part(0, 0.4))
+    if not params.steps or not state.level.any():
+        return state, depth
+    cost = prices(who, state, light, sight, params, progress.part(0.4, 0.7))
+    pitch = who.pitch
+    before = np.log(np.linalg.norm(sight.points, axis=1)) / pitch
+    told = steps.told(state.level, cost, before, who.mask, pitch)
+    now = np.log(depth[who.mask]) / pitch - np.log(who.rays[:, 2]) / pitch
+    lift = pitch * steps.lifts(who.mask, now, told, pitch, believed / pitch, progress.part(0.7, 1))
+    return replace(state, lift=lift), lifted(who, depth, lift, distance)
