@@ -106,15 +106,16 @@ def lifts(
         for box in ((at[of == k].min(0), at[of == k].max(0)) for k in range(len(border)))
     ]
     lift = np.array([np.median(start[of == k]) for k in range(len(border))])
+    touch = (border > 0) | np.eye(len(border), dtype=bool)
     clock, moved, tried = 1, np.ones(len(border), int), {}
     with workers() as run:
         costs = field.costs(lift, [], np.zeros(1), speakers, known, run)[:, 0]
         for sweep in range(SWEEPS):
-            # A group is tried again when it or a neighbour has moved since.
+            # A group is tried again when it has moved, or a neighbour since.
             todo = [
                 group
                 for group in groups(border, lift)
-                if moved[border[list(group)].any(0)].max() >= tried.get(group, 0)
+                if moved[touch[list(group)].any(0)].max() >= tried.get(group, 0)
             ]
             for i, group in enumerate(todo):
                 progress.step((sweep + i / len(todo)) / SWEEPS, "heights of steps")
