@@ -149,6 +149,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", full_diffuse=False),
         without("no_visibility", "w/o shadows of the object on itself", visibility=False),
         without("no_horizons", "w/o horizons: shadows from depth alone", horizons=False),
+        without("no_steps", "w/o steps from horizons", steps=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),
         without("no_accord", "w/o neighbours that agree", accord=False),
         without("no_relight", "w/o refining the light", relight=False),
@@ -158,5 +159,5 @@ def switch_rows() -> tuple[Method, ...]:
             replace(usual, probes_across=1, probes_deep=1), unlit_by_lamps,
         ),
         without("half_directions", "half the directions", directions=usual.directions // 2),
-        without("one_round", "one round on all pixels", rounds=1),
+        without("two_rounds", "another round on all pixels", rounds=2),
     )  # fmt: skip

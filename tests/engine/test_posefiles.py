@@ -66,7 +66,7 @@ def check_same(path: Path, poses: Poses, names: list[str]) -> None:
     assert found.registered.all()
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**31))
 def test_poses_survive_every_format(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
     folder = tmp_path_factory.mktemp("formats")
@@ -83,7 +83,7 @@ def test_poses_survive_every_format(tmp_path_factory: pytest.TempPathFactory, se
     )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**31), angle=st.sampled_from([1e-9, 1e-3, 1.0, np.pi - 1e-9, np.pi]))
 def test_quaternions_are_exact_near_none_and_half_turns(seed: int, angle: float) -> None:
     axis = np.random.default_rng(seed).normal(size=3)

@@ -11,7 +11,7 @@ from app.viewer import orbit
 from app.viewer.orbit import Orbit
 from engine.geometry import check_rigid, inverse, transform
 
-few = settings(max_examples=40, deadline=None)
+few = settings(max_examples=40)
 WIDTH, HEIGHT = 800, 600
 angles = st.floats(-3.0, 3.0)
 shares = st.floats(0.05, 0.95)
