@@ -29,7 +29,7 @@ from engine.surface.rough import first_look
 from engine.surface.solve import DEPTH_MARGIN
 from engine.surface.surroundings import Room, furnished, light_at
 from engine.surface.transport import Sight, lattice_around
-from engine.surface.turn import improve
+from engine.surface.turn import improve, relief
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 
@@ -75,6 +75,7 @@ class Scene:
     distance: float
 
 
+Solved = tuple[State, Float[np.ndarray, "h w"]]  # and its depth
 Method = Callable[[Scene, KnownLightParams, SurfaceParams, str, Progress], Surface]
 
 
@@ -155,8 +156,9 @@ def lambert(
     rows = Matt(who.responses(light, ours, device))
     state = matt_start(who, rows, who.flat(z), params.candidates, progress.part(0.25, 0.4))
 
-    def solved(state: State, sight: Sight, progress: Progress) -> State:
-        return refined(who, state, rows, sight, params.passes, progress)
+    def solved(state: State, sight: Sight, progress: Progress) -> Solved:
+        state = refined(who, state, rows, sight, params.passes, progress.part(0, 0.9))
+        return state, depth_of(who, state, z, progress.part(0.9, 1))
 
     state, sight, depth = _in_turns(
         scene, state, solved, light.directions, ours, params.rounds, progress.part(0.4, 1)
@@ -194,8 +196,9 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
     )
     state = search(who, light, who.flat(scene.distance), ours, device, progress.part(0.2, 0.3))
 
-    def solved(state: State, sight: Sight, progress: Progress) -> State:
-        return improve(who, state, light, sight, ours, device, progress)
+    def solved(state: State, sight: Sight, progress: Progress) -> Solved:
+        state = improve(who, state, light, sight, ours, device, progress.part(0, 0.9))
+        return relief(who, state, light, sight, scene.distance, ours, progress.part(0.9, 1))
 
     state, sight, depth = _in_turns(
         scene, state, solved, light.directions, ours, params.rounds, progress.part(0.3, 1)
@@ -207,7 +210,7 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
 def _in_turns(
     scene: Scene,
     state: State,
-    solved: Callable[[State, Sight, Progress], State],
+    solved: Callable[[State, Sight, Progress], Solved],
     directions: Float[np.ndarray, "d 3"],
     ours: SurfaceParams,
     rounds: int,
@@ -221,6 +224,5 @@ def _in_turns(
         span = progress.part(0.05 + 0.95 * turn / rounds, 0.05 + 0.95 * (turn + 1) / rounds)
         if turn:
             sight = sight_of(who, state, depth, directions, ours, span.part(0, 0.2))
-        state = solved(state, sight, span.part(0.2, 0.9))
-        depth = depth_of(who, state, z, span.part(0.9, 1))
+        state, depth = solved(state, sight, span.part(0.2, 1))
     return state, sight, depth

@@ -35,7 +35,7 @@ VIEWS = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class Asked:
     """Pixels that share their light, and what `horizons.explain` has to know of them."""
 
     pixels: Int[np.ndarray, " k"]
@@ -73,7 +73,7 @@ def inquiry(
     params: SurfaceParams,
     progress: Progress,
     doing: str,
-) -> Iterator[Block]:
+) -> Iterator[Asked]:
     """The object's pixels block by block, without its rim: that holds some background, which horizons would explain."""
     beside = horizons.beside(who.mask)
     count = light.energy.shape[2] // 3
@@ -90,7 +90,7 @@ def inquiry(
             if len(pixels):
                 energy = horizons.by_channel(responses.whole_energy(sight, block))
                 around = horizons.compass(light.directions, sight.middle(block))
-                yield Block(
+                yield Asked(
                     pixels, responses, sight, energy, around, seen, beside, state.spread, usual, run
                 )  # fmt: skip
 
@@ -103,6 +103,8 @@ def ask(
     sweeps = horizons.SWEEPS if params.horizons and sight.occlusion is not None else 0
     restless = state.spread > ASKING * np.median(state.spread)
     others = neighbours(who.mask).T
+    # A pixel that stands for a missing neighbour, or holds some background, has no voice.
+    voices = (others != everybody) & ~who.seen.edge[others]
     kept = state.copy()
     for block in inquiry(who, state, light, sight, params, progress, "asking the neighbours"):
         pixels = block.pixels
@@ -118,7 +120,7 @@ def ask(
             normals = facing(state.normals[theirs], sight.views[mine])
             level = state.level[theirs] if turn != 1 else np.zeros_like(state.level[theirs])
             level, misfit, albedo = block.explain(mine, normals, state.roughness[theirs], level, sweeps)
-            misfit *= 1 + dissent(normals, albedo, state, others[:, mine])
+            misfit *= 1 + dissent(normals, albedo, state, others[:, mine], voices[:, mine])
             better = misfit < least[of] * (CONVINCED if turn > 1 else 1)
             won = mine[better]
             least[of[better]] = misfit[better]
@@ -132,24 +134,34 @@ def dissent(
     albedo: Float[np.ndarray, "k 3"],
     state: State,
     others: Int[np.ndarray, "n k"],
+    voices: Bool[np.ndarray, "n k"],
 ) -> Float[np.ndarray, " k"]:
-    """How far an answer stands apart from what the neighbours hold: 0 when like all, 2 when unlike all."""
+    """How far an answer stands apart from what those others hold that have a voice: 0 when like all, 2 when unlike all."""
     tilt = 2 - 2 * np.minimum((normals * state.normals[others]).sum(-1), 1)
     tint = ((np.log(albedo) - np.log(state.albedo[others])) ** 2).mean(-1)
-    doubts = [away / (away + apart**2) for away, apart in zip((tilt, tint), APART, strict=True)]
-    return np.sum(doubts, 0).mean(0)
+    doubts = np.sum([away / (away + apart**2) for away, apart in zip((tilt, tint), APART, strict=True)], 0)
+    return (doubts * voices).sum(0) / np.maximum(voices.sum(0), 1)
 
 
 def prices(
-    who: Subject, state: State, light: Incident, sight: Sight, params: SurfaceParams, progress: Progress
-) -> Float[np.ndarray, "p s l"]:
-    """What every horizon of every sector would add to a pixel's misfit, in the spreads of `horizons.PRICE`; 0 at the rim."""
-    found = np.zeros((len(state.normals), horizons.SECTORS, horizons.LEVELS), np.float32)
+    who: Subject,
+    state: State,
+    light: Incident,
+    sight: Sight,
+    pixels: Int[np.ndarray, " k"],
+    params: SurfaceParams,
+    progress: Progress,
+) -> Float[np.ndarray, "k s l"]:
+    """What every horizon of every sector would add to some pixels' misfits, in the spreads of `horizons.PRICE`; 0 at the rim."""
+    found = np.zeros((len(pixels), horizons.SECTORS, horizons.LEVELS), np.float32)
+    place = np.full(len(state.normals), -1)
+    place[pixels] = np.arange(len(pixels))
     for block in inquiry(who, state, light, sight, params, progress, "asking what horizons would cost"):
-        of = block.pixels
-        told = np.empty((len(of), *found.shape[1:]), np.float32)
-        block.explain(of, state.normals[of], state.roughness[of], state.level[of], 0, told)
-        found[of] = told
+        of = block.pixels[place[block.pixels] >= 0]
+        if len(of):
+            told = np.empty((len(of), *found.shape[1:]), np.float32)
+            block.explain(of, state.normals[of], state.roughness[of], state.level[of], 0, told)
+            found[place[of]] = told
     return found
 
 

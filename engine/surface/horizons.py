@@ -48,12 +48,17 @@ def compass(
     return sector, ring.astype(np.int32)
 
 
+def ways() -> Float[np.ndarray, "s 2"]:
+    """(row, column) of a pixel's step along the middle of every sector."""
+    turn = 2 * np.pi * ((np.arange(SECTORS) + 0.5) / SECTORS - 0.5)
+    return np.stack([np.sin(turn), np.cos(turn)], 1)
+
+
 def beside(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p s"]:
     """For every pixel and sector the pixel (in mask order) a little that way, itself at the object's edge."""
-    turn = 2 * np.pi * ((np.arange(SECTORS) + 0.5) / SECTORS - 0.5)
     found = np.repeat(np.arange(mask.sum())[:, None], SECTORS, 1)
     for reach in range(1, BESIDE + 1):
-        steps = np.round(reach * np.stack([np.sin(turn), np.cos(turn)], 1)).astype(int)
+        steps = np.round(reach * ways()).astype(int)
         other = aside(mask, steps)
         found = np.where(other >= 0, other, found)
     return found

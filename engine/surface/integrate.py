@@ -9,13 +9,12 @@ import numpy as np
 import pyamg
 import scipy.sparse as sparse
 from jaxtyping import Bool, Float
-from scipy.ndimage import label
 from scipy.sparse.linalg import cg
 
 from engine.errors import SurfaceError
 from engine.geometry import unproject
 from engine.progress import Progress
-from engine.surface.observations import numbered
+from engine.surface.observations import islands, numbered
 from engine.types import Camera
 
 
@@ -66,8 +65,7 @@ def integrate(
 
     log_depth = np.zeros(count)
     shares = [np.full(len(p), 0.5) for p, _, _ in families]
-    islands: tuple[np.ndarray, int] = label(mask)  # pyright: ignore[reportAssignmentType]
-    part, part_count = islands[0][mask] - 1, islands[1]
+    part, part_count = islands(mask)
     # A gauge: one soft equation per connected part pins its mean.
     gauge = sparse.csr_matrix((np.ones(count), (part, np.arange(count))), shape=(part_count, count))
     sizes = np.bincount(part, minlength=part_count)

@@ -8,12 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, label
 
 from engine.types import Frames
 
 FLOOR_SHARE = 0.02
 """eps as a share of the pixel's median radiance over the views."""
+
+
+def islands(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, " p"], int]:
+    """Which connected part every pixel of the mask belongs to, from 0, and how many there are."""
+    found: tuple[np.ndarray, int] = label(mask)  # pyright: ignore[reportAssignmentType]
+    return found[0][mask] - 1, found[1]
 
 
 def numbered(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:

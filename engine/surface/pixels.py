@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, mean
 
 from engine.geometry import rays, resized
 from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.integrate import integrate
-from engine.surface.observations import Observations, numbered, observe
+from engine.surface.observations import Observations, islands, numbered, observe
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
@@ -142,12 +142,13 @@ def depth_of(
 def lifted(
     who: Subject, depth: Float[np.ndarray, "h w"], lift: Float[np.ndarray, " p"], distance: float
 ) -> Float[np.ndarray, "h w"]:
-    """The depth with its pixels nearer by `lift` (in logarithms); the mean stays `distance`."""
+    """The depth with its pixels nearer by `lift` (in logarithms); the mean of each connected part stays `distance`."""
     if not lift.any():
         return depth
     z = depth[who.mask] * np.exp(-lift)
+    part, count = islands(who.mask)
     lower = np.zeros_like(depth)
-    lower[who.mask] = z * distance / z.mean()
+    lower[who.mask] = z * distance / np.asarray(mean(z, part, np.arange(count)))[part]
     return lower
 
 

@@ -102,11 +102,11 @@ def solve(
     )  # fmt: skip
     here = light.views(np.arange(len(fitted)))
     who = subject(frames, mask, poses.camera, fitted, params)
+    depth = depth_of(who, state, z, progress.part(0.65, 0.67))
     for turn in range(params.rounds):
-        span = progress.part(0.65 + 0.32 * turn / params.rounds, 0.65 + 0.32 * (turn + 1) / params.rounds)
-        depth = depth_of(who, state, z, span.part(0, 0.05))
-        sight = sight_of(who, state, depth, light.directions, params, span.part(0.05, 0.25))
-        state = improve(who, state, here, sight, params, device, span.part(0.25, 0.85))
+        span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
+        sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
+        state = improve(who, state, here, sight, params, device, span.part(0.2, 0.85))
         if turn + 1 == params.rounds and params.accord:
             state = accord(state, mask)
         state, depth = relief(who, state, here, sight, z, params, span.part(0.85, 1))

@@ -51,10 +51,10 @@ def relief(
     depth = depth_of(who, state, distance, progress.part(0, 0.4))
     if not params.steps or not state.level.any():
         return state, depth
-    cost = prices(who, state, light, sight, params, progress.part(0.4, 0.7))
-    pitch = who.pitch
-    before = np.log(np.linalg.norm(sight.points, axis=1)) / pitch
-    told = steps.told(state.level, cost, before, who.mask, pitch)
-    now = np.log(depth[who.mask]) / pitch - np.log(who.rays[:, 2]) / pitch
+    speaking = steps.speakers(who.mask)
+    cost = prices(who, state, light, sight, speaking, params, progress.part(0.4, 0.7))
+    pitch, slant = who.pitch, who.rays[:, 2]
+    before, now = (np.log(z / slant) / pitch for z in (sight.points[:, 2], depth[who.mask]))
+    told = steps.tell(state.level, speaking, cost, before, who.mask, pitch)
     lift = pitch * steps.lifts(who.mask, now, told, pitch, believed / pitch, progress.part(0.7, 1))
     return replace(state, lift=lift), lifted(who, depth, lift, distance)

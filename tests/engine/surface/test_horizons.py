@@ -142,22 +142,28 @@ def test_horizons_can_be_left_to_the_depth():
 def test_the_horizon_that_is_there_costs_least() -> None:
     first, last, level = 2, 4, 6
     who, light, state = photographs_under(walled(first, last, level), np.random.default_rng(3))
-    cost = prices(who, state, light, facing(NOTHING), PARAMS, Progress())
+    cost = prices(who, state, light, facing(NOTHING), np.arange(COUNT), PARAMS, Progress())
     assert not cost[~inner()].any()
     assert np.abs(cost[:, :, 0]).max() < 0.01  # what is held: nothing, but for rounding
     walled_off = cost[inner()][:, first:last]
     assert (walled_off[:, :, level] < 0).mean() > 0.9
     assert np.median(np.abs(walled_off.argmin(2) - level)) <= 1
-    assert (cost[inner()][:, last:].min(2) > walled_off.min()).mean() > 0.99
+    open_ = np.delete(cost[inner()], np.s_[first:last], axis=1)
+    assert (open_.min((1, 2)) > walled_off.min((1, 2))).mean() > 0.95
+    few = np.array([40, 41, 90])
+    some = prices(who, state, light, facing(NOTHING), few, PARAMS, Progress())
+    np.testing.assert_array_equal(some, cost[few])
 
 
 def test_an_answer_unlike_all_neighbours_dissents_and_one_like_them_does_not() -> None:
     state = newton.begin(np.tile([0.0, 0.0, -1.0], (4, 1)), np.full((4, 3), 0.3), np.full(4, 0.5))
     others = np.array([[1, 2], [2, 3]])
-    assert dissent(state.normals[:2], state.albedo[:2], state, others) == pytest.approx([0, 0], abs=1e-12)
+    mine, all_ = (state.normals[:2], state.albedo[:2]), np.ones((2, 2), bool)
+    assert dissent(*mine, state, others, all_) == pytest.approx([0, 0], abs=1e-12)
     aside, other = np.tile([1.0, 0.0, 0.0], (2, 1)), np.full((2, 3), 0.01)
-    assert (dissent(aside, state.albedo[:2], state, others) > 0.9).all()
-    assert (dissent(aside, other, state, others) > 1.8).all()
+    assert (dissent(aside, mine[1], state, others, all_) > 0.9).all()
+    assert (dissent(aside, other, state, others, all_) > 1.8).all()
+    assert not dissent(aside, other, state, others, ~all_).any()
 
 
 def test_beside_is_a_pixel_of_the_object_that_way():

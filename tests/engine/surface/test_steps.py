@@ -1,20 +1,25 @@
 """Steps in depth from horizons. Photographs are stood in for by the geometry itself: what horizons of the true heights
 are, and a price that grows with the angle away from them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from engine.geometry import rays
 from engine.light.rasterise import workers
 from engine.progress import Progress
-from engine.surface import steps
-from engine.surface.horizons import LEVELS, compass
-from engine.surface.pixels import Subject, lifted
-from engine.surface.steps import HORIZONS, Told, horizons_of
-from engine.surface.transport import direction_cells
+from engine.surface import newton, steps
+from engine.surface.heights import HORIZONS, horizons_of
+from engine.surface.horizons import LEVELS, beside, compass, overruled
+from engine.surface.pixels import Subject, SurfaceParams, lifted, sight_of, subject
+from engine.surface.steps import Told
+from engine.surface.transport import blocks, direction_cells, predict
+from engine.surface.turn import relief
 from engine.surface.visibility import SECTORS, occlusion
-from engine.types import Camera
+from engine.types import Camera, Frames
 from tests.engine.surface.test_horizons import photographs_under, walled
+from tests.engine.surface.test_pixels import light_of_lamps
 
 MASK = np.zeros((70, 90), bool)
 MASK[4:66, 4:86] = True
@@ -24,12 +29,16 @@ DISC = np.hypot(*(np.indices(MASK.shape) - np.array([35, 72])[:, None, None])) <
 PITCH = 1 / 400
 
 
-def told_of(height: np.ndarray) -> Told:
-    """Pixels that know the horizons of these heights."""
+EVERY = np.arange(int(MASK.sum()))
+
+
+def told_of(height: np.ndarray, jitter: np.ndarray | float = 0.0) -> Told:
+    """Pixels that know the horizons of these heights, or nearly."""
     with workers() as run:
         goal = horizons_of(MASK, height, PITCH, run)
+    goal = np.where(goal < 3.14, np.clip(goal + jitter, 0.1, 3.1), goal).astype(np.float32)
     price = 3 * np.degrees(np.abs(np.minimum(goal, HORIZONS[-1])[..., None] - HORIZONS))
-    return Told(goal, np.clip(price, 0, steps.LOUDEST).astype(np.float32))
+    return Told(goal, EVERY, np.clip(price, 0, steps.LOUDEST).astype(np.float32))
 
 
 def found(height: np.ndarray, told: Told, start: np.ndarray | None = None) -> np.ndarray:
@@ -60,9 +69,58 @@ def test_a_pit_is_found_as_well() -> None:
     assert np.median(answer[PLATE[MASK]]) == pytest.approx(-8, abs=1.5)
 
 
-def test_without_a_step_nothing_moves() -> None:
+def test_horizons_that_are_off_move_nothing_where_no_step_is() -> None:
     bump = 10 * np.exp(-(((np.indices(MASK.shape) - 35) / 14.0) ** 2).sum(0))[MASK]
-    assert not found(ramp() - bump, told_of(ramp() - bump)).any()
+    jitter = np.random.default_rng(5).normal(0, np.radians(15), (len(EVERY), SECTORS))
+    told = told_of(ramp() - bump, jitter)
+    assert (np.abs(jitter) > np.radians(8)).mean() > 0.5
+    assert np.abs(found(ramp() - bump, told)).max() < 1
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("way", range(SECTORS))
+def test_the_horizon_of_a_slope_is_its_own_line(slope: float, way: int) -> None:
+    """A plane that rises towards one sector: the cotangent is the slope along every sector."""
+    rows, columns = np.nonzero(MASK)
+    turn = 2 * np.pi * ((way + 0.5) / SECTORS - 0.5)
+    height = -slope * (rows * np.sin(turn) + columns * np.cos(turn))
+    with workers() as run:
+        angle = horizons_of(MASK, height, PITCH, run)
+    middle = np.nonzero((rows > 30) & (rows < 40) & (columns > 40) & (columns < 50))[0]
+    along = slope * np.cos(2 * np.pi * (np.arange(SECTORS) - way) / SECTORS)
+    away = np.degrees(angle[middle] - np.arctan2(1, along))
+    # Pixels stand on a grid: the first ones are up to half a sector aside.
+    assert np.abs(away[:, way]).max() < 5
+    assert np.abs(away).max() < 18
+
+
+def test_a_gap_in_the_object_hides_nothing_and_ends_nothing() -> None:
+    mask = MASK.copy()
+    mask[:, 50] = False
+    rows, columns = np.nonzero(mask)
+    height = np.where(columns > 50, -20.0, 0.0)
+    with workers() as run:
+        angle = horizons_of(mask, height, PITCH, run)
+    beside = np.nonzero((columns == 44) & (rows == 35))[0][0]
+    towards = [5, 6]  # the sectors of growing columns
+    assert np.degrees(angle[beside, towards]) == pytest.approx(np.degrees(np.arctan2(7, 20)), abs=4)
+
+
+def test_every_part_of_an_object_keeps_its_place() -> None:
+    mask = MASK.copy()
+    mask[:, 22:26] = False
+    inside = mask[MASK]
+    plate = PLATE[mask]
+    rows, columns = np.nonzero(mask)
+    with workers() as run:
+        goal = horizons_of(mask, ramp()[inside] - np.where(plate, 8.0, 0.0), PITCH, run)
+    price = np.clip(3 * np.degrees(np.abs(np.minimum(goal, HORIZONS[-1])[..., None] - HORIZONS)), 0, 40)
+    told = Told(goal, np.arange(len(goal)), price.astype(np.float32))
+    start = np.where(columns < 22, -8.0, 0.0)
+    answer = steps.lifts(mask, ramp()[inside], told, PITCH, start, Progress())
+    assert np.median(answer[columns < 22]) == 0
+    assert np.median(answer[(columns > 26) & ~plate]) == 0
+    assert np.median(answer[plate]) == pytest.approx(8, abs=1.5)
 
 
 def test_a_step_believed_wrongly_is_taken_back() -> None:
@@ -103,15 +161,53 @@ def test_horizons_of_heights_are_those_that_rays_meet() -> None:
 def test_a_pixel_prefers_what_it_holds_and_else_what_the_depth_has() -> None:
     level = np.zeros((int(MASK.sum()), SECTORS), np.int8)
     level[:, 3] = 5
-    prices = np.full((*level.shape, LEVELS), 7.0, np.float32)
-    prices[:, 3, 5] = 2.0
-    told = steps.told(level, prices, ramp(), MASK, PITCH)
-    assert (told.goal[:, 3] == HORIZONS[5]).all()
+    some = steps.speakers(MASK)
+    told = steps.tell(level, some, np.full((len(some), SECTORS, LEVELS), -3.0), ramp(), MASK, PITCH)
+    assert np.allclose(told.goal[:, 3], HORIZONS[5])
     with workers() as run:
         own = horizons_of(MASK, ramp(), PITCH, run)
     assert np.allclose(told.goal[:, 4], own[:, 4])
-    assert (told.price[:, 3, 5] == 0).all()
-    assert (told.price[:, 3, 4] == 5).all()
+    assert not told.price.any()
+
+
+def test_relief_finds_the_wall_that_throws_a_shadow() -> None:
+    """Pixels of a plane that hold the horizons of a plate on it: the plate comes nearer, normals stay."""
+    camera = Camera(90, 70, 400.0, 400.0, 45.0, 35.0)
+    light = light_of_lamps(np.random.default_rng(1), 8, 300)
+    count, cells = int(MASK.sum()), light.directions
+    normals, depth = np.tile([0.0, 0.0, -1.0], (count, 1)), np.where(MASK, 0.5, 0.0)
+    picture = np.zeros((8, *MASK.shape, 3), np.float32)
+    nothing = np.zeros(picture.shape[:3], bool)
+    frames = Frames(tuple("abcdefgh"), picture + 0.1, nothing, nothing, (1e-6, 1e-6))
+    params = SurfaceParams(directions=300, bounce=False)
+    who = subject(frames, MASK, camera, np.arange(8), params)
+    range_ = np.log(np.linalg.norm(who.flat(0.5).points, axis=1)) / who.pitch
+    with workers() as run:
+        goal = horizons_of(MASK, range_ - np.where(PLATE, 12.0, 0.0)[MASK], who.pitch, run)
+    level = np.abs(np.minimum(goal, HORIZONS[-1])[..., None] - HORIZONS[1:]).argmin(2) + 1
+    free = newton.begin(normals, np.full((count, 3), 0.4), np.full(count, 0.5))
+    sight = sight_of(who, free, depth, cells, params, Progress())
+    # The photographs are those under these very horizons.
+    parts = blocks(MASK)
+    seeing = overruled(sight, level, normals, parts, cells, beside(MASK))
+    for pixels, answer in predict(
+        who.responses(light, params, "cpu"), seeing, parts, normals, free.albedo, free.roughness
+    ):
+        rows = np.argwhere(MASK)[pixels]
+        picture[:, rows[:, 0], rows[:, 1]] = answer.transpose(1, 0, 2)
+    frames = Frames(frames.names, picture, nothing, nothing, frames.noise)
+    who = subject(frames, MASK, camera, np.arange(8), params)
+    state = newton.begin(normals, free.albedo, free.roughness, level.astype(np.int8))
+    state = newton.respread(state, who.responses(light, params, "cpu"), seeing, parts, who.seen)
+    found, lower = relief(who, state, light, sight, 0.5, params, Progress())
+    plate, base = found.lift[PLATE[MASK]] / who.pitch, found.lift[~(PLATE | DISC)[MASK]] / who.pitch
+    assert np.median(plate) == pytest.approx(12, abs=3)
+    assert np.median(base) == pytest.approx(0, abs=0.5)
+    nearer = np.median(lower[MASK & ~PLATE]) / np.median(lower[PLATE]) - 1
+    assert nearer == pytest.approx(12 * who.pitch, rel=0.3)
+    same, flat = relief(who, state, light, sight, 0.5, replace(params, steps=False), Progress())
+    assert not same.lift.any()
+    assert flat[MASK] == pytest.approx(0.5, rel=1e-3)
 
 
 def test_lifting_keeps_the_mean_depth() -> None:
