@@ -2,15 +2,14 @@
 
 A plate on a plate of the same slope leaves no trace in normals; its height shows in the shadow it casts. Where a
 step stands is plain to see: below its edge the horizon towards it is high, above it low. These edges part
-the surface into regions (a watershed), and each region, with a neighbour or with all that stand as high, is tried
-nearer and farther as a whole. It stays where the horizons that the depth then has cost the photographs least;
+the surface into regions (a watershed); each region, and what grows when regions are joined across the faintest
+edges first, is tried nearer and farther as a whole. It stays where the horizons that the depth then has cost the photographs least;
 a tear between two regions where no edge is seen costs as well.
 
 Heights are logarithms of the distance along the viewing ray, in units of a pixel's width: adding to them is what
 integration of normals leaves open. Camera frame.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -18,7 +17,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_erosion, distance_transform_edt, find_objects, label, maximum, median
 from scipy.ndimage import shift as shifted
-from scipy.sparse.csgraph import connected_components
 
 from engine.light.rasterise import workers
 from engine.progress import Progress
@@ -92,7 +90,7 @@ def lifts(
     """
     strength = edges(mask, told.goal)
     region = regions(mask, strength)
-    border = borders(region, strength)
+    border, length = borders(region, strength)
     of, speaking = region[mask], told.speakers
     count = len(border)
     if count < 2 or not len(speaking):
@@ -111,16 +109,13 @@ def lifts(
     ]
     lift = np.array(median(start, of, np.arange(count)))
     touch = (border > 0) | np.eye(count, dtype=bool)
+    every = groups(border, length)
     clock, moved, tried = 1, np.ones(count, int), {}
     with workers() as run:
         costs = field.costs(lift, [], np.zeros(1), speaking, told.goal[speaking], told.price, run)[:, 0]
         for sweep in range(SWEEPS):
             # A group is tried again when it has moved, or a neighbour since.
-            todo = [
-                group
-                for group in groups(border, lift)
-                if moved[touch[list(group)].any(0)].max() >= tried.get(group, 0)
-            ]
+            todo = [group for group in every if moved[touch[list(group)].any(0)].max() >= tried.get(group, 0)]
             for i, group in enumerate(todo):
                 progress.step((sweep + i / len(todo)) / SWEEPS, "heights of steps")
                 members = list(group)
@@ -143,19 +138,25 @@ def lifts(
     return answer - np.asarray(median(answer, part, np.arange(number)))[part]
 
 
-def groups(border: Float[np.ndarray, "k k"], lift: Float[np.ndarray, " k"]) -> Iterator[tuple[int, ...]]:
-    """Regions that are lifted together: each, each two that touch, and all that touch and stand as high."""
-    count = len(lift)
-    for k in range(count):
-        yield (k,)
-    for k, j in np.argwhere(np.triu(border > 0)):
-        yield int(k), int(j)
-    together = (border > 0) & (np.abs(lift[:, None] - lift) < 1e-6)
-    number, plate = connected_components(together, directed=False)
-    for p in range(number):
-        group = tuple(np.nonzero(plate == p)[0].tolist())
-        if 2 < len(group) < count:
-            yield group
+def groups(border: Float[np.ndarray, "k k"], length: Float[np.ndarray, "k k"]) -> list[tuple[int, ...]]:
+    """Regions that are lifted together: each, and what grows when they are joined across the least edge first."""
+    bond = border / np.maximum(length, 1)
+    pairs = np.argwhere(np.triu(border > 0))
+    order = np.argsort(-bond[tuple(pairs.T)], kind="stable")
+    count = len(border)
+    joined: dict[int, tuple[int, ...]] = {k: (k,) for k in range(count)}
+    of = list(range(count))
+    found = list(joined.values())
+    for a, b in pairs[order]:
+        one, other = of[a], of[b]
+        if one == other:
+            continue
+        joined[one] += joined.pop(other)
+        for k in joined[one]:
+            of[k] = one
+        if len(joined[one]) < count:
+            found.append(joined[one])
+    return found
 
 
 def tension(
@@ -207,14 +208,17 @@ def regions(mask: Bool[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"]) -
     return np.where(mask, np.searchsorted(numbers, whole), -1)
 
 
-def borders(region: Int[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "k k"]:
-    """Pixels of border between every two regions, each counting less the more of an edge is seen there."""
+def borders(
+    region: Int[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, "k k"]]:
+    """Pixels of border between every two regions, each counting less the more of an edge is seen there; and plainly."""
     count = int(region.max()) + 1
-    border = np.zeros((count, count))
+    border, length = np.zeros((2, count, count))
     for a, b in (((slice(None), slice(0, -1)), (slice(None), slice(1, None))),
                  ((slice(0, -1), slice(None)), (slice(1, None), slice(None)))):  # fmt: skip
         one, other = region[a], region[b]
         apart = (one >= 0) & (other >= 0) & (one != other)
         edge = np.maximum(strength[a], strength[b])[apart]
         np.add.at(border, (one[apart], other[apart]), np.exp(-((edge / SEEN) ** 2)) + LEAST_TEAR)
-    return border + border.T
+        np.add.at(length, (one[apart], other[apart]), 1)
+    return border + border.T, length + length.T

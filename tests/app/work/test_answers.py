@@ -46,7 +46,7 @@ def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
     assert [row.given for row in plan.rows] == [False, True, False, False, False, False]
     directions = plan.parameter("surface.directions")
     assert directions is not None
-    assert (directions.value, directions.default, directions.kind) == (1024, 1024, "int")
+    assert (directions.value, directions.default, directions.kind) == (512, 512, "int")
     kinds = {p.name: p.kind for row in plan.rows for p in row.parameters}
     assert kinds["light.keep_out"] == "float?"
     assert kinds["light.passes"] == "list"
@@ -56,9 +56,9 @@ def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
 
 def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
-    directions = plan.parameter("surface.directions")
-    assert directions is not None
-    assert (directions.value, directions.default, directions.changed) == (512, 512, False)
+    rounds = plan.parameter("surface.rough_rounds")
+    assert rounds is not None
+    assert (rounds.value, rounds.default, rounds.changed) == (2, 2, False)
 
 
 def test_an_edit_is_written_only_when_it_is_to_be_kept(session: Path) -> None:

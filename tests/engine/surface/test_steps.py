@@ -63,6 +63,15 @@ def test_plates_stand_as_high_as_their_shadows_say(tall: float) -> None:
     assert (np.abs(answer - lift[MASK]) > 1.5).mean() < 0.1
 
 
+def test_regions_are_joined_across_the_faintest_edge_first() -> None:
+    border, length = np.zeros((2, 4, 4))
+    for one, other, closed, long in ((0, 1, 0.9, 10), (1, 2, 0.1, 40), (2, 3, 0.5, 5)):
+        border[one, other] = border[other, one] = closed * long
+        length[one, other] = length[other, one] = long
+    found = [set(group) for group in steps.groups(border, length)]
+    assert found == [{0}, {1}, {2}, {3}, {0, 1}, {2, 3}]
+
+
 def test_a_pit_is_found_as_well() -> None:
     lift = np.where(PLATE, -8.0, 0.0)
     answer = found(ramp(), told_of(ramp() - lift[MASK]))
