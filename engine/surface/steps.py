@@ -3,8 +3,8 @@
 A plate on a plate of the same slope leaves no trace in normals; its height shows in the shadow it casts. Where a
 step stands is plain to see: below its edge the horizon towards it is high, above it low. These edges part
 the surface into regions (a watershed); each region, and what grows when regions are joined across the faintest
-edges first, is tried nearer and farther as a whole. It stays where the horizons that the depth then has cost the photographs least;
-a tear between two regions where no edge is seen costs as well.
+edges first, is tried nearer and farther as a whole. It stays where the horizons that the depth then has cost the
+photographs least; a tear between two regions where no edge is seen costs as well.
 
 Heights are logarithms of the distance along the viewing ray, in units of a pixel's width: adding to them is what
 integration of normals leaves open. Camera frame.
@@ -123,9 +123,7 @@ def lifts(
                 who = speaking[near]
                 now = field.costs(lift, members, shifts, who, told.goal[who], told.price[near], run)
                 change = weight * (now - costs[near, None]).sum(0)
-                change += TEAR * (
-                    tension(border, lift, members, shifts) - tension(border, lift, members, np.zeros(1))
-                )
+                change += TEAR * tension(border, lift, members, shifts)
                 best, clock = int(change.argmin()), clock + 1
                 tried[group] = clock
                 if change[best] < -GAIN:
@@ -165,10 +163,11 @@ def tension(
     group: list[int],
     shifts: Float[np.ndarray, " t"],
 ) -> Float[np.ndarray, " t"]:
-    """Tears at the borders of a group lifted so far; those inside it twice, which no lift of it changes."""
-    member = np.isin(np.arange(len(lift)), group)
-    apart = lift[group][:, None] - lift + np.multiply.outer(shifts, 1 - member[None, :])
-    return (border[group] * np.abs(apart)).sum((1, 2))
+    """What lifting a group by each of `shifts` adds to the tears at its borders."""
+    outside = np.setdiff1d(np.arange(len(lift)), group)
+    apart = lift[group][:, None] - lift[outside]
+    torn = np.abs(apart + shifts[:, None, None]) - np.abs(apart)
+    return (border[group][:, outside] * torn).sum((1, 2))
 
 
 def edges(mask: Bool[np.ndarray, "h w"], goal: Float[np.ndarray, "p s"]) -> Float[np.ndarray, "h w"]:
