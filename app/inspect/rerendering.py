@@ -23,7 +23,6 @@ from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
 from engine.surface.pixels import SurfaceParams, as_photographed, rerender, sight_of, subject
-from engine.surface.solve import DEPTH_MARGIN
 from engine.surface.surroundings import Room, furnished, light_at
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, lattice_around
 from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Surface
@@ -47,7 +46,7 @@ class Solved:
     surface: Surface
     room: Room
     gain: Float[np.ndarray, "g 3"]  # of the room's groups, as the surface's shading settled them
-    distance: float  # camera to object along z, scene units
+    reach: tuple[float, float]  # z of the nearest and the farthest probes, scene units
 
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
@@ -107,7 +106,7 @@ def open_run(run: Run) -> Solved:
             f"{run.session}: the reference solver made this result, and its views are not rendered anew here; look at"
             " a result of the transport solver"
         )
-    if not (run.folder("light") / "lamps.json").is_file() or "light_gains" not in report:
+    if not (run.folder("light") / "lamps.json").is_file() or "probe_reach" not in report:
         raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
@@ -126,7 +125,8 @@ def open_run(run: Run) -> Solved:
         raise SessionError(
             f"{run.session}: the light's groups are no longer those of this result; process it again"
         )
-    return Solved(run, params, frames, poses, surface, room, gain[:-1], float(report["distance"]["value"]))
+    near, far = map(float, report["probe_reach"])
+    return Solved(run, params, frames, poses, surface, room, gain[:-1], (near, far))
 
 
 class Scene:
@@ -140,7 +140,7 @@ class Scene:
         s, surface = solved, solved.surface
         self._solved = solved
         self.lattice: Lattice = lattice_around(
-            s.poses.camera, surface.mask, (s.distance * (1 - DEPTH_MARGIN), s.distance * (1 + DEPTH_MARGIN)),
+            s.poses.camera, surface.mask, s.reach,
             (s.params.probes_across, s.params.probes_across, s.params.probes_deep),
         )  # fmt: skip
         mask = surface.mask

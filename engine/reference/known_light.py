@@ -26,11 +26,13 @@ from engine.surface.pixels import (
     sight_of,
 )
 from engine.surface.rough import first_look
-from engine.surface.solve import DEPTH_MARGIN
 from engine.surface.surroundings import Room, furnished, light_at
 from engine.surface.transport import Sight, lattice_around
 from engine.surface.turn import improve, relief
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
+
+DEPTH_MARGIN = 0.2
+"""How much nearer and farther than the object's distance the probes reach, its depth not being known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.confidence import confidence
+from engine.surface.confidence import confidence, formal
 from engine.surface.pixels import Subject, SurfaceParams, coarse_regions, subject
 from engine.surface.solve import held_out, surface_of
 from engine.surface.start import global_start
@@ -79,4 +79,5 @@ def answered(
     who: Subject, state: newton.State, sight: Sight, depth: Float[np.ndarray, "h w"], model_error: float
 ) -> Surface:
     """The state as maps, with standard errors from its own system."""
-    return surface_of(who.mask, state, depth, confidence(state, who.seen, sight), model_error)
+    certainty = confidence(state, formal(state.system, state.spread), who.seen, sight)
+    return surface_of(who.mask, state, depth, certainty, model_error)

@@ -6,6 +6,7 @@ highlight the model misses count little. Marquardt damping per pixel; a step tha
 is taken back. Albedo is solved as its logarithm. Derivatives of D and S by forward differences of the rows.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import no_type_check
@@ -141,7 +142,7 @@ def iterate(
             diffuse, specular = responses(block, leaning, rough)
             misfit, system, slope = _normal_equations(
                 diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels],
-                seen.eps[pixels], kept.spread[pixels], r,
+                seen.eps[pixels], kept.spread[pixels], r, 1.0,
             )  # fmt: skip
             better = misfit <= kept.misfit[pixels]
             won, lost = pixels[better], pixels[~better]
@@ -155,6 +156,34 @@ def iterate(
                 a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
                 r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
     return kept
+
+
+def by_stretches(
+    state: State,
+    responses: Rows,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    count: int,
+    progress: Progress,
+) -> tuple[Float[np.ndarray, "p g 6 6"], Float[np.ndarray, "p g 6"]]:
+    """(J^T W J, J^T W e) at the state, parted by stretches of `g` = `count` views in a row; each bears its share of
+    the prior."""
+    pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
+    ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
+    system, slope = np.empty((pixels_in_all, count, 6, 6)), np.empty((pixels_in_all, count, 6))
+    for i, pixels in enumerate(parts):
+        progress.step(i / len(parts), "judging the answer by parts of the views")
+        n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
+        leaning, rough, inward = variants(n, r)
+        diffuse, specular = responses(responses.block(sight, pixels), leaning, rough)
+        for k, (begin, end) in enumerate(itertools.pairwise(ends)):
+            _, system[pixels, k], slope[pixels, k] = _normal_equations(
+                *(np.ascontiguousarray(x[..., begin:end]) for x in (diffuse, specular)), a, inward,
+                *(np.ascontiguousarray(x[pixels, begin:end]) for x in (seen.radiance, seen.weight)),
+                seen.eps[pixels], state.spread[pixels], r, 1 / count,
+            )  # fmt: skip
+    return system, slope
 
 
 def _damped_step(system, slope, damping):
@@ -175,7 +204,7 @@ def facing(normals, views):
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
 @no_type_check
-def _normal_equations(diffuse, specular, albedo, inward, radiance, weight, eps, spread, roughness):
+def _normal_equations(diffuse, specular, albedo, inward, radiance, weight, eps, spread, roughness, prior):
     count, _, channels = diffuse.shape
     misfit = np.zeros(count)
     system = np.zeros((count, 6, 6))
@@ -233,9 +262,9 @@ def _normal_equations(diffuse, specular, albedo, inward, radiance, weight, eps, 
             system[p, k, 5] = h23
         mean, spread_r = ROUGHNESS_PRIOR
         off = (roughness[p] - mean) / spread_r
-        misfit[p] = total + off * off * spread[p] ** 2
-        slope[p, 5] -= off / spread_r * spread[p] ** 2
-        system[p, 5, 5] += (spread[p] / spread_r) ** 2
+        misfit[p] = total + prior * off * off * spread[p] ** 2
+        slope[p, 5] -= prior * off / spread_r * spread[p] ** 2
+        system[p, 5, 5] += prior * (spread[p] / spread_r) ** 2
         for k in range(6):
             for j in range(k):
                 system[p, k, j] = system[p, j, k]

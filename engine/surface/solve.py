@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float, Int
 from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.surface.accord import accord
-from engine.surface.confidence import Confidence, confidence
+from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.distance import Distance
-from engine.surface.newton import State
+from engine.surface.newton import State, respread
 from engine.surface.pixels import (
     SurfaceParams,
     as_photographed,
@@ -27,12 +27,15 @@ from engine.surface.pixels import (
 )
 from engine.surface.rough import rough
 from engine.surface.surroundings import furnished, light_at
-from engine.surface.transport import lattice_around
+from engine.surface.transport import blocks, lattice_around
 from engine.surface.turn import improve, relief
 from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
-DEPTH_MARGIN = 0.2
-"""Half of the depth range the probes cover, relative to the object's distance."""
+AROUND = 1.03
+"""The probes reach so many times nearer and farther than the rough depth. No more: light that is near fades over between
+their layers instead of moving, and two a fifth of the distance either way take it for brighter than it is."""
+OUTLIERS = (0.5, 99.5)
+"""Percentiles of that depth; what the rim says beyond them is no guide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +48,7 @@ class SurfaceReport:
     held_out_error: float  # median relative error of the re-rendered radiance
     residual: float  # median weighted residual spread
     distance: Distance
+    probe_reach: tuple[float, float]  # z of the nearest and the farthest layer of probes
     light_gains: tuple[
         tuple[float, ...], ...
     ]  # per group of emitters and channel; the belief without refinement
@@ -92,17 +96,18 @@ def solve(
     state, setting, distance, residuals = rough(
         frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5)
     )
-    z, near = distance.value, DEPTH_MARGIN
+    who, z = subject(frames, mask, poses.camera, fitted, params), distance.value
+    depth = depth_of(who, state, z, progress.part(0.5, 0.52))
+    nearest, farthest = np.percentile(depth[mask], OUTLIERS)
+    reach = float(nearest / AROUND), float(farthest * AROUND)
     layout = (params.probes_across, params.probes_across, params.probes_deep)
-    lattice = lattice_around(poses.camera, mask, (z * (1 - near), z * (1 + near)), layout)
+    lattice = lattice_around(poses.camera, mask, reach, layout)
     light = light_at(
         lattice, room, setting.gain[:-1],
         np.concatenate([fitted, np.array(kept_out, int)]), params.directions, params.probe_face_px,
-        progress.part(0.5, 0.65),
+        progress.part(0.52, 0.67),
     )  # fmt: skip
     here = light.views(np.arange(len(fitted)))
-    who = subject(frames, mask, poses.camera, fitted, params)
-    depth = depth_of(who, state, z, progress.part(0.65, 0.67))
     for turn in range(params.rounds):
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
         sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
@@ -113,7 +118,10 @@ def solve(
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
-    certainty = confidence(state, who.seen, sight)
+    responses, parts = who.responses(here, params, device), blocks(mask)
+    state = respread(state, responses, sight, parts, who.seen)
+    variance = jackknifed(state, responses, sight, parts, who.seen, progress.part(0.99, 1))
+    certainty = confidence(state, variance, who.seen, sight)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
     pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)
     report = SurfaceReport(
@@ -123,6 +131,7 @@ def solve(
         rerendering_error(frames, kept_out, pictures, mask),
         float(np.median(state.spread)),
         distance,
+        reach,
         tuple(tuple(map(float, gain)) for gain in setting.gain),
         tuple(int(k) for k in np.nonzero(room.clipped)[0]),
         residuals,

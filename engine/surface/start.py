@@ -84,12 +84,16 @@ def _choose(
         for c in range(3):
             first = np.take_along_axis(a[c], finalists, 1)[..., None]
             dd, ss = d[c][finalists], s[c][finalists]
-            logs = np.log((radiance[c] + eps[0])[:, None] / (first * dd + ss + eps[0][:, None]))
+            logs = np.log(
+                (radiance[c] + eps[0])[:, None] / (np.maximum(first * dd + ss, 0) + eps[0][:, None])
+            )
             valid = (weight[c] > 0)[:, None]
             # The median ratio is the albedo that shadows and highlights do not move.
             shift = np.median(np.where(valid, logs, 0), axis=2, keepdims=True)
             second = np.clip(first * np.exp(shift), 0.005, 1.0)
-            logs = np.log((radiance[c] + eps[0])[:, None] / (second * dd + ss + eps[0][:, None]))
+            logs = np.log(
+                (radiance[c] + eps[0])[:, None] / (np.maximum(second * dd + ss, 0) + eps[0][:, None])
+            )
             robust += np.where(valid, np.abs(logs), 0).sum(2)
             refined[..., c] = second[..., 0]
         winner = np.argmin(robust, 1)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.geometry import inverse
+from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.globes import apart
 from engine.light.probes import incident_energy
@@ -83,7 +84,7 @@ def light_at(
     gaussians, lamps = room.under(gain)
     energy, _ = incident_energy(gaussians, poses, lattice.points(), cells, face_px, True, progress)
     near = near_of(lamps, gaussians, poses, lattice.points().mean(0), directions)
-    return Incident(lattice, cells, _stacked(energy), near)
+    return Incident(lattice, cells, _stacked(sharpened(energy, cells)), near)
 
 
 def parts_at(
@@ -116,7 +117,7 @@ def parts_at(
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
     prior = np.append(np.full(filled, room.prior), CERTAIN)
     near = near_of(room.lamps, room.gaussians, poses, lattice.points().mean(0), directions)
-    total = Incident(lattice, cells, _stacked(energy), no_lamps)
+    total = Incident(lattice, cells, _stacked(sharpened(energy, cells)), no_lamps)
     return Parts(total, came_from, near, np.append(room.clipped, False), prior)
 
 

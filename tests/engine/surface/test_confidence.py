@@ -1,0 +1,75 @@
+"""Stated errors hold the truth when neighbouring views and all channels share theirs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.progress import Progress
+from engine.surface import newton
+from engine.surface.confidence import confidence, formal, jackknifed
+from engine.surface.pixels import subject
+from engine.surface.transport import blocks
+from tests.engine.surface.test_pixels import CAMERA, PARAMS, ball, light_of_lamps, pictures_of_a_ball
+
+VIEWS = 48
+BAND = 1.96
+
+
+def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Errors of the normals and their standard errors, formal and by leaving out stretches, under exposures 8 % off
+    that `together` views in a row share, all channels alike."""
+    rng = np.random.default_rng(together)
+    light = light_of_lamps(rng, VIEWS, 400)
+    frames, mask = pictures_of_a_ball(rng, VIEWS, light)
+    off = np.exp(0.08 * rng.normal(size=VIEWS // together).repeat(together))
+    # A map of its own for every pixel: one for all would make one draw of the whole ball.
+    tilt = np.exp(0.08 * rng.normal(size=(VIEWS // together, *mask.shape)).repeat(together, 0))
+    radiance = (frames.radiance * (off[:, None, None] * tilt)[..., None]).astype(np.float32)
+    who = subject(replace(frames, radiance=radiance), mask, CAMERA, np.arange(VIEWS), PARAMS)
+    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
+    truth = ball()[1][mask]
+    state = newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45))
+    for _ in range(2):
+        state = newton.respread(state, responses, sight, parts, who.seen)
+        state = newton.iterate(state, responses, sight, parts, who.seen, 6, Progress())
+    state = newton.respread(state, responses, sight, parts, who.seen)
+    error = np.arccos(np.clip((state.normals * truth).sum(1), -1, 1))
+    variances = {
+        "formal": formal(state.system, state.spread),
+        "jackknife": jackknifed(state, responses, sight, parts, who.seen, Progress()),
+    }
+    return {name: (error, confidence(state, v, who.seen, sight).normal) for name, v in variances.items()}
+
+
+def share_held(error: np.ndarray, stderr: np.ndarray) -> float:
+    return float((error <= BAND * stderr).mean())
+
+
+@pytest.mark.parametrize("together", [3, 6])
+def test_errors_that_neighbouring_views_share_are_held(together: int) -> None:
+    told = judged(together)
+    assert share_held(*told["jackknife"]) > 0.9
+    assert share_held(*told["formal"]) < 0.85  # what it is there for
+
+
+def test_errors_of_each_view_alone_are_not_blown_up() -> None:
+    told = judged(1)
+    assert share_held(*told["jackknife"]) > 0.93
+    assert np.median(told["jackknife"][1]) < 3.5 * np.median(told["formal"][1])
+
+
+def test_stretches_sum_to_the_whole_system() -> None:
+    rng = np.random.default_rng(0)
+    light = light_of_lamps(rng, 24, 400)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
+    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
+    truth = ball()[1][mask]
+    state = newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.5))
+    state = newton.respread(state, responses, sight, parts, who.seen)
+    state = newton.iterate(state, responses, sight, parts, who.seen, 1, Progress())
+    system, slope = newton.by_stretches(state, responses, sight, parts, who.seen, 5, Progress())
+    # The kernel's own arithmetic is that of single precision.
+    np.testing.assert_allclose(system.sum(1), state.system, rtol=1e-4, atol=1e-4 * np.abs(state.system).max())
+    np.testing.assert_allclose(slope.sum(1), state.slope, rtol=1e-4, atol=1e-4 * np.abs(state.slope).max())
