@@ -178,11 +178,13 @@ def by_stretches(
         leaning, rough, inward = variants(n, r)
         diffuse, specular = responses(responses.block(sight, pixels), leaning, rough)
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
+            d, s, radiance, weight = (
+                np.ascontiguousarray(x[..., begin:end])
+                for x in (diffuse, specular, seen.radiance[pixels], seen.weight[pixels])
+            )
             _, system[pixels, k], slope[pixels, k] = _normal_equations(
-                *(np.ascontiguousarray(x[..., begin:end]) for x in (diffuse, specular)), a, inward,
-                *(np.ascontiguousarray(x[pixels, begin:end]) for x in (seen.radiance, seen.weight)),
-                seen.eps[pixels], state.spread[pixels], r, 1 / count,
-            )  # fmt: skip
+                d, s, a, inward, radiance, weight, seen.eps[pixels], state.spread[pixels], r, 1 / count
+            )
     return system, slope
 
 
