@@ -176,12 +176,13 @@ def by_stretches(
         progress.step(i / len(parts), "judging the answer by parts of the views")
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
         leaning, rough, inward = variants(n, r)
-        diffuse, specular = responses(responses.block(sight, pixels), leaning, rough)
+        by_view = (
+            *responses(responses.block(sight, pixels), leaning, rough),
+            seen.radiance[pixels],
+            seen.weight[pixels],
+        )
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
-            d, s, radiance, weight = (
-                np.ascontiguousarray(x[..., begin:end])
-                for x in (diffuse, specular, seen.radiance[pixels], seen.weight[pixels])
-            )
+            d, s, radiance, weight = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
             _, system[pixels, k], slope[pixels, k] = _normal_equations(
                 d, s, a, inward, radiance, weight, seen.eps[pixels], state.spread[pixels], r, 1 / count
             )

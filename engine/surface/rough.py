@@ -66,8 +66,8 @@ def rough(
     device: str,
     seed: int,
     progress: Progress,
-) -> tuple[newton.State, Setting, Distance, tuple[float, ...]]:
-    """State of all pixels of the mask, the light's setting, the distance, and the residual turn by turn."""
+) -> tuple[newton.State, Float[np.ndarray, "h w"], Setting, Distance, tuple[float, ...]]:
+    """State and depth of all pixels of the mask, the light's setting, the distance, and the residual turn by turn."""
     views = fitted[:: max(1, len(fitted) // VIEWS)]
     few = frames.views(views)
     camera = room.poses.camera
@@ -83,13 +83,13 @@ def rough(
     if free:
         distance, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
 
-    def light_around(middle: float, margin: float, span: Progress) -> Parts:
-        across = ACROSS if margin == TIGHT else 2
+    def light_around(middle: float, guessed: bool, span: Progress) -> Parts:
+        margin, across = (WIDE, 2) if guessed else (TIGHT, ACROSS)
         lattice = lattice_around(camera, mask, (middle / margin, middle * margin), (across, across, 2))
         return parts_at(lattice, room, views, min(DIRECTIONS, params.directions), FACE_PX, span)
 
     guessed, stderr = free, 0.0
-    middle, parts = distance, light_around(distance, WIDE if free else TIGHT, progress.part(0.2, 0.3))
+    middle, parts = distance, light_around(distance, free, progress.part(0.2, 0.3))
     setting, sight = untouched(parts, distance), who.flat(distance)
     state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
     residuals = []
@@ -98,7 +98,7 @@ def rough(
         span = progress.part(begin, begin + 0.65 / len(levels))
         if (guessed and turn) or not 1 / DRIFT < distance / middle < DRIFT:
             guessed = False
-            middle, parts = distance, light_around(distance, TIGHT, span.part(0, 0.2))
+            middle, parts = distance, light_around(distance, guessed, span.part(0, 0.2))
         light = parts.under(setting.gain)
         if following is not who:
             state, who = finer(state, who.mask, following.mask), following
@@ -121,9 +121,10 @@ def rough(
                     setting, parts, sample, voting, params.relight, ROUNDS // 2, PASSES, span.part(0.9, 1)
                 )
                 stderr = setting.distance_stderr
-            sight, distance = sight.at(setting.distance / distance), setting.distance
+            moved, distance = setting.distance / distance, setting.distance
+            sight, depth = sight.at(moved), depth * moved
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
-    return state, setting, found, tuple(residuals)
+    return state, depth, setting, found, tuple(residuals)
 
 
 def first_look(

@@ -19,7 +19,6 @@ from engine.surface.newton import State, respread
 from engine.surface.pixels import (
     SurfaceParams,
     as_photographed,
-    depth_of,
     image,
     rerender,
     sight_of,
@@ -93,11 +92,10 @@ def solve(
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
     )
-    state, setting, distance, residuals = rough(
+    state, depth, setting, distance, residuals = rough(
         frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5)
     )
     who, z = subject(frames, mask, poses.camera, fitted, params), distance.value
-    depth = depth_of(who, state, z, progress.part(0.5, 0.52))
     nearest, farthest = np.percentile(depth[mask], OUTLIERS)
     reach = float(nearest / AROUND), float(farthest * AROUND)
     layout = (params.probes_across, params.probes_across, params.probes_deep)
@@ -105,7 +103,7 @@ def solve(
     light = light_at(
         lattice, room, setting.gain[:-1],
         np.concatenate([fitted, np.array(kept_out, int)]), params.directions, params.probe_face_px,
-        progress.part(0.52, 0.67),
+        progress.part(0.5, 0.67),
     )  # fmt: skip
     here = light.views(np.arange(len(fitted)))
     for turn in range(params.rounds):

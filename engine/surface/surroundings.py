@@ -84,7 +84,7 @@ def light_at(
     gaussians, lamps = room.under(gain)
     energy, _ = incident_energy(gaussians, poses, lattice.points(), cells, face_px, True, progress)
     near = near_of(lamps, gaussians, poses, lattice.points().mean(0), directions)
-    return Incident(lattice, cells, _stacked(sharpened(energy, cells)), near)
+    return Incident(lattice, cells, sharpened(_stacked(energy), cells), near)
 
 
 def parts_at(
@@ -117,7 +117,7 @@ def parts_at(
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
     prior = np.append(np.full(filled, room.prior), CERTAIN)
     near = near_of(room.lamps, room.gaussians, poses, lattice.points().mean(0), directions)
-    total = Incident(lattice, cells, _stacked(sharpened(energy, cells)), no_lamps)
+    total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
     return Parts(total, came_from, near, np.append(room.clipped, False), prior)
 
 

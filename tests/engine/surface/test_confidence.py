@@ -8,12 +8,20 @@ import pytest
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.confidence import confidence, formal, jackknifed
-from engine.surface.pixels import subject
-from engine.surface.transport import blocks
+from engine.surface.pixels import Subject, subject
+from engine.surface.transport import Incident, blocks
 from tests.engine.surface.test_pixels import CAMERA, PARAMS, ball, light_of_lamps, pictures_of_a_ball
 
 VIEWS = 48
 BAND = 1.96
+
+
+def at_the_truth(who: Subject, light: Incident, roughness: float):
+    """The ball's normals; its state there, spread measured; and what the solver asks besides a state."""
+    truth, count = ball()[1][who.mask], len(who.seen.eps)
+    under = who.responses(light, PARAMS, "cpu"), who.flat(0.5), blocks(who.mask), who.seen
+    state = newton.begin(truth, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, roughness))
+    return truth, newton.respread(state, *under), under
 
 
 def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -27,19 +35,16 @@ def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     tilt = np.exp(0.08 * rng.normal(size=(VIEWS // together, *mask.shape)).repeat(together, 0))
     radiance = (frames.radiance * (off[:, None, None] * tilt)[..., None]).astype(np.float32)
     who = subject(replace(frames, radiance=radiance), mask, CAMERA, np.arange(VIEWS), PARAMS)
-    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
-    truth = ball()[1][mask]
-    state = newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45))
+    truth, state, under = at_the_truth(who, light, 0.45)
     for _ in range(2):
-        state = newton.respread(state, responses, sight, parts, who.seen)
-        state = newton.iterate(state, responses, sight, parts, who.seen, 6, Progress())
-    state = newton.respread(state, responses, sight, parts, who.seen)
+        state = newton.iterate(state, *under, 6, Progress())
+        state = newton.respread(state, *under)
     error = np.arccos(np.clip((state.normals * truth).sum(1), -1, 1))
     variances = {
         "formal": formal(state.system, state.spread),
-        "jackknife": jackknifed(state, responses, sight, parts, who.seen, Progress()),
+        "jackknife": jackknifed(state, *under, Progress()),
     }
-    return {name: (error, confidence(state, v, who.seen, sight).normal) for name, v in variances.items()}
+    return {name: (error, confidence(state, v, who.seen, under[1]).normal) for name, v in variances.items()}
 
 
 def share_held(error: np.ndarray, stderr: np.ndarray) -> float:
@@ -63,13 +68,9 @@ def test_stretches_sum_to_the_whole_system() -> None:
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
-    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
-    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
-    truth = ball()[1][mask]
-    state = newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.5))
-    state = newton.respread(state, responses, sight, parts, who.seen)
-    state = newton.iterate(state, responses, sight, parts, who.seen, 1, Progress())
-    system, slope = newton.by_stretches(state, responses, sight, parts, who.seen, 5, Progress())
+    _, state, under = at_the_truth(subject(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
+    state = newton.iterate(state, *under, 1, Progress())
+    system, slope = newton.by_stretches(state, *under, 5, Progress())
     # The kernel's own arithmetic is that of single precision.
     np.testing.assert_allclose(system.sum(1), state.system, rtol=1e-4, atol=1e-4 * np.abs(state.system).max())
     np.testing.assert_allclose(slope.sum(1), state.slope, rtol=1e-4, atol=1e-4 * np.abs(state.slope).max())
