@@ -17,8 +17,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from engine.light.proposal import LIGHT_SHARE, SHARPNESS, Mixture
-from engine.surface.brdf import F0
 
+F0 = 0.04
+"""Reflectance head on."""
 SHARPEST = 3e-3
 """Least alpha of GGX: a mirror has no density, and a narrower lobe no digits in float32."""
 GRAZING = 1e-3

@@ -8,7 +8,7 @@ import math
 from jaxtyping import Float
 from torch import Tensor
 
-from engine.surface.brdf import F0
+from engine.surface.brdf import INDEX
 
 
 def rows_reference(
@@ -27,7 +27,8 @@ def rows_reference(
     lh = ((1 + views @ directions.T) / 2).clamp(min=1e-6).sqrt()
     nh = ((nl + nv) / (2 * lh)).clamp(max=1)
     ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1) ** 2)
-    fresnel = F0 + (1 - F0) * (1 - lh) ** 5
+    g = (INDEX**2 - 1 + lh**2).sqrt()
+    fresnel = ((g - lh) / (g + lh)) ** 2 / 2 * (1 + ((lh * (g + lh) - 1) / (lh * (g - lh) + 1)) ** 2)
     masking = 1 / ((nl + (a2 + (1 - a2) * nl**2).sqrt()) * (nv + (a2 + (1 - a2) * nv**2).sqrt()))
     diffuse = nl / math.pi
     if full_diffuse:
