@@ -82,10 +82,9 @@ def confidence(surface: Surface | None) -> str:
             "<b>Flagged pixels</b> (dark): to be taken with care. Shares in the table",
         )
     )
-    text = (
-        "<p>One standard error from each pixel's own system of equations, inflated by the misfit. It knows of"
-    )
-    text += " noise and of how well the light tells the unknowns apart, not of what the model leaves out.</p>"
+    text = "<p>One standard error, from what each pixel's answer changes by when parts of the views are left out, and"
+    text += " no less than noise and misfit make it. What is wrong alike in all views, such as the light's level or"
+    text += " the distance, it does not know of.</p>"
     return page.section("How sure", text, figures, page.table(("flag", "share"), rows))
 
 

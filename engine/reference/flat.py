@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from engine.geometry import inverse
+from engine.light.cells import sharpened
 from engine.light.gaussians import sh_basis
 from engine.light.probes import incident_energy
 from engine.progress import Progress
@@ -46,7 +47,8 @@ def panoramas(
     energy, _ = incident_energy(room.gaussians, from_world, point[None], cells, face_px, True, progress)
     shared = energy[:, 0].transpose(1, 0, 2).reshape(directions, -1)
     shared = shared + near_of(room.lamps, room.gaussians, from_world, point, directions).spread(point)
-    return Incident(EVERYWHERE, cells, shared[None].astype(np.float32), Near.none(len(views), directions))
+    shared = sharpened(shared[None].astype(np.float32), cells)
+    return Incident(EVERYWHERE, cells, shared, Near.none(len(views), directions))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
