@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from hardware.errors import StudioError
 from hardware.virtual.studio import solids
@@ -137,35 +138,64 @@ def vase() -> Body:
 
 
 def relief() -> Body:
-    """A carved tile: blocks, pyramids, a ridge, a bowl, a groove and a stair, all with sharp edges."""
-    rows, columns, width, height = 380, 470, 0.26, 0.21
-    y, x = np.meshgrid(
-        np.linspace(-height / 2, height / 2, rows), np.linspace(-width / 2, width / 2, columns), indexing="ij"
+    """A carved tile: blocks, pyramids, a ridge, a bowl, a groove and a stair, all with sharp edges.
+
+    Each part is a body of its own that is sunk into the tile: on a common grid of heights, walls that run across it
+    would be serrated finer than a pixel, and the normal at a pixel's centre would be that of a tooth.
+    """
+    width, height, sunk = 0.26, 0.21, -0.01
+    sides = np.array(
+        [[1, 0, 0, -width / 2], [-1, 0, 0, -width / 2], [0, 1, 0, -height / 2], [0, -1, 0, -height / 2]]
     )
-    z = np.zeros_like(x)
 
-    def turned(cx: float, cy: float, deg: float) -> tuple[np.ndarray, np.ndarray]:
-        c, s = np.cos(np.radians(deg)), np.sin(np.radians(deg))
-        return c * (x - cx) + s * (y - cy), -s * (x - cx) + c * (y - cy)
+    def body(cx: float, cy: float, deg: float, corners: list[tuple[float, float, float]]) -> Solid:
+        """Convex, turned, set on the tile and cut off where the tile ends."""
+        at = np.array(corners) @ _turned(0, 0, deg).T + [cx, cy, 0]
+        planes = np.concatenate([ConvexHull(at).equations, sides])
+        inside = np.append(at[:, :2].mean(0), sunk / 2)
+        return solids.hull(HalfspaceIntersection(planes, inside).intersections, 0.002)
 
-    a, b = turned(-0.08, -0.055, 20)  # pyramid
-    z = np.maximum(z, 0.038 * (1 - np.maximum(np.abs(a), np.abs(b)) / 0.042))
-    a, b = turned(0.0, -0.06, -15)  # block with a bevelled top
-    block = (np.maximum(np.abs(a) / 0.03, np.abs(b) / 0.026) < 1) * (0.026 + 0.25 * a)
-    z = np.maximum(z, block)
-    a, b = turned(0.085, -0.055, 0)  # bowl sunk into a drum
-    radius = np.hypot(a, b)
-    drum = np.where(radius < 0.036, 0.022, 0.0)
-    bowl = np.where(radius < 0.03, 0.022 - np.sqrt(np.maximum(0.033**2 - radius**2, 0)) + 0.0137, drum)
-    z = np.where(radius < 0.036, np.maximum(bowl, -0.02), z)
-    a, b = turned(-0.075, 0.05, -35)  # roof ridge
-    z = np.maximum(z, np.where(np.abs(b) < 0.045, 0.03 * (1 - np.abs(a) / 0.03), 0))
-    a, b = turned(0.005, 0.055, 10)  # stair
-    stair = 0.008 * np.clip(np.ceil((a + 0.032) / 0.016), 0, 4)
-    z = np.where((np.abs(a) < 0.032) & (np.abs(b) < 0.035), np.maximum(z, stair), z)
-    a, b = turned(0.08, 0.05, 25)  # V groove
-    z = np.where((np.abs(b) < 0.04) & (np.abs(a) < 0.022), np.minimum(z, -0.026 * (1 - np.abs(a) / 0.022)), z)
-    solid = solids.terrain(z, width, height, base=-0.04, crease_deg=30.0)
+    def cone(a: float, b: float, height: float, ridge: float) -> list[tuple[float, float, float]]:
+        """Rises from half sides a, b at z = 0 to a ridge along b."""
+        wide = a * (1 - sunk / height)
+        far = b + (b - ridge) * -sunk / height
+        base = [(x, y, sunk) for x in (-wide, wide) for y in (-far, far)]
+        return [*base, (0.0, -ridge, height), (0.0, ridge, height)]
+
+    def box(
+        a: tuple[float, float], b: float, height: float, slope: float = 0.0
+    ) -> list[tuple[float, float, float]]:
+        return [(x, y, z) for x in a for y in (-b, b) for z in (sunk, height + slope * x)]
+
+    parts = [
+        body(-0.08, -0.055, 20, cone(0.042, 0.042, 0.038, 0.0)),  # pyramid
+        body(0.0, -0.06, -15, box((-0.03, 0.03), 0.026, 0.026, 0.25)),  # block with a bevelled top
+        body(-0.075, 0.05, -35, cone(0.03, 0.045, 0.03, 0.045)),  # roof ridge
+    ]
+    for k in range(4):  # stair
+        parts.append(
+            body(0.005, 0.055, 10, box((-0.032 + 0.016 * k, -0.016 + 0.016 * k), 0.035, 0.008 * (k + 1)))
+        )
+    # A bowl sunk into a drum.
+    r = np.linspace(0, 0.03, 40)
+    hollow = np.stack([r, 0.0357 - np.sqrt(0.033**2 - r**2)], 1)
+    rim = np.stack([np.linspace(0.03, 0.036, 7)[1:-1], np.full(5, 0.022)], 1)
+    side = np.stack([np.full(30, 0.036), np.linspace(0.022, sunk, 30)], 1)
+    under = np.stack([np.linspace(0.036, 0, 20)[1:], np.full(19, sunk)], 1)
+    drum = solids.lathe(
+        np.concatenate([hollow, rim, side, under]), 360, lambda r, angle: r + 0 * angle, crease_deg=30.0
+    )
+    parts.append(solids.moved(drum, np.eye(3), np.array([0.085, -0.055, 0])))
+    # A V groove whose ends slope as its sides do.
+    y, x = np.meshgrid(
+        np.linspace(-height / 2, height / 2, 380), np.linspace(-width / 2, width / 2, 470), indexing="ij"
+    )
+    a, b, _ = _turned(0, 0, -25) @ np.stack([x.ravel() - 0.08, y.ravel() - 0.05, 0 * x.ravel()])
+    deep = 0.026 * np.minimum(1 - np.abs(a) / 0.022, (0.04 - np.abs(b)) / 0.022)
+    parts.append(
+        solids.terrain(-np.maximum(deep, 0).reshape(x.shape), width, height, base=-0.04, crease_deg=30.0)
+    )
+    solid = solids.join(parts)
     # The carved side (z up) faces the camera; tilted, so that side walls are seen.
     facing = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
     solid = _placed(solid, _turned(12, 14, 6) @ facing)

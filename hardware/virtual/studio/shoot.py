@@ -27,7 +27,7 @@ from hardware.virtual.studio import (
     truth,
 )
 
-VERSION = 3  # raise when the rendered values would change
+VERSION = 4  # raise when the rendered values would change
 NOISE = 0.015  # of an object pixel over the views, relative to its mean; average over the pixels
 PILOT_VIEWS = 6
 PLAIN_SAMPLES = 512  # a pixel and view, where Mitsuba has no vectorised variant

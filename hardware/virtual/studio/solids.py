@@ -1,4 +1,4 @@
-"""Shape triangle meshes by formula: spheres, heightfields, tubes, and normals that respect edges.
+"""Shape triangle meshes by formula: spheres, heightfields, tubes, hulls, and normals that respect edges.
 
 Any frame; metres. Triangles wind counter-clockwise seen from outside.
 """
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
+from scipy.spatial import ConvexHull
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +109,33 @@ def terrain(
     skirt = np.stack([np.append(ring, ring[0]) + r * c, np.append(ring, ring[0])])
     faces = np.concatenate([_faces_of(index)[:, ::-1], _faces_of(index + r * c), _faces_of(skirt)[:, ::-1]])
     return with_normals(np.concatenate([top, low]), faces, crease_deg)
+
+
+def hull(corners: Float[np.ndarray, "k 3"], grain: float) -> Solid:
+    """The convex body of some corners: flat faces, sharp edges, triangles no longer than `grain`."""
+    solid, parts = ConvexHull(corners), []
+    for simplex, plane in zip(solid.simplices, solid.equations, strict=True):
+        a, b, c = corners[simplex]
+        outwards = np.cross(b - a, c - a) @ plane[:3] > 0
+        parts.append(_split(np.stack([a, b, c] if outwards else [a, c, b]), grain))
+    corner = np.concatenate(parts)
+    points, faces = weld(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3))
+    return with_normals(points, faces, crease_deg=1.0)
+
+
+def _split(triangle: Float[np.ndarray, "3 3"], grain: float) -> Float[np.ndarray, "f 3 3"]:
+    """A triangle cut into like ones whose edges are no longer than `grain`."""
+    a, b, c = triangle
+    k = int(np.ceil(max(np.linalg.norm(b - a), np.linalg.norm(c - b), np.linalg.norm(a - c)) / grain))
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(k), np.arange(k), indexing="ij"))
+
+    def at(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        return a + i[:, None] / k * (b - a) + j[:, None] / k * (c - a)
+
+    up, down = i + j < k, i + j < k - 1
+    upright = np.stack([at(i, j), at(i + 1, j), at(i, j + 1)], 1)[up]
+    turned = np.stack([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)], 1)[down]
+    return np.concatenate([upright, turned])
 
 
 def slab(outline: Float[np.ndarray, "k 2"], thickness: float, rings: int) -> Solid:
