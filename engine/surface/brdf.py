@@ -3,7 +3,8 @@
 Source: the paper, Eq. (9)-(11); the full diffuse lobe after B. Burley, "Physically Based Shading at
 Disney" (2012), Sec. 5.3; GGX and Smith's separable masking after Walter et al. 2007; Fresnel's
 reflectance of a dielectric of index 1.5, unpolarised, in the form of R. Cook and K. Torrance, "A Reflectance Model for
-Computer Graphics" (1982). alpha = roughness**2. All directions are unit and point away from the surface. A "row" is the response of one pixel to unit radiance from every direction, cosine included:
+Computer Graphics" (1982). alpha = roughness**2. All directions are unit and point away from the surface.
+A "row" is the response of one pixel to unit radiance from every direction, cosine included:
 
     diffuse[p, d] = k_d / pi * max(0, n.l)        to be multiplied by albedo
     specular[p, d] = f_s * max(0, n.l)
