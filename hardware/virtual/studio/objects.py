@@ -155,17 +155,17 @@ def relief() -> Body:
         inside = np.append(at[:, :2].mean(0), sunk / 2)
         return solids.hull(HalfspaceIntersection(planes, inside).intersections, 0.002)
 
-    def cone(a: float, b: float, height: float, ridge: float) -> list[tuple[float, float, float]]:
+    def cone(a: float, b: float, top: float, ridge: float) -> list[tuple[float, float, float]]:
         """Rises from half sides a, b at z = 0 to a ridge along b."""
-        wide = a * (1 - sunk / height)
-        far = b + (b - ridge) * -sunk / height
+        wide = a * (1 - sunk / top)
+        far = b + (b - ridge) * -sunk / top
         base = [(x, y, sunk) for x in (-wide, wide) for y in (-far, far)]
-        return [*base, (0.0, -ridge, height), (0.0, ridge, height)]
+        return [*base, (0.0, -ridge, top), (0.0, ridge, top)]
 
     def box(
-        a: tuple[float, float], b: float, height: float, slope: float = 0.0
+        a: tuple[float, float], b: float, top: float, slope: float = 0.0
     ) -> list[tuple[float, float, float]]:
-        return [(x, y, z) for x in a for y in (-b, b) for z in (sunk, height + slope * x)]
+        return [(x, y, z) for x in a for y in (-b, b) for z in (sunk, top + slope * x)]
 
     parts = [
         body(-0.08, -0.055, 20, cone(0.042, 0.042, 0.038, 0.0)),  # pyramid

@@ -117,7 +117,7 @@ def test_the_response_is_the_one_our_solver_has_but_for_schlicks_fresnel(full_di
     law, schlick = (across**2 + along**2) / 2, 0.04 + 0.96 * (1 - half) ** 5
     found = response(NORMAL, DULL, VIEW, directions[None], full_diffuse)
     for one, other in zip(found, (diffuse, specular / law * schlick), strict=True):
-        np.testing.assert_allclose(one.numpy(), other.numpy(), rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(one.numpy(), other.numpy(), rtol=1e-9, atol=1e-12)
 
 
 def test_head_on_the_lobes_are_the_values_worked_out_by_hand() -> None:
