@@ -1,8 +1,11 @@
-"""How the number libraries share the processor with everything else that runs."""
+"""How the number libraries share the processor with everything else that runs, and keep what they compile."""
 
 import contextlib
+import hashlib
 import os
 from pathlib import Path
+
+from app import places
 
 
 def share() -> None:
@@ -12,6 +15,25 @@ def share() -> None:
     session what nobody gains: a kernel beside other work took half as much processor time again.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+
+def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:
+    """Let Numba keep its compiled kernels by the text of all of them; call before numba is loaded.
+
+    Numba compiles a kernel anew when its own file changes, not when that of another kernel does which it takes in
+    (Numba manual, "Caching limitations"): after an update of some files it would go on with the old law in them.
+    Where nothing can be written, Numba's own choice of a place stands.
+    """
+    sha = hashlib.sha256()
+    for path in sorted(part for room in ("engine", "app") for part in (source / room).rglob("*.py")):
+        text = path.read_bytes()
+        if b"numba" in text:
+            sha.update(f"{path.relative_to(source)}\0{len(text)}\0".encode() + text)
+    folder = places.cache() / "kernels" / sha.hexdigest()[:16]
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))
 
 
 def stand_back(nice: int) -> None:

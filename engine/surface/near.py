@@ -6,9 +6,6 @@ by a sphere of even radiance whose extent widens the specular lobe. What hides a
 around it.
 
 Camera frame; a lamp moves with the room, so that it stands elsewhere in every view.
-
-The kernels take in `brdf.lobes`, and Numba's cache looks at the file of a kernel only: whoever changes `lobes` changes the
-number here, or compiled kernels go on with the old one. `lobes` 2: Fresnel's law.
 """
 
 import functools

@@ -1,0 +1,51 @@
+"""Compiled kernels are kept by the text of all of them."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from app import cores
+
+KERNEL = "import numba\n\n\n@numba.njit\ndef twice(x):\n    return {} * x\n"
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    room = tmp_path / "source" / "engine"
+    room.mkdir(parents=True)
+    (room / "kernel.py").write_text(KERNEL.format(2))
+    return room.parent
+
+
+def kept(source: Path) -> str | None:
+    os.environ.pop("NUMBA_CACHE_DIR", None)
+    cores.keep_kernels(source)
+    return os.environ.get("NUMBA_CACHE_DIR")
+
+
+def test_another_text_of_any_kernel_is_another_place(source: Path) -> None:
+    before = kept(source)
+    assert before is not None
+    assert kept(source) == before
+    (source / "engine" / "kernel.py").write_text(KERNEL.format(3))
+    assert kept(source) != before
+
+
+def test_what_is_no_kernel_changes_nothing(source: Path) -> None:
+    before = kept(source)
+    (source / "engine" / "words.py").write_text("GREETING = 'hello'\n")
+    assert kept(source) == before
+
+
+def test_what_was_said_before_stands(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/elsewhere")
+    cores.keep_kernels(source)
+    assert os.environ["NUMBA_CACHE_DIR"] == "/elsewhere"
+
+
+def test_a_place_that_cannot_be_made_is_not_asked_for(source: Path) -> None:
+    (source.parent / "cache").write_text("a file where the folder should be")
+    assert kept(source) is None
