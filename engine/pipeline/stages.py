@@ -18,7 +18,7 @@ from engine.pipeline import artefacts
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
-from engine.session import Session
+from engine.session import Session, file_sha256
 
 Hashes = Mapping[str, str]
 
@@ -43,7 +43,8 @@ class Stage:
 
     `produce` returns the records to keep, by name; a stage whose results are files (export) writes them to
     `work.folder` itself. `reads` hashes what it uses of the session besides earlier stages. When the session
-    holds the edit `given`, the stage passes that on and only `given_params` of its parameters matter.
+    holds the edit `given`, the stage passes that on and only `given_params` of its parameters matter. `files` are those
+    of its parameters that name a file outside the session: what the file holds counts too.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Stage:
     reads: Callable[[Session], Hashes] = field(default=lambda session: {})
     given: str | None = None
     given_params: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
     seeded: bool = False
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -121,7 +123,16 @@ def counted_params(stage: Stage, params: Any, seed: int, given: bool) -> dict[st
     values = {item.name: artefacts.plain(getattr(params, item.name)) for item in dataclasses.fields(params)}
     if given:
         return {name: values[name] for name in stage.given_params}
-    return values | {"seed": seed} if stage.seeded else values
+    contents = {name: _with_content(Path(values[name])) for name in stage.files if values[name]}
+    return values | contents | ({"seed": seed} if stage.seeded else {})
+
+
+def _with_content(path: Path) -> str:
+    """A path and the hash of its file; the path alone where none can be read, which the stage itself will say."""
+    try:
+        return f"{path} ({file_sha256(path)[:16]})"
+    except OSError:
+        return str(path)
 
 
 def until(steps: Sequence[Step], last: str | None) -> tuple[Step, ...]:

@@ -58,8 +58,9 @@ def _reference() -> Stage:
     from engine.reference.params import ReferenceParams
 
     return Stage(
-        "surface", 1, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True
-    )
+        "surface", 1, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
+        files=("start_maps",),
+    )  # fmt: skip
 
 
 def _shots(session: Session) -> Hashes:

@@ -100,6 +100,20 @@ def test_going_back_to_earlier_parameters_finds_the_earlier_result(session: sess
     assert set(told(session, Settings()).values()) == {"done"}
 
 
+def test_what_a_named_file_holds_counts(session: sessions.Session, tmp_path: Path) -> None:
+    maps = tmp_path / "maps.txt"
+    maps.write_text("one")
+    first, *others = tiny.table()
+    table = (dataclasses.replace(first, files=("way",)), *others)
+    named = Settings(overrides={"count": {"way": str(maps)}})
+    run.process(session, table, named, "cpu")
+    assert all(step.done for step in stages.plan(session, table, named))
+    maps.write_text("two")
+    (reason,) = stages.plan(session, table, named)[0].reasons
+    assert reason.startswith(f"params.way {maps} (")
+    assert f" -> {maps} (" in reason
+
+
 def test_planning_writes_nothing(session: sessions.Session) -> None:
     before = sorted((str(path), path.stat().st_mtime_ns) for path in session.folder.rglob("*"))
     told(session, Settings(seed=1, overrides={"count": {"gain": 2}}))
