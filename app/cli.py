@@ -210,6 +210,17 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
         order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
         order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+        if name in ("table", "chart"):
+            order.add_argument(
+                "--maps",
+                action="append",
+                default=[],
+                metavar="NAME=FOLDER",
+                help="one more row: maps computed elsewhere, in FOLDER/ROOM-OBJECT/normal.exr and the like",
+            )
+            order.add_argument(
+                "--maps-frame", choices=("opengl", "opencv"), default="opengl", help="axes of their normals"
+            )
         if name == "chart":
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
 

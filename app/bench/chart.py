@@ -1,11 +1,13 @@
 """The chart of error against seconds: one panel each for normal, albedo and roughness, with the Pareto front.
 
 Log-log; the albedo's PSNR is drawn as the root mean square error that it says, so that down is better in every
-panel. Hollow points are extrapolated. Colours: Okabe and Ito 2008, told apart by the colour-blind; shapes too.
+panel. Hollow points are extrapolated; maps computed elsewhere are lines, as their seconds are not known. Colours:
+Okabe and Ito 2008, told apart by the colour-blind; shapes too.
 """
 
 import csv
 import io
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +23,6 @@ KINDS = {
     "ours": ("ours", "#0072B2", "o"),
     "reference": ("reference", "#D55E00", "s"),
     "baseline": ("baselines", "#009E73", "^"),
-    "maps": ("maps computed elsewhere", "#CC79A7", "D"),
 }
 
 
@@ -129,6 +130,9 @@ def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
                     mfc="white" if hollow else colour, mew=1.0, ls="none", zorder=3,
                     label=f"{name}, extrapolated" if hollow else name,
                 )  # fmt: skip
+    for one in points:
+        if one.kind == "maps" and not math.isnan(panel.error(one)):
+            axes.axhline(panel.error(one), color="#CC79A7", lw=1.0, ls=":", zorder=2, label=one.title)
     for i in best:
         one = points[i]
         at = (one.seconds, panel.error(one))

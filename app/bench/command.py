@@ -8,7 +8,7 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from app.bench import chart, gate, record, rows, scaling, scores, sets, tables
+from app.bench import chart, elsewhere, gate, record, rows, scaling, scores, sets, tables
 from app.bench.measured import Bench
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
@@ -33,6 +33,11 @@ class Call:
             raise BenchError(f"--seed {args.seed}: give a whole number from 0 on")
         if self.folder.exists() and not self.folder.is_dir():
             raise BenchError(f"{self.folder}: is no folder; name another with --sets")
+        self.maps = [elsewhere.named(said, args.maps_frame) for said in getattr(args, "maps", ())]
+        for maps in self.maps:  # before hours of work
+            for room in self.rooms:
+                for thing in self.objects:
+                    maps.files(f"{room}-{thing}")
         self.device = choose_device(args.device)
         self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
 
@@ -54,8 +59,14 @@ class Call:
         ]
 
     def scored(self, methods: Sequence[rows.Method], on: Sequence[Set]) -> list[Scored]:
-        """Every method on every set, compared over the same pixels."""
-        return [one for each in on for one in scores.score(self.bench.rows(each, methods))]
+        """Every method on every set, and the maps computed elsewhere, compared over the same pixels."""
+        return [
+            one
+            for each in on
+            for one in scores.score(
+                self.bench.rows(each, [*(maps.row(each.name) for maps in self.maps), *methods])
+            )
+        ]
 
 
 def run(args: Namespace) -> int:

@@ -12,8 +12,9 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
     """
     front: list[int] = []
     least = np.inf
-    for i in sorted(range(len(seconds)), key=lambda i: (seconds[i], errors[i])):
-        if errors[i] < least and seconds[i] < np.inf:
+    known = [i for i in range(len(seconds)) if seconds[i] < np.inf and errors[i] < np.inf]
+    for i in sorted(known, key=lambda i: (seconds[i], errors[i])):
+        if errors[i] < least:
             front.append(i)
             least = errors[i]
     return front

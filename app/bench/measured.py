@@ -6,6 +6,7 @@ seconds are those of the run that measured it, and are compared with those of th
 
 import hashlib
 import json
+import math
 import secrets
 import shutil
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ class Row:
     set: Set
     method: Method
     surface: Surface
-    seconds: float  # of the whole object
+    seconds: float  # of the whole object; NaN: nobody knows
     extrapolated: bool
     run: str  # names the call that measured the seconds
 
@@ -98,7 +99,8 @@ def _keep(row: Row, place: Path) -> None:
         partial.mkdir(parents=True)
     try:
         artefacts.save(partial, "surface", row.surface)
-        facts = {"seconds": row.seconds, "extrapolated": row.extrapolated, "run": row.run}
+        seconds = None if math.isnan(row.seconds) else row.seconds
+        facts = {"seconds": seconds, "extrapolated": row.extrapolated, "run": row.run}
         artefacts.save_json(partial / "row.json", facts)
         with sessions.told(place):
             shutil.rmtree(place, ignore_errors=True)
@@ -110,4 +112,5 @@ def _keep(row: Row, place: Path) -> None:
 def _read(place: Path, on: Set, method: Method) -> Row:
     facts = json.loads((place / "row.json").read_bytes())
     surface = artefacts.load(place, "surface", Surface)
-    return Row(on, method, surface, float(facts["seconds"]), bool(facts["extrapolated"]), str(facts["run"]))
+    seconds = math.nan if facts["seconds"] is None else float(facts["seconds"])
+    return Row(on, method, surface, seconds, bool(facts["extrapolated"]), str(facts["run"]))

@@ -27,7 +27,7 @@ class Answer:
     """A surface; its mask may hold fewer pixels than the object.
 
     `seconds` are those of the whole object: where fewer pixels, views or samples were computed than are meant, they
-    are `extrapolated`.
+    are `extrapolated`; NaN where nobody knows them.
     """
 
     surface: Surface

@@ -105,8 +105,9 @@ def means(scored: Sequence[Scored]) -> list[Scored]:
 
 
 def ratio(one: Scored, other: Scored) -> float | None:
-    """Seconds of one per second of the other; None unless both were measured in one run."""
-    return one.seconds / other.seconds if one.run and one.run == other.run else None
+    """Seconds of one per second of the other; None unless both were measured, in one run."""
+    share = one.seconds / other.seconds
+    return share if one.run and one.run == other.run and not math.isnan(share) else None
 
 
 def as_metrics(scored: Sequence[Scored]) -> list[Metric]:

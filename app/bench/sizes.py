@@ -43,7 +43,7 @@ SIZES = {
         {"light": {"budget": 3000, "passes": [2, 2, 2]}},
     ),
     "small": Size(
-        "small", 48, 256, 192, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096), 60_000_000
+        "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096), 20_000_000
     ),
     "standard": Size(
         "standard", 96, 512, 384, ROOMS, ("blob", "relief", "duo"), False, (10, 20, 40, 80, 150),

@@ -1,5 +1,6 @@
 """The benchmark's tables, in the forms of the paper's Tables 1 to 3: normals, albedo and roughness, method by method."""
 
+import math
 from collections.abc import Sequence
 
 from app.bench.markdown import markdown, shown
@@ -47,7 +48,9 @@ def latest_run(scored: Sequence[Scored]) -> str:
 
 
 def seconds(one: Scored, run: str) -> str:
-    """With `~` where extrapolated and `*` where another run (or several) measured them."""
+    """With `~` where extrapolated and `*` where another run (or several) measured them; - where nobody did."""
+    if math.isnan(one.seconds):
+        return shown(None, 0)
     digits = shown(one.seconds, 1 if one.seconds < 100 else 0)
     return f"{'~' if one.extrapolated else ''}{digits}{'' if one.run == run else '*'}"
 
@@ -59,7 +62,7 @@ def notes(scored: Sequence[Scored], run: str) -> str:
     ]
     if any(one.extrapolated for one in scored):
         said.append("~ extrapolated from fewer pixels, views or samples")
-    if any(one.run != run for one in scored):
+    if any(one.run != run for one in scored if not math.isnan(one.seconds)):
         said.append("* seconds of an earlier run, in no ratio with others (--fresh measures all again)")
     return "; ".join(said)
 

@@ -18,6 +18,7 @@ from app.cli import main
 from engine.errors import Cancelled
 from tests.app.bench.synthetic import GAUSSIANS, LAMPS, VIEWS, a_set, method, stored
 from tests.app.calls import refused
+from tests.engine.ball import ball
 
 QUICK = SIZES["quick"]
 
@@ -191,6 +192,40 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert "| 12 " in capsys.readouterr().out
     keys = {m["key"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
     assert {"12-views/booth-blob/standard/normal", "24-views/booth-blob/standard/normal"} <= keys
+
+
+def test_maps_computed_elsewhere_are_a_row_without_seconds(
+    tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
+):
+    folder = tmp_path / "maps" / "booth-blob"
+    folder.mkdir(parents=True)
+    true = ball()
+    np.save(folder / "normal.npy", true.normal.astype(np.float32))  # ours: z < 0 faces the camera
+    np.save(folder / "albedo.npy", 0.5 * true.albedo.astype(np.float32))
+    words = ["bench", "table", "--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    given = ["--maps", f"some net={tmp_path / 'maps'}", "--maps-frame", "opencv"]
+    for _ in range(2):  # the second call takes what the first kept
+        assert main([*words, *given, "--json", str(tmp_path / "m.json")]) == 0
+        row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("| some net"))
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert cells[1] == "0.00"
+        assert float(cells[2]) > 60  # half as bright: the albedo is compared after matching the mean
+        assert cells[3:] == ["nan", "-", "-"]
+    values = {m["key"]: m["value"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
+    assert values["mean/some_net/seconds"] is None
+    drawn = ["--out", str(tmp_path / "drawn")]
+    assert main(["bench", "chart", *words[2:], *given, *drawn]) == 0
+    assert ">some net<" in (tmp_path / "drawn" / "chart.svg").read_text()
+
+
+def test_maps_that_are_not_there_are_refused_before_any_work(
+    tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "maps").mkdir()
+    words = ["bench", "table", "--quick", "--device", "cpu", "--maps"]
+    assert "give NAME=FOLDER" in refused(capsys, *words, "net")
+    assert "booth-blob: holds no normal" in refused(capsys, *words, f"net={tmp_path / 'maps'}")
+    assert calls == []
 
 
 def test_scaling_fits_what_one_run_measured(monkeypatch: pytest.MonkeyPatch):
