@@ -112,8 +112,10 @@ def views(call: Call) -> list[Metric]:
 
 
 def ablation(call: Call) -> list[Metric]:
-    scored = call.scored((*rows.switch_rows(), *rows.switched(call.size.reference_work)), call.sets())
-    print("light, poses and masks are shared\n")
+    scored = call.scored(
+        (*rows.switch_rows(), *rows.switched(call.size.reference_work, call.size.training)), call.sets()
+    )
+    print("light, poses and masks are shared but where another light is named\n")
     print(tables.by_switch(scored))
     print("\n" + tables.notes(scored, call.bench.run))
     return scores.as_metrics([*scored, *scores.means(scored)])

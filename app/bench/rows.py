@@ -16,6 +16,8 @@ from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
 from engine.progress import Progress
 from engine.reference.baselines import BASELINES
+from engine.reference.emitter import scaled as scaled_training
+from engine.reference.emitter import train
 from engine.reference.params import ReferenceParams, scaled, title
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
@@ -99,20 +101,33 @@ def reference(params: ReferenceParams, work: int) -> Method:
     """The paper's solver, on as many of the pixels as `work` (pixels x views x samples x epochs) is enough for."""
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
-        # Torch takes seconds to load.
-        from engine.reference.solver import solve as solve_by_reference
-
         same = alike(stored, device, seed)
-        each = len(stored.frames.names) * params.samples * params.epochs
-        pixels = max(LEAST_PIXELS, work // each)
-        params_here = replace(params, pixels=pixels, object_distance=same.distance)
-        surface, _, _, report = solve_by_reference(*same.stored.inputs, params_here, device, seed, progress)
-        whole = report.seconds_per_pixel * report.object_pixels
-        return Answer(surface, whole, report.pixels < report.object_pixels)
+        return by_reference(same.stored, params, work, same.distance, device, seed, progress)
 
     name = f"reference_{params.samples}_{params.epochs}"
     name += "" if params.emitter_sampling else "_cosine_ggx"
     return Method(name, title(params), "reference", run, dataclasses.asdict(params) | {"work": work})
+
+
+def by_reference(
+    given: Stored,
+    params: ReferenceParams,
+    work: int,
+    distance: float,
+    device: str,
+    seed: int,
+    progress: Progress,
+) -> Answer:
+    """The paper's solver on a part of the pixels, its seconds told for the whole object."""
+    # Torch takes seconds to load.
+    from engine.reference.solver import solve as solve_by_reference
+
+    each = len(given.frames.names) * params.samples * params.epochs
+    pixels = max(LEAST_PIXELS, work // each)
+    params = replace(params, pixels=pixels, object_distance=distance)
+    surface, _, _, report = solve_by_reference(*given.inputs, params, device, seed, progress)
+    whole = report.seconds_per_pixel * report.object_pixels
+    return Answer(surface, whole, report.pixels < report.object_pixels)
 
 
 LEAST_PIXELS = 48
@@ -132,9 +147,31 @@ def swept(work: int) -> tuple[Method, ...]:
     return tuple(reference(scaled(*pair), work) for pair in few)
 
 
-def switched(work: int) -> tuple[Method, ...]:
-    """The reference as published, and without emitter sampling."""
-    return tuple(reference(ReferenceParams(emitter_sampling=on), work) for on in (True, False))
+def switched(work: int, training: float) -> tuple[Method, ...]:
+    """The paper's ablation: the reference as published, without emitter sampling, and under the paper's own light in
+    two stages and in one, trained for a share `training` of the published iterations."""
+    sampling = (reference(ReferenceParams(emitter_sampling=on), work) for on in (True, False))
+    return (*sampling, *(trained(one_stage, work, training) for one_stage in (False, True)))
+
+
+def trained(one_stage: bool, work: int, training: float) -> Method:
+    """The reference as published, under the light of the paper's own training instead of ours."""
+    emitter = replace(scaled_training(training), one_stage=one_stage)
+    usual = reference(ReferenceParams(), work)
+
+    def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
+        start = time.perf_counter()
+        light, _ = train(stored.frames, stored.masks, stored.poses, emitter, seed, progress.part(0, 0.5))
+        seconds = time.perf_counter() - start
+        distance = alike(stored, device, seed).distance
+        given = replace(unlit_by_lamps(stored), gaussians=light)
+        answer = by_reference(given, ReferenceParams(), work, distance, device, seed, progress.part(0.5, 1))
+        return replace(answer, seconds=answer.seconds + seconds)
+
+    stages = "one stage" if one_stage else "two stages"
+    key = f"{usual.key}_{'one' if one_stage else 'two'}_stage_light"
+    title = f"{usual.title}, the paper's light in {stages}, {training:.3g} of the iterations"
+    return Method(key, title, "reference", run, dict(usual.facts) | dataclasses.asdict(emitter))
 
 
 def switch_rows() -> tuple[Method, ...]:

@@ -1,5 +1,7 @@
 """The rows beside ours: the same light and distance for all, and what a part of the pixels stands for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,7 +61,32 @@ def test_every_baseline_and_switch_has_a_row_of_its_own():
     methods = (*rows.preset_rows(), *rows.others(work), *rows.swept(work))
     assert len({method.key for method in methods}) == len(methods)
     assert {method.key for method in methods if method.kind == "baseline"} == set(BASELINES)
-    published, without = rows.switched(work)
+    published, without, two, one = rows.switched(work, 0.01)
+    assert len({row.key for row in (published, without, two, one)}) == 4
+    assert (two.facts["one_stage"], one.facts["one_stage"]) == (False, True)
+    assert two.facts["iterations"] == 300
     assert published.key == rows.others(work)[0].key
     assert without.facts["emitter_sampling"] is False
     assert published.facts["samples"] == ReferenceParams().samples
+
+
+def test_the_papers_own_light_takes_the_place_of_ours(lit: Stored, monkeypatch: pytest.MonkeyPatch):
+    seen: list[Stored] = []
+
+    def solved(given: Stored, *_: object) -> rows.Answer:
+        seen.append(given)
+        return rows.Answer(None, 5.0, True)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(rows, "alike", lambda stored, device, seed: Alike(stored, DISTANCE))
+    monkeypatch.setattr(rows, "by_reference", solved)
+    # A room to train on: dim, with a bright third.
+    radiance = np.full_like(lit.frames.radiance, 0.2)
+    radiance[:, :, : radiance.shape[2] // 3] = 20.0
+    photographed = replace(lit, frames=replace(lit.frames, radiance=radiance))
+    for one_stage in (True, False):
+        answer = rows.trained(one_stage, work=1, training=1e-4).solve(photographed, "cpu", 0, Progress())
+        assert answer.seconds > 5
+    one, two = (given.gaussians for given in seen)
+    assert not len(seen[0].lamps.radii)
+    np.testing.assert_array_equal(one.means, two.means)  # the second stage is about colours alone
+    assert np.abs(one.radiance - two.radiance).max() > 0
