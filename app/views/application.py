@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -18,8 +17,8 @@ from app.state import Trouble
 from app.views import pages, theme
 from app.views.bridge import Bridge
 from app.views.main_window import MainWindow
+from app.views.screen import need_screen
 from app.views.trouble import show_trouble
-from engine.errors import RoomlightError
 
 TRANSLATIONS = Path(__file__).parents[1] / "translations"
 SIGNAL_LOOK_MS = 200
@@ -51,25 +50,6 @@ def run(session: Path | None) -> int:
     QTimer.singleShot(PRELOAD_MS, window, pages.preload)
     _heed_ctrl_c(window)
     return app.exec()
-
-
-class NoScreen(RoomlightError):
-    """A window was asked for where none can be shown."""
-
-
-def need_screen(platform: str, environment: Mapping[str, str]) -> None:
-    """Qt itself would abort the process, and guess at missing packages.
-
-    Raises:
-        NoScreen: on Linux, with no display named.
-    """
-    if platform == "linux" and not any(
-        environment.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
-    ):
-        raise NoScreen(
-            "no screen to open a window on: neither DISPLAY nor WAYLAND_DISPLAY is set; start it on a desktop, through"
-            " `ssh -X` or `xvfb-run`, or use the command line (`roomlight process`), which needs none"
-        )
 
 
 def make() -> QApplication:

@@ -1,13 +1,15 @@
 """Without a screen the window says so, and what to do instead."""
 
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from app.views.application import NoScreen, need_screen
+from app.views import screen
+from app.views.screen import NoScreen, need_screen
 
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
@@ -30,3 +32,18 @@ def test_any_screen_will_do(name: str) -> None:
     need_screen("darwin", {})
     with pytest.raises(NoScreen):
         need_screen("linux", {name: ""})
+
+
+def test_a_display_that_nobody_answers_for_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_UNIX) as server, socket.socket() as far:
+        server.bind("\0/tmp/.X11-unix/X47011")
+        server.listen()
+        need_screen("linux", {"DISPLAY": ":47011.0"})
+        far.bind(("127.0.0.1", 0))
+        far.listen()
+        monkeypatch.setattr(screen, "FIRST_PORT", far.getsockname()[1] - 10)
+        need_screen("linux", {"DISPLAY": "127.0.0.1:10.0"})
+    for gone in (":47011.0", "127.0.0.1:10.0"):
+        with pytest.raises(NoScreen, match=f"nothing answers for DISPLAY={gone}"):
+            need_screen("linux", {"DISPLAY": gone})
+        need_screen("linux", {"DISPLAY": gone, "WAYLAND_DISPLAY": "wayland-0"})
