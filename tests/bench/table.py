@@ -4,7 +4,7 @@
     python -m tests.bench.table FOLDER --rooms study,lamps,window --objects vase,relief,duo
 
 FOLDER holds sets named ROOM-OBJECT, each with the `session` and the `truth` that `roomlight simulate` writes;
-with --rooms and --objects the sets that are missing are made first. Every set is processed by the command
+with --rooms and --objects those alone, and the missing ones are made first. Every set is processed by the command
 line in a process of its own (what is done already is not done again) and held against its truth. With
 --true-poses-and-masks a second session, imported with the truth's poses and mask, is processed instead.
 """
@@ -57,9 +57,11 @@ class Row:
 
 def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
-    make_sets(args)
+    names = make_sets(args)
     sets = sorted(
-        path for path in args.folder.iterdir() if (path / "truth").is_dir() and (path / "session").is_dir()
+        path
+        for path in args.folder.iterdir()
+        if (path / "truth").is_dir() and (path / "session").is_dir() and (not names or path.name in names)
     )
     if not sets:
         print(f"{args.folder}: no sets in it; name --rooms and --objects to make some", file=sys.stderr)
@@ -89,17 +91,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def make_sets(args: argparse.Namespace) -> None:
-    """Simulate the sets of --rooms and --objects that are not there yet."""
+def make_sets(args: argparse.Namespace) -> set[str]:
+    """Simulate the sets of --rooms and --objects that are not there yet; the names of all that were asked for."""
     args.folder.mkdir(parents=True, exist_ok=True)
+    names = set()
     for room in filter(None, args.rooms.split(",")):
         for thing in filter(None, args.objects.split(",")):
             out = args.folder / f"{room}-{thing}"
+            names.add(out.name)
             if not (out / "session").is_dir():
                 roomlight(
                     "simulate", out, "--room", room, "--object", thing, "--views", args.views,
                     "--size", *args.size, "--motion", args.motion, "--seed", args.seed,
                 )  # fmt: skip
+    return names
 
 
 def roomlight(*words: object) -> None:
