@@ -163,7 +163,7 @@ def test_stopping_and_closing_ends_what_runs_and_remembers_the_queue(
     assert window.closing.question is not None
     (agree,) = [button for button in window.closing.question.buttons() if "Stop" in button.text()]
     agree.click()
-    assert window.isVisible()
+    # On a busy machine the children may have ended before the click returns: the window may be gone by now.
     until(qtbot, lambda: not window.isVisible())
     assert run.status.state is beside.status.state is JobState.CANCELLED
     assert [other.status.name for other in queue_file.read()] == ["run", "waiting"]
