@@ -20,8 +20,7 @@ MOST_EV = 12.0  # of a bracket's exposures from its middle
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    cores.share()
-    cores.keep_kernels()
+    cores.prepare()
     args = _parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
     try:
         return args.run(args)

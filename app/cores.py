@@ -1,11 +1,17 @@
 """How the number libraries share the processor with everything else that runs, and keep what they compile."""
 
 import contextlib
-import hashlib
 import os
 from pathlib import Path
 
 from app import places
+from app.sources import digest
+
+
+def prepare() -> None:
+    """What every process of ours does before it loads torch or numba."""
+    share()
+    keep_kernels()
 
 
 def share() -> None:
@@ -24,12 +30,7 @@ def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:
     (Numba manual, "Caching limitations"): after an update of some files it would go on with the old law in them.
     Where nothing can be written, Numba's own choice of a place stands.
     """
-    sha = hashlib.sha256()
-    for path in sorted(part for room in ("engine", "app") for part in (source / room).rglob("*.py")):
-        text = path.read_bytes()
-        if b"numba" in text:
-            sha.update(f"{path.relative_to(source)}\0{len(text)}\0".encode() + text)
-    folder = places.cache() / "kernels" / sha.hexdigest()[:16]
+    folder = places.cache() / "kernels" / digest(source / "engine", source / "app", holding=b"numba")
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):

@@ -5,8 +5,7 @@ from hypothesis import settings
 from app import cores
 
 # Two processes of tests on two cores, and the programs they start: what is compiled once serves all.
-cores.share()
-cores.keep_kernels()
+cores.prepare()
 
 # How long an example takes says how busy the machine is, not whether the code is right.
 settings.register_profile("roomlight", deadline=None)

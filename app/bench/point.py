@@ -23,8 +23,7 @@ AXES = ("views", "pixels", "gaussians", "directions")
 
 
 def main(argv: Sequence[str]) -> int:
-    cores.share()
-    cores.keep_kernels()
+    cores.prepare()
     session, axis, value, device, seed = argv
     given, params = part(load(Path(session)), axis, int(value), int(seed))
     warm_up(given, device)

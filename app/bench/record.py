@@ -1,7 +1,6 @@
 """One measurement as one JSON record: what was run where, and every number with its unit and what counts as worse."""
 
 import functools
-import hashlib
 import importlib.metadata
 import json
 import math
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app import places
+from app.sources import digest
 from engine.errors import RoomlightError
 
 SCHEMA = 1
@@ -133,14 +133,6 @@ def engine_digest() -> str:
 
     (root,) = engine.__path__
     return digest(Path(root))
-
-
-def digest(folder: Path) -> str:
-    """Names the Python files below a folder, by their paths and contents."""
-    sha = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        sha.update(f"{path.relative_to(folder)}\0{path.stat().st_size}\0".encode() + path.read_bytes())
-    return sha.hexdigest()[:16]
 
 
 def told(record: Record) -> str:

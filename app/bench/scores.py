@@ -106,8 +106,8 @@ def means(scored: Sequence[Scored]) -> list[Scored]:
 
 def ratio(one: Scored, other: Scored) -> float | None:
     """Seconds of one per second of the other; None unless both were measured, in one run."""
-    share = one.seconds / other.seconds
-    return share if one.run and one.run == other.run and not math.isnan(share) else None
+    measured = not (math.isnan(one.seconds) or math.isnan(other.seconds))
+    return one.seconds / other.seconds if measured and one.run and one.run == other.run else None
 
 
 def as_metrics(scored: Sequence[Scored]) -> list[Metric]:

@@ -179,8 +179,7 @@ def find(name: str) -> Task:
 
 def main(argv: Sequence[str]) -> int:
     name, request = argv
-    cores.share()
-    cores.keep_kernels()
+    cores.prepare()
     out = os.dup(1)
     os.dup2(2, 1)
     sys.stdout = sys.stderr

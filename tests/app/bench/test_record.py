@@ -67,11 +67,3 @@ def test_a_file_that_is_no_record_is_refused(tmp_path: Path, text: str, why: str
     path.write_text(text)
     with pytest.raises(BenchError, match=why):
         record.read(path)
-
-
-def test_another_source_has_another_digest(tmp_path: Path):
-    (tmp_path / "a.py").write_text("x = 1\n")
-    before = record.digest(tmp_path)
-    assert record.digest(tmp_path) == before
-    (tmp_path / "a.py").write_text("x = 2\n")
-    assert record.digest(tmp_path) != before
