@@ -30,6 +30,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RoomlightError, HardwareError) as error:
         print(f"roomlight: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
+    except PermissionError as error:
+        print(
+            f"roomlight: {error.filename}: no permission to open or enter it; change its permissions or choose another",
+            file=sys.stderr,
+        )
+        return 2
     except BrokenPipeError:
         # The reader of our output left, as `roomlight plan ... | head` does; there is nobody to tell.
         sys.stderr.close()

@@ -1,7 +1,10 @@
 """How the number libraries share the processor with everything else that runs, and keep what they compile."""
 
+import atexit
 import contextlib
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 from app import places
@@ -28,13 +31,17 @@ def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:
 
     Numba compiles a kernel anew when its own file changes, not when that of another kernel does which it takes in
     (Numba manual, "Caching limitations"): after an update of some files it would go on with the old law in them.
-    Where nothing can be written, Numba's own choice of a place stands.
+    Where a person's cache cannot be written, kernels are kept for this run alone: Numba would refuse to compile them.
     """
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
     folder = places.cache() / "kernels" / digest(source / "engine", source / "app", holding=b"numba")
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            os.environ.setdefault("NUMBA_CACHE_DIR", str(folder))
+    if not os.access(folder, os.W_OK):
+        folder = Path(tempfile.mkdtemp(prefix="roomlight-kernels-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
 def stand_back(nice: int) -> None:

@@ -97,3 +97,17 @@ def test_a_mask_that_is_put_into_a_session_later_is_checked_too(
     line = refused(capsys, "process", session, "--until", "segment", "--device", "cpu")
     assert "mask.png: the mask is 5 x 5" in line
     assert digest(session) == before
+
+
+def test_what_may_not_be_opened_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Permissions do not bind root, who runs the tests in a container: the system's answer is put in its mouth.
+    locked = tmp_path / "locked" / "session"
+
+    def closed(self: Path, **_: object) -> bool:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "exists", closed)
+    words = ["simulate", locked.parent, "--room", "study", "--object", "blob"]
+    assert f"{locked}: no permission to open" in refused(capsys, *words)

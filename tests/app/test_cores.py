@@ -46,6 +46,10 @@ def test_what_was_said_before_stands(source: Path, monkeypatch: pytest.MonkeyPat
     assert os.environ["NUMBA_CACHE_DIR"] == "/elsewhere"
 
 
-def test_a_place_that_cannot_be_made_is_not_asked_for(source: Path) -> None:
-    (source.parent / "cache").write_text("a file where the folder should be")
-    assert kept(source) is None
+def test_where_the_cache_cannot_be_written_kernels_are_kept_elsewhere(source: Path) -> None:
+    blocked = source.parent / "cache"
+    blocked.write_text("a file where the folder should be")
+    elsewhere = kept(source)
+    assert elsewhere is not None
+    assert not Path(elsewhere).is_relative_to(blocked)
+    assert os.access(elsewhere, os.W_OK)
