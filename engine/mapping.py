@@ -139,7 +139,7 @@ def best_grown(
         if grown is None:
             continue
         model, sizes = grown
-        support, agreement = support_of(model, database, count, 2 * params.epipolar_px * factor)
+        support, agreement, _ = support_of(model, database, count, 2 * params.epipolar_px * factor)
         placed_share = model.num_reg_images() / count
         if best is None or agreement * placed_share > best.agreement * best.model.num_reg_images() / count:
             best = Grown(model, sizes, agreement, support, attempt + 1)
@@ -163,7 +163,7 @@ def grow(
 ) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
     """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
     folder = Path(tempfile.mkdtemp(prefix="models-", dir=database.parent))
-    options = _options(factor, params, seed)
+    options = options_of(factor, params, seed)
     models = _run(database, folder, options, None, progress.part(0.0, 0.8))
     if not models:
         return None
@@ -185,7 +185,8 @@ def grow(
     return best, sizes
 
 
-def _options(factor: int, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
+def options_of(factor: int, params: MapParams, seed: int) -> pycolmap.IncrementalPipelineOptions:
+    """COLMAP's, for photographs enlarged by `factor`."""
     options = pycolmap.IncrementalPipelineOptions()
     # The sums of several threads end in another last digit each time; a repeated run must not.
     options.num_threads = options.mapper.num_threads = 1
@@ -247,7 +248,7 @@ def refine(model: pycolmap.Reconstruction, factor: int, params: MapParams) -> No
     options.refine_principal_point = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.loss_function_scale = 0.5 * factor
-    options.ceres.solver_options.num_threads = 1  # as in `_options`
+    options.ceres.solver_options.num_threads = 1  # as in `options_of`
     for _ in range(2):
         config = pycolmap.BundleAdjustmentConfig()
         for image in model.reg_image_ids():
@@ -270,8 +271,9 @@ def placed(model: pycolmap.Reconstruction, count: int) -> Float[np.ndarray, "n 3
 
 def support_of(
     model: pycolmap.Reconstruction, database: Path, count: int, most_px: float
-) -> tuple[Float[np.ndarray, " n"], float]:
-    """Share of each view's verified matches with other placed views that agree with the poses (NaN unplaced); of all.
+) -> tuple[Float[np.ndarray, " n"], float, int]:
+    """Share of each view's verified matches with other placed views that agree with the poses (NaN unplaced); of all;
+    how many those are.
 
     A view that was placed by a few matches on a repeated piece of furniture disagrees with the rest of its
     matches: they lie further than `most_px` from the epipolar lines that the poses imply.
@@ -295,7 +297,7 @@ def support_of(
             total[view] += len(matches)
     known = np.isfinite(poses).all((1, 2))
     each = np.where(known & (total > 0), agree / np.maximum(total, 1), np.where(known, 0.0, np.nan))
-    return each, float(agree.sum() / max(total.sum(), 1))
+    return each, float(agree.sum() / max(total.sum(), 1)), int(total.sum()) // 2
 
 
 def _epipolar(

@@ -166,7 +166,7 @@ def _care(c: Contents) -> str:
         if found.get("doubtful") and isinstance(agreement, float):
             lines.append(
                 f"Only {100 * agreement:.0f} % of what pairs of views have in common agrees with the poses: they"
-                " may be wrong, and with them the light and the surface. Add views, or import poses."
+                " may be wrong, and with them the light and the surface. Add views, or import other poses."
             )
         if c.poses.scale == "unknown":
             lines.append(

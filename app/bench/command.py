@@ -1,6 +1,7 @@
 """`roomlight bench`: makes sets, measures rows, prints tables, keeps the record and holds it against a baseline.
 
-Exit codes: 0 done, 1 something got worse than the baseline, and those of every command.
+Exit codes: 0 done, 1 something got worse than the baseline or a quick run finds ours behind the reference, and those of
+every command.
 """
 
 import sys
@@ -8,7 +9,7 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from app.bench import chart, elsewhere, gate, record, rows, scaling, scores, sets, tables
+from app.bench import beside, chart, elsewhere, gate, record, rows, scaling, scores, sets, tables
 from app.bench.measured import Bench
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
@@ -40,6 +41,7 @@ class Call:
                     maps.files(f"{room}-{thing}")
         self.device = choose_device(args.device)
         self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
+        self.behind = False  # of the reference, where that was looked at
 
     def sets(self, views: int | None = None, count: int | None = None) -> list[Set]:
         """Every room and object, of `views` photographs (the size's if None) or `count` of them."""
@@ -87,20 +89,25 @@ def run(args: Namespace) -> int:
         record.write(measured, args.json)
     if args.write_baseline:
         record.write(gate.baseline_of(measured), args.write_baseline)
+    if args.quick and call.behind:
+        print("ours, standard, does not beat the reference in time and every error", file=sys.stderr)
+        return 1
     return _judge(measured, baseline) if baseline is not None else 0
 
 
 def table(call: Call) -> list[Metric]:
-    scored = call.scored((*rows.preset_rows(), *rows.others(call.size.reference_work)), call.sets())
+    scored = call.scored((*rows.preset_rows(), *rows.others(call.size)), call.sets())
+    points = scores.means(scored)
     print(tables.by_object(scored) + "\n")
     print(tables.by_switch(scored))
     print("\n" + tables.notes(scored, call.bench.run))
-    return scores.as_metrics([*scored, *scores.means(scored)])
+    _compare(call, points)
+    return scores.as_metrics([*scored, *points])
 
 
 def views(call: Call) -> list[Metric]:
     usual = tuple(method for method in rows.preset_rows() if method.key == rows.OURS)
-    methods = (*usual, *rows.others(call.size.reference_work))
+    methods = (*usual, *rows.others(call.size))
     counted: list[tuple[int, Scored]] = []
     for count in call.size.counts:
         on = call.sets(max(call.size.counts), count)
@@ -112,9 +119,7 @@ def views(call: Call) -> list[Metric]:
 
 
 def ablation(call: Call) -> list[Metric]:
-    scored = call.scored(
-        (*rows.switch_rows(), *rows.switched(call.size.reference_work, call.size.training)), call.sets()
-    )
+    scored = call.scored((*rows.switch_rows(), *rows.switched(call.size)), call.sets())
     print("light, poses and masks are shared but where another light is named\n")
     print(tables.by_switch(scored))
     print("\n" + tables.notes(scored, call.bench.run))
@@ -122,11 +127,12 @@ def ablation(call: Call) -> list[Metric]:
 
 
 def draw(call: Call) -> list[Metric]:
-    work = call.size.reference_work
-    scored = call.scored((*rows.preset_rows(), *rows.others(work), *rows.swept(work)), call.sets())
+    methods = (*rows.preset_rows(), *rows.others(call.size), *rows.swept(call.size))
+    scored = call.scored(methods, call.sets())
     points = scores.means(scored)
     print(tables.by_switch(scored))
     print("\n" + tables.notes(scored, call.bench.run))
+    _compare(call, points)
     caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
     caption += "" if len({one.run for one in points}) == 1 else "; seconds of several runs"
     for path in chart.write(points, call.args.out, caption):
@@ -152,6 +158,13 @@ def scale(call: Call) -> list[Metric]:
             )
         metrics += scaling.as_metrics(points, on.name)
     return metrics
+
+
+def _compare(call: Call, points: Sequence[Scored]) -> None:
+    """Print ours beside the reference, and note whether it is behind."""
+    dearest = rows.reference(rows.dearest(call.size), call.size).key
+    print("\n" + "\n".join(f"- {line}" for line in beside.told(points, dearest)))
+    call.behind = not beside.dominates(points, dearest)
 
 
 def _judge(measured: Record, baseline: Record) -> int:

@@ -23,7 +23,7 @@ from engine.pipeline import artefacts
 from engine.pipeline.stages import canonical
 from engine.types import Surface
 
-VERSION = 1  # raise when a kept row would be measured otherwise
+VERSION = 2  # raise when a kept row would be measured otherwise
 WARM_PIXELS, WARM_VIEWS = 400, 12
 
 
@@ -37,6 +37,7 @@ class Row:
     seconds: float  # of the whole object; NaN: nobody knows
     extrapolated: bool
     run: str  # names the call that measured the seconds
+    rendered: float = math.nan  # `Answer.rendered`
 
 
 class Bench:
@@ -68,7 +69,7 @@ class Bench:
             self._warm = True
         with job(f"{on.name} {method.key}") as progress:
             answer = method.solve(on.stored, self._device, self._seed, progress)
-        row = Row(on, method, answer.surface, answer.seconds, answer.extrapolated, self.run)
+        row = Row(on, method, answer.surface, answer.seconds, answer.extrapolated, self.run, answer.rendered)
         _keep(row, place)
         return row
 
@@ -99,8 +100,10 @@ def _keep(row: Row, place: Path) -> None:
         partial.mkdir(parents=True)
     try:
         artefacts.save(partial, "surface", row.surface)
-        seconds = None if math.isnan(row.seconds) else row.seconds
-        facts = {"seconds": seconds, "extrapolated": row.extrapolated, "run": row.run}
+        facts = {
+            "seconds": _known(row.seconds), "extrapolated": row.extrapolated, "run": row.run,
+            "rendered": _known(row.rendered),
+        }  # fmt: skip
         artefacts.save_json(partial / "row.json", facts)
         with sessions.told(place):
             shutil.rmtree(place, ignore_errors=True)
@@ -112,5 +115,12 @@ def _keep(row: Row, place: Path) -> None:
 def _read(place: Path, on: Set, method: Method) -> Row:
     facts = json.loads((place / "row.json").read_bytes())
     surface = artefacts.load(place, "surface", Surface)
-    seconds = math.nan if facts["seconds"] is None else float(facts["seconds"])
-    return Row(on, method, surface, seconds, bool(facts["extrapolated"]), str(facts["run"]))
+    seconds, rendered = (
+        math.nan if facts[name] is None else float(facts[name]) for name in ("seconds", "rendered")
+    )
+    return Row(on, method, surface, seconds, bool(facts["extrapolated"]), str(facts["run"]), rendered)
+
+
+def _known(value: float) -> float | None:
+    """JSON has no NaN."""
+    return None if math.isnan(value) else value

@@ -6,12 +6,14 @@ and what it took; it is given no truth.
 """
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from app.bench.alike import alike
+from app.bench.sizes import Size
 from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
 from engine.progress import Progress
@@ -29,12 +31,14 @@ class Answer:
     """A surface; its mask may hold fewer pixels than the object.
 
     `seconds` are those of the whole object: where fewer pixels, views or samples were computed than are meant, they
-    are `extrapolated`; NaN where nobody knows them.
+    are `extrapolated`; NaN where nobody knows them. `rendered`: median relative error of the views kept out, rendered
+    again over the pixels solved; NaN where the method renders none.
     """
 
     surface: Surface
     seconds: float
     extrapolated: bool = False
+    rendered: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +65,8 @@ def ours(
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         given = change(stored)
         start = time.perf_counter()
-        surface, *_ = solve(*given.inputs, params, device, seed, progress)
-        return Answer(surface, time.perf_counter() - start)
+        surface, *_, report = solve(*given.inputs, params, device, seed, progress)
+        return Answer(surface, time.perf_counter() - start, rendered=report.held_out_error)
 
     return Method(key, title, "ours", run, dataclasses.asdict(params))
 
@@ -97,22 +101,23 @@ def _baseline(key: str) -> Method:
     return Method(key, key.replace("_", " "), "baseline", run, facts, matched=not known)
 
 
-def reference(params: ReferenceParams, work: int) -> Method:
-    """The paper's solver, on as many of the pixels as `work` (pixels x views x samples x epochs) is enough for."""
+def reference(params: ReferenceParams, size: Size) -> Method:
+    """The paper's solver, on as many of the pixels as the size's work is enough for."""
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         same = alike(stored, device, seed)
-        return by_reference(same.stored, params, work, same.distance, device, seed, progress)
+        return by_reference(same.stored, params, size, same.distance, device, seed, progress)
 
     name = f"reference_{params.samples}_{params.epochs}"
     name += "" if params.emitter_sampling else "_cosine_ggx"
-    return Method(name, title(params), "reference", run, dataclasses.asdict(params) | {"work": work})
+    facts = dataclasses.asdict(params) | {"work": size.reference_work}
+    return Method(name, title(params), "reference", run, facts)
 
 
 def by_reference(
     given: Stored,
     params: ReferenceParams,
-    work: int,
+    size: Size,
     distance: float,
     device: str,
     seed: int,
@@ -122,42 +127,51 @@ def by_reference(
     # Torch takes seconds to load.
     from engine.reference.solver import solve as solve_by_reference
 
-    each = len(given.frames.names) * params.samples * params.epochs
-    pixels = max(LEAST_PIXELS, work // each)
+    each = len(given.frames.names) * params.samples * max(params.epochs, 1)
+    pixels = max(LEAST_PIXELS, size.reference_work // each)
     params = replace(params, pixels=pixels, object_distance=distance)
     surface, _, _, report = solve_by_reference(*given.inputs, params, device, seed, progress)
-    whole = report.seconds_per_pixel * report.object_pixels
-    return Answer(surface, whole, report.pixels < report.object_pixels)
+    whole = report.seconds_per_pixel * report.object_pixels if params.epochs else math.nan
+    return Answer(surface, whole, report.pixels < report.object_pixels, report.held_out_error)
 
 
 LEAST_PIXELS = 48
 """Of the reference, however dear: three of its tiles."""
-SWEEP = tuple((samples, epochs) for samples in (16, 64, 256) for epochs in (10, 25, 50, 100))
 
 
-def others(work: int) -> tuple[Method, ...]:
-    """The reference at its published settings, and the baselines; `work` as in `reference`."""
-    return (reference(ReferenceParams(), work), *baselines())
+def dearest(size: Size) -> ReferenceParams:
+    """The reference at the most samples and epochs of the size: where that is a benchmark to report, as published."""
+    return scaled(size.samples[-1], size.epochs[-1])
 
 
-def swept(work: int) -> tuple[Method, ...]:
-    """The reference at several numbers of samples and epochs, short of the published ones."""
-    published = ReferenceParams()
-    few = [pair for pair in SWEEP if pair != (published.samples, published.epochs)]
-    return tuple(reference(scaled(*pair), work) for pair in few)
+def others(size: Size) -> tuple[Method, ...]:
+    """The reference at its dearest, and the baselines."""
+    return (reference(dearest(size), size), *baselines())
 
 
-def switched(work: int, training: float) -> tuple[Method, ...]:
-    """The paper's ablation: the reference as published, without emitter sampling, and under the paper's own light in
-    two stages and in one, trained for a share `training` of the published iterations."""
-    sampling = (reference(ReferenceParams(emitter_sampling=on), work) for on in (True, False))
-    return (*sampling, *(trained(one_stage, work, training) for one_stage in (False, True)))
+def swept(size: Size) -> tuple[Method, ...]:
+    """The reference at fewer samples and epochs."""
+    pairs = [(samples, epochs) for samples in size.samples for epochs in size.epochs]
+    return tuple(reference(scaled(*pair), size) for pair in pairs[:-1])
 
 
-def trained(one_stage: bool, work: int, training: float) -> Method:
-    """The reference as published, under the light of the paper's own training instead of ours."""
-    emitter = replace(scaled_training(training), one_stage=one_stage)
-    usual = reference(ReferenceParams(), work)
+def switched(size: Size) -> tuple[Method, ...]:
+    """The paper's ablation: the reference before its first step and after its last, without emitter sampling, and under
+    the paper's own light in two stages and in one, trained for a share of the published iterations."""
+    last = dearest(size)
+    begun = replace(reference(replace(last, epochs=0), size), title="reference, as it starts")
+    return (
+        begun,
+        reference(last, size),
+        reference(replace(last, emitter_sampling=False), size),
+        *(trained(one_stage, size) for one_stage in (False, True)),
+    )
+
+
+def trained(one_stage: bool, size: Size) -> Method:
+    """The reference at its dearest, under the light of the paper's own training instead of ours."""
+    emitter = replace(scaled_training(size.training), one_stage=one_stage)
+    params, usual = dearest(size), reference(dearest(size), size)
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         start = time.perf_counter()
@@ -165,12 +179,12 @@ def trained(one_stage: bool, work: int, training: float) -> Method:
         seconds = time.perf_counter() - start
         distance = alike(stored, device, seed).distance
         given = replace(unlit_by_lamps(stored), gaussians=light)
-        answer = by_reference(given, ReferenceParams(), work, distance, device, seed, progress.part(0.5, 1))
+        answer = by_reference(given, params, size, distance, device, seed, progress.part(0.5, 1))
         return replace(answer, seconds=answer.seconds + seconds)
 
     stages = "one stage" if one_stage else "two stages"
     key = f"{usual.key}_{'one' if one_stage else 'two'}_stage_light"
-    title = f"{usual.title}, the paper's light in {stages}, {training:.3g} of the iterations"
+    title = f"{usual.title}, the paper's light in {stages}, {size.training:.3g} of the iterations"
     return Method(key, title, "reference", run, dict(usual.facts) | dataclasses.asdict(emitter))
 
 

@@ -32,6 +32,8 @@ SCORES = (
     Score("albedo", "Albedo ↑", "dB", "higher", 0.2, 1),
     Score("roughness", "Roughness ↓", "mean absolute error", "lower", 0.004, 4),
 )
+RENDERED = 0.01
+"""By which the error of views rendered again may rise."""
 SLOWER = 1.0
 """A ratio of times may rise by this share of itself: small sets and busy machines."""
 
@@ -49,6 +51,7 @@ class Scored:
     extrapolated: bool
     pixels: int  # compared
     run: str  # "" when the seconds are of several
+    rendered: float = math.nan  # median relative error of views kept out, rendered again
 
 
 def score(rows: Sequence[Row]) -> list[Scored]:
@@ -70,7 +73,7 @@ def score(rows: Sequence[Row]) -> list[Scored]:
         scored.append(
             Scored(
                 row.set.name, row.method.key, row.method.title, row.method.kind, values, row.seconds,
-                row.extrapolated, int(common.sum()), row.run,
+                row.extrapolated, int(common.sum()), row.run, row.rendered,
             )
         )  # fmt: skip
     return scored
@@ -88,6 +91,7 @@ def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
         extrapolated=any(s.extrapolated for s in scored),
         pixels=sum(s.pixels for s in scored),
         run=runs.pop() if len(runs) == 1 else "",
+        rendered=statistics.fmean(s.rendered for s in scored),
     )
 
 
@@ -120,6 +124,8 @@ def as_metrics(scored: Sequence[Scored]) -> list[Metric]:
             found.append(
                 Metric(f"{at}/{kind.key}", one.values[kind.key], kind.unit, kind.direction, kind.tolerance)
             )
+        if not math.isnan(one.rendered):
+            found.append(Metric(f"{at}/rendered", one.rendered, "relative error, median", "lower", RENDERED))
         found.append(Metric(f"{at}/seconds", one.seconds, "s", "lower", None, one.extrapolated))
         beside = usual.get(one.set)
         share = ratio(one, beside) if beside is not None and beside is not one else None

@@ -6,6 +6,8 @@ from typing import Any
 
 OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo")
 ROOMS = ("study", "lamps", "window")
+PUBLISHED = ((16, 64, 256), (10, 25, 50, 100))
+"""Samples and epochs of the reference, up to those that the paper has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +23,9 @@ class Size:
     given: bool  # the truth's poses and mask: such photographs are too small to place views by
     counts: tuple[int, ...]  # views that `bench views` compares; its sets hold the most of them
     directions: tuple[int, ...]  # that `bench scaling` compares
-    reference_work: (
-        int  # pixels x views x samples x epochs of one row of the reference: 5 microseconds each, about
-    )
+    samples: tuple[int, ...]  # per pixel, that the reference is charted at; the last is the table's
+    epochs: tuple[int, ...]
+    reference_work: int  # pixels x views x samples x epochs of one row of it: 5 microseconds each, about
     training: float  # share of the published iterations that the paper's own light is trained for
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
 
@@ -39,15 +41,17 @@ class Size:
 
 SIZES = {
     "quick": Size(
-        "quick", 24, 96, 72, ("booth",), ("blob",), True, (12, 24), (512, 1024, 2048), 400_000, 0.001,
+        "quick", 24, 96, 72, ("booth",), ("blob",), True, (12, 24), (512, 1024, 2048), (16, 64), (10, 25), 4_000_000,
+        0.001,
         # The machinery is what is tried: a light of few Gaussians does.
         {"light": {"budget": 3000, "passes": [2, 2, 2]}},
     ),
     "small": Size(
-        "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096), 20_000_000, 0.02,
+        "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),
+        *PUBLISHED, 20_000_000, 0.02,
     ),
     "standard": Size(
         "standard", 96, 512, 384, ROOMS, ("blob", "relief", "duo"), False, (10, 20, 40, 80, 150),
-        (512, 1024, 2048, 4096), 60_000_000, 0.02,
+        (512, 1024, 2048, 4096), *PUBLISHED, 60_000_000, 0.02,
     ),
 }  # fmt: skip

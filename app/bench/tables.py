@@ -31,14 +31,15 @@ def by_views(scored: Sequence[tuple[int, Scored]]) -> str:
 
 
 def by_switch(scored: Sequence[Scored]) -> str:
-    """Table 3: methods as rows, three scores, seconds, and how many times as long as ours at its defaults."""
+    """Table 3: methods as rows, three scores, the error of views kept out and rendered again, seconds, and how many times
+    as long as ours at its defaults."""
     averages = means(scored)
     usual = next((one for one in averages if one.method == OURS), None)
-    lines = [["method", *(s.title for s in SCORES), "seconds", f"x {OURS}"]]
+    lines = [["method", *(s.title for s in SCORES), "Kept-out views ↓", "seconds", f"x {OURS}"]]
     now = latest_run(scored)
     for one in averages:
         share = ratio(one, usual) if usual is not None else None
-        lines.append([one.title, *_cells([one]), seconds(one, now), shown(share, 2)])
+        lines.append([one.title, *_cells([one]), _rendered(one), seconds(one, now), shown(share, 2)])
     return markdown(lines)
 
 
@@ -65,6 +66,10 @@ def notes(scored: Sequence[Scored], run: str) -> str:
     if any(one.run != run for one in scored if not math.isnan(one.seconds)):
         said.append("* seconds of an earlier run, in no ratio with others (--fresh measures all again)")
     return "; ".join(said)
+
+
+def _rendered(one: Scored) -> str:
+    return shown(None, 0) if math.isnan(one.rendered) else f"{100 * one.rendered:.1f} %"
 
 
 def _thing(one: Scored) -> str:

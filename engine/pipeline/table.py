@@ -30,7 +30,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         Stage(
             "poses", 4, PoseParams(), ("hdr", "segment"), work.poses, reads=_pose_inputs, given="poses.json",
-            presets=presets.of_stage("poses"),
+            given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(
             "light", 4, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,

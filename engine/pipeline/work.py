@@ -104,16 +104,22 @@ def on_grid(mask: Bool[np.ndarray, "hh ww"], frames: Frames) -> Bool[np.ndarray,
 
 
 def poses(work: Work) -> Records:
-    """poses, and the report of how they were found unless they were given."""
+    """poses, and the report of how they were found; of poses that were given with points there is none."""
     frames = work.load("hdr", "frames", Frames)
-    if work.given:
-        return {"poses": _given_poses(work.session, frames)}
+    given = _given_poses(work.session, frames) if work.given else None
+    if given is not None and len(given.points):
+        return {"poses": given}
     from engine.sfm import find_poses
+    from engine.triangulate import triangulate
 
     masks = work.load("segment", "masks", Masks)
     scratch = work.folder / "scratch"
     scratch.mkdir()
-    found, report = find_poses(frames, masks, rig_log(work.session), work.params, scratch, work.progress)
+    if given is not None:
+        points, report = triangulate(frames, masks, given, work.params, scratch, work.progress)
+        found = replace(given, points=points)
+    else:
+        found, report = find_poses(frames, masks, rig_log(work.session), work.params, scratch, work.progress)
     shutil.rmtree(scratch)
     return {"poses": found, "report": report}
 

@@ -79,6 +79,14 @@ def render(
     return np.maximum(out, 1e-5)
 
 
+def distance_to_surfaces(points: np.ndarray, seed: int = 0, boxes: int = 12) -> np.ndarray:
+    """Metres from each point to the nearest face of a box of `render`'s room."""
+    corners = _boxes(np.random.default_rng(seed), boxes)
+    over = np.maximum(corners[:, 0] - points[:, None], points[:, None] - corners[:, 1])  # m b 3
+    outside = np.linalg.norm(np.maximum(over, 0), axis=-1)
+    return np.where(outside > 0, outside, np.abs(over).min(-1)).min(1)
+
+
 def look(yaw: float, pitch: float, roll: float, centre: np.ndarray) -> np.ndarray:
     """cam_from_world of a camera at `centre`, turned about y, then x, then z (radians)."""
     turn = cv2.Rodrigues(np.array([0, 0, roll]))[0] @ cv2.Rodrigues(np.array([pitch, 0, 0]))[0]

@@ -74,6 +74,6 @@ def method(
     def solve(given, device, seed, progress) -> Answer:
         if calls is not None:
             calls.append(key)
-        return Answer(leaning(degrees), seconds, extrapolated=kind == "reference")
+        return Answer(leaning(degrees), seconds, kind == "reference", 0.01 * degrees)
 
     return Method(key, f"ours, {key}" if kind == "ours" else key, kind, solve, facts)

@@ -21,6 +21,7 @@ from tests.app.calls import refused
 from tests.engine.ball import ball
 
 QUICK = SIZES["quick"]
+DEAREST = rows.reference(rows.dearest(QUICK), QUICK).key
 
 
 @pytest.fixture(autouse=True)
@@ -37,8 +38,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setattr(sets, "ready", lambda folder, room, thing, *rest: a_set(room, thing))
     solvers = (method("draft", 3.0, 1.0, calls=seen), method("standard", 2.0, 4.0, calls=seen))
     monkeypatch.setattr(rows, "preset_rows", lambda: solvers)
-    monkeypatch.setattr(rows, "others", lambda work: (method("published", 4.0, 8e3, "reference", seen),))
-    monkeypatch.setattr(rows, "swept", lambda work: ())
+    monkeypatch.setattr(rows, "others", lambda size: (method(DEAREST, 4.0, 8e3, "reference", seen),))
+    monkeypatch.setattr(rows, "swept", lambda size: ())
     return seen
 
 
@@ -168,11 +169,17 @@ def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
     assert record["command"] == "table"
     assert record["inputs"].startswith("sets of size quick (24 views")
     ratios = {m["key"]: m["value"] for m in record["metrics"] if m["unit"] == "x"}
-    assert ratios["mean/published/seconds_to_standard"] == 2000
+    assert ratios[f"mean/{DEAREST}/seconds_to_standard"] == 2000
     baseline = json.loads((tmp_path / "base.json").read_text())
-    assert {m["unit"] for m in baseline["metrics"]} == {"deg", "dB", "mean absolute error", "x"}
+    assert {m["unit"] for m in baseline["metrics"]} == {
+        "deg",
+        "dB",
+        "mean absolute error",
+        "relative error, median",
+        "x",
+    }
     assert main([*words, "--gate", str(tmp_path / "base.json")]) == 0
-    assert calls == ["draft", "standard", "published"]
+    assert calls == ["draft", "standard", DEAREST]
     worse = (method("draft", 3.0, 1.0, calls=calls), method("standard", 2.5, 4.0, calls=calls, slip=True))
     monkeypatch.setattr(rows, "preset_rows", lambda: worse)
     capsys.readouterr()
@@ -181,6 +188,22 @@ def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
     assert "worse: mean/standard/normal: 2.5 deg, was 2" in said
     assert "draft/normal" not in said
     assert "not compared: mean/draft/seconds_to_standard" in said
+
+
+def test_a_quick_run_fails_where_ours_is_behind_the_reference(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    words = ["bench", "table", "--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    assert main(words) == 0
+    assert (
+        f"- ours, standard, beside {DEAREST}: 2,000 times faster; better in each error"
+        in capsys.readouterr().out
+    )
+    monkeypatch.setattr(rows, "others", lambda size: (method(DEAREST, 1.0, 8e3, "reference", good=True),))
+    assert main(words) == 1
+    said = capsys.readouterr()
+    assert "worse in normal, albedo, roughness" in said.out
+    assert "does not beat the reference" in said.err
 
 
 def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]):
@@ -210,7 +233,7 @@ def test_maps_computed_elsewhere_are_a_row_without_seconds(
         cells = [cell.strip() for cell in row.strip("|").split("|")]
         assert cells[1] == "0.00"
         assert float(cells[2]) > 60  # half as bright: the albedo is compared after matching the mean
-        assert cells[3:] == ["nan", "-", "-"]
+        assert cells[3:] == ["nan", "-", "-", "-"]
     values = {m["key"]: m["value"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
     assert values["mean/some_net/seconds"] is None
     drawn = ["--out", str(tmp_path / "drawn")]

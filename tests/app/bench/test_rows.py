@@ -7,6 +7,7 @@ import pytest
 
 from app.bench import rows
 from app.bench.alike import Alike, brightened
+from app.bench.sizes import SIZES, Size
 from app.bench.stored import Stored
 from engine.light.gaussians import Y00
 from engine.progress import Progress
@@ -15,6 +16,8 @@ from engine.reference.params import ReferenceParams, scaled
 from engine.surface.pixels import SurfaceParams
 from engine.surface.surroundings import furnished
 from tests.engine.reference.lit_room import DISTANCE, lambert, scene
+
+QUICK = SIZES["quick"]
 
 
 @pytest.fixture(scope="module")
@@ -47,27 +50,45 @@ def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Store
 
 def test_a_part_of_the_pixels_is_told_as_the_whole(lit: Stored, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(rows, "alike", lambda stored, device, seed: Alike(stored, DISTANCE))
-    answer = rows.reference(scaled(2, 1), work=1).solve(lit, "cpu", 0, Progress())
+    answer = rows.reference(scaled(2, 1), replace(QUICK, reference_work=1)).solve(lit, "cpu", 0, Progress())
     whole = int(lit.masks.object.sum())
     assert answer.surface.mask.sum() == rows.LEAST_PIXELS < whole
     assert answer.extrapolated
-    every = rows.reference(scaled(2, 1), work=10**9).solve(lit, "cpu", 0, Progress())
+    assert answer.rendered > 0
+    every = rows.reference(scaled(2, 1), replace(QUICK, reference_work=10**9)).solve(
+        lit, "cpu", 0, Progress()
+    )
     assert every.surface.mask.sum() == whole
     assert not every.extrapolated
 
 
-def test_every_baseline_and_switch_has_a_row_of_its_own():
-    work = 1000
-    methods = (*rows.preset_rows(), *rows.others(work), *rows.swept(work))
+@pytest.mark.parametrize("size", SIZES.values(), ids=lambda size: size.name)
+def test_every_baseline_and_switch_has_a_row_of_its_own(size: Size):
+    methods = (*rows.preset_rows(), *rows.others(size), *rows.swept(size))
     assert len({method.key for method in methods}) == len(methods)
     assert {method.key for method in methods if method.kind == "baseline"} == set(BASELINES)
-    published, without, two, one = rows.switched(work, 0.01)
-    assert len({row.key for row in (published, without, two, one)}) == 4
+    begun, last, without, two, one = rows.switched(size)
+    assert len({row.key for row in (begun, last, without, two, one)}) == 5
     assert (two.facts["one_stage"], one.facts["one_stage"]) == (False, True)
-    assert two.facts["iterations"] == 300
-    assert published.key == rows.others(work)[0].key
+    assert two.facts["iterations"] == round(30_000 * size.training)
+    assert last.key == rows.others(size)[0].key
     assert without.facts["emitter_sampling"] is False
-    assert published.facts["samples"] == ReferenceParams().samples
+    assert begun.facts["epochs"] == 0
+
+
+def test_what_is_reported_is_the_reference_as_published():
+    for name in ("small", "standard"):
+        assert rows.dearest(SIZES[name]) == ReferenceParams()
+
+
+def test_the_reference_before_its_first_step_takes_no_time_and_solves_as_many_pixels(
+    lit: Stored, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(rows, "alike", lambda stored, device, seed: Alike(stored, DISTANCE))
+    size = replace(QUICK, samples=(4,), epochs=(1,), reference_work=1)
+    begun, last, *_ = (row.solve(lit, "cpu", 0, Progress()) for row in rows.switched(size)[:2])
+    assert np.isnan(begun.seconds)
+    np.testing.assert_array_equal(begun.surface.mask, last.surface.mask)
 
 
 def test_the_papers_own_light_takes_the_place_of_ours(lit: Stored, monkeypatch: pytest.MonkeyPatch):
@@ -84,7 +105,9 @@ def test_the_papers_own_light_takes_the_place_of_ours(lit: Stored, monkeypatch: 
     radiance[:, :, : radiance.shape[2] // 3] = 20.0
     photographed = replace(lit, frames=replace(lit.frames, radiance=radiance))
     for one_stage in (True, False):
-        answer = rows.trained(one_stage, work=1, training=1e-4).solve(photographed, "cpu", 0, Progress())
+        answer = rows.trained(one_stage, replace(QUICK, training=1e-4)).solve(
+            photographed, "cpu", 0, Progress()
+        )
         assert answer.seconds > 5
     one, two = (given.gaussians for given in seen)
     assert not len(seen[0].lamps.radii)

@@ -12,6 +12,7 @@ from hardware.errors import (
     ReplyError,
 )
 from hardware.grbl.opening import GrblConfig, open_grbl
+from hardware.grbl.rig import SETTLE
 from hardware.interfaces import Angles, State
 from hardware.virtual.grbl.firmware import GrblFirmware
 from tests.hardware.contracts.grbl_rigs import QUICK
@@ -255,6 +256,8 @@ def test_a_brown_out_in_motion():
     with with_switches(hurry=4) as b:
         b.rig.home()
         order = b.under_way(Angles(0.0))
+        # On a busy machine the axis turns before the last line of the move is sent.
+        wait(lambda: b.heard.orders().endswith(f"{SETTLE}\n".encode()), "the move was never sent whole")
         before = b.heard.orders()
         b.firmware.brown_out(slip_deg=3.0)
         error = order.finished()
