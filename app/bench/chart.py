@@ -136,7 +136,7 @@ def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
     for i in best:
         one = points[i]
         at = (one.seconds, panel.error(one))
-        name = one.title.removeprefix("ours, ")
+        name = one.title.removeprefix("ours, ").removeprefix("reference at ")
         axes.annotate(name, at, (3, 4), textcoords="offset points", fontsize=5.5, color="0.25")
     axes.margins(x=0.18, y=0.15)
     axes.set_title(panel.title, fontsize=7.5)

@@ -96,7 +96,7 @@ def run(args: Namespace) -> int:
 
 
 def table(call: Call) -> list[Metric]:
-    scored = call.scored((*rows.preset_rows(), *rows.others(call.size)), call.sets())
+    scored = call.scored((*rows.preset_rows(), *rows.others(call.size, rows.FEW)), call.sets())
     points = scores.means(scored)
     print(tables.by_object(scored) + "\n")
     print(tables.by_switch(scored))
@@ -107,7 +107,7 @@ def table(call: Call) -> list[Metric]:
 
 def views(call: Call) -> list[Metric]:
     usual = tuple(method for method in rows.preset_rows() if method.key == rows.OURS)
-    methods = (*usual, *rows.others(call.size))
+    methods = (*usual, *rows.others(call.size, rows.FEW))
     counted: list[tuple[int, Scored]] = []
     for count in call.size.counts:
         on = call.sets(max(call.size.counts), count)
@@ -127,7 +127,7 @@ def ablation(call: Call) -> list[Metric]:
 
 
 def draw(call: Call) -> list[Metric]:
-    methods = (*rows.preset_rows(), *rows.others(call.size), *rows.swept(call.size))
+    methods = (*rows.preset_rows(), *rows.others(call.size, rows.MANY), *rows.swept(call.size))
     scored = call.scored(methods, call.sets())
     points = scores.means(scored)
     print(tables.by_switch(scored))
@@ -162,7 +162,7 @@ def scale(call: Call) -> list[Metric]:
 
 def _compare(call: Call, points: Sequence[Scored]) -> None:
     """Print ours beside the reference, and note whether it is behind."""
-    dearest = rows.reference(rows.dearest(call.size), call.size).key
+    dearest = rows.reference(rows.dearest(call.size), call.size, rows.FEW).key
     print("\n" + "\n".join(f"- {line}" for line in beside.told(points, dearest)))
     call.behind = not beside.dominates(points, dearest)
 

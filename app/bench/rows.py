@@ -101,42 +101,41 @@ def _baseline(key: str) -> Method:
     return Method(key, key.replace("_", " "), "baseline", run, facts, matched=not known)
 
 
-def reference(params: ReferenceParams, size: Size) -> Method:
-    """The paper's solver, on as many of the pixels as the size's work is enough for."""
+def reference(params: ReferenceParams, size: Size, least: int) -> Method:
+    """The paper's solver, on as many of the pixels as the size's work is enough for, and `least` however dear."""
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         same = alike(stored, device, seed)
-        return by_reference(same.stored, params, size, same.distance, device, seed, progress)
+        part = replace(params, pixels=affordable(params, size, least, len(stored.frames.names)))
+        return by_reference(same.stored, part, same.distance, device, seed, progress)
 
     name = f"reference_{params.samples}_{params.epochs}"
     name += "" if params.emitter_sampling else "_cosine_ggx"
-    facts = dataclasses.asdict(params) | {"work": size.reference_work}
+    facts = dataclasses.asdict(params) | {"work": size.reference_work, "least": least}
     return Method(name, title(params), "reference", run, facts)
 
 
 def by_reference(
-    given: Stored,
-    params: ReferenceParams,
-    size: Size,
-    distance: float,
-    device: str,
-    seed: int,
-    progress: Progress,
+    given: Stored, params: ReferenceParams, distance: float, device: str, seed: int, progress: Progress
 ) -> Answer:
     """The paper's solver on a part of the pixels, its seconds told for the whole object."""
     # Torch takes seconds to load.
     from engine.reference.solver import solve as solve_by_reference
 
-    each = len(given.frames.names) * params.samples * max(params.epochs, 1)
-    pixels = max(LEAST_PIXELS, size.reference_work // each)
-    params = replace(params, pixels=pixels, object_distance=distance)
+    params = replace(params, object_distance=distance)
     surface, _, _, report = solve_by_reference(*given.inputs, params, device, seed, progress)
     whole = report.seconds_per_pixel * report.object_pixels if params.epochs else math.nan
     return Answer(surface, whole, report.pixels < report.object_pixels, report.held_out_error)
 
 
-LEAST_PIXELS = 48
-"""Of the reference, however dear: three of its tiles."""
+def affordable(params: ReferenceParams, size: Size, least: int, views: int) -> int:
+    """Pixels that a row of the reference solves."""
+    return max(least, size.reference_work // (views * params.samples * max(params.epochs, 1)))
+
+
+FEW, MANY = 48, 144
+"""Pixels at least that the reference solves where many sets are averaged, and where there is one: it draws them in tiles
+of 16."""
 
 
 def dearest(size: Size) -> ReferenceParams:
@@ -144,26 +143,26 @@ def dearest(size: Size) -> ReferenceParams:
     return scaled(size.samples[-1], size.epochs[-1])
 
 
-def others(size: Size) -> tuple[Method, ...]:
+def others(size: Size, least: int) -> tuple[Method, ...]:
     """The reference at its dearest, and the baselines."""
-    return (reference(dearest(size), size), *baselines())
+    return (reference(dearest(size), size, least), *baselines())
 
 
 def swept(size: Size) -> tuple[Method, ...]:
     """The reference at fewer samples and epochs."""
     pairs = [(samples, epochs) for samples in size.samples for epochs in size.epochs]
-    return tuple(reference(scaled(*pair), size) for pair in pairs[:-1])
+    return tuple(reference(scaled(*pair), size, MANY) for pair in pairs[:-1])
 
 
 def switched(size: Size) -> tuple[Method, ...]:
     """The paper's ablation: the reference before its first step and after its last, without emitter sampling, and under
     the paper's own light in two stages and in one, trained for a share of the published iterations."""
     last = dearest(size)
-    begun = replace(reference(replace(last, epochs=0), size), title="reference, as it starts")
+    begun = replace(reference(replace(last, epochs=0), size, MANY), title="reference, as it starts")
     return (
         begun,
-        reference(last, size),
-        reference(replace(last, emitter_sampling=False), size),
+        reference(last, size, MANY),
+        reference(replace(last, emitter_sampling=False), size, MANY),
         *(trained(one_stage, size) for one_stage in (False, True)),
     )
 
@@ -171,7 +170,7 @@ def switched(size: Size) -> tuple[Method, ...]:
 def trained(one_stage: bool, size: Size) -> Method:
     """The reference at its dearest, under the light of the paper's own training instead of ours."""
     emitter = replace(scaled_training(size.training), one_stage=one_stage)
-    params, usual = dearest(size), reference(dearest(size), size)
+    params, usual = dearest(size), reference(dearest(size), size, MANY)
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         start = time.perf_counter()
@@ -179,7 +178,8 @@ def trained(one_stage: bool, size: Size) -> Method:
         seconds = time.perf_counter() - start
         distance = alike(stored, device, seed).distance
         given = replace(unlit_by_lamps(stored), gaussians=light)
-        answer = by_reference(given, params, size, distance, device, seed, progress.part(0.5, 1))
+        part = replace(params, pixels=affordable(params, size, MANY, len(stored.frames.names)))
+        answer = by_reference(given, part, distance, device, seed, progress.part(0.5, 1))
         return replace(answer, seconds=answer.seconds + seconds)
 
     stages = "one stage" if one_stage else "two stages"

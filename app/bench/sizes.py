@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo")
+OBJECTS = ("blob", "sphere", "vase", "relief", "thin", "duo")
 ROOMS = ("study", "lamps", "window")
 PUBLISHED = ((16, 64, 256), (10, 25, 50, 100))
 """Samples and epochs of the reference, up to those that the paper has."""

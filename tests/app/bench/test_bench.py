@@ -21,7 +21,7 @@ from tests.app.calls import refused
 from tests.engine.ball import ball
 
 QUICK = SIZES["quick"]
-DEAREST = rows.reference(rows.dearest(QUICK), QUICK).key
+DEAREST = rows.reference(rows.dearest(QUICK), QUICK, rows.FEW).key
 
 
 @pytest.fixture(autouse=True)
@@ -38,7 +38,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setattr(sets, "ready", lambda folder, room, thing, *rest: a_set(room, thing))
     solvers = (method("draft", 3.0, 1.0, calls=seen), method("standard", 2.0, 4.0, calls=seen))
     monkeypatch.setattr(rows, "preset_rows", lambda: solvers)
-    monkeypatch.setattr(rows, "others", lambda size: (method(DEAREST, 4.0, 8e3, "reference", seen),))
+    monkeypatch.setattr(rows, "others", lambda size, least: (method(DEAREST, 4.0, 8e3, "reference", seen),))
     monkeypatch.setattr(rows, "swept", lambda size: ())
     return seen
 
@@ -199,7 +199,9 @@ def test_a_quick_run_fails_where_ours_is_behind_the_reference(
         f"- ours, standard, beside {DEAREST}: 2,000 times faster; better in each error"
         in capsys.readouterr().out
     )
-    monkeypatch.setattr(rows, "others", lambda size: (method(DEAREST, 1.0, 8e3, "reference", good=True),))
+    monkeypatch.setattr(
+        rows, "others", lambda size, least: (method(DEAREST, 1.0, 8e3, "reference", good=True),)
+    )
     assert main(words) == 1
     said = capsys.readouterr()
     assert "worse in normal, albedo, roughness" in said.out

@@ -50,12 +50,14 @@ def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Store
 
 def test_a_part_of_the_pixels_is_told_as_the_whole(lit: Stored, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(rows, "alike", lambda stored, device, seed: Alike(stored, DISTANCE))
-    answer = rows.reference(scaled(2, 1), replace(QUICK, reference_work=1)).solve(lit, "cpu", 0, Progress())
+    answer = rows.reference(scaled(2, 1), replace(QUICK, reference_work=1), rows.FEW).solve(
+        lit, "cpu", 0, Progress()
+    )
     whole = int(lit.masks.object.sum())
-    assert answer.surface.mask.sum() == rows.LEAST_PIXELS < whole
+    assert answer.surface.mask.sum() == rows.FEW < whole
     assert answer.extrapolated
     assert answer.rendered > 0
-    every = rows.reference(scaled(2, 1), replace(QUICK, reference_work=10**9)).solve(
+    every = rows.reference(scaled(2, 1), replace(QUICK, reference_work=10**9), rows.FEW).solve(
         lit, "cpu", 0, Progress()
     )
     assert every.surface.mask.sum() == whole
@@ -64,14 +66,14 @@ def test_a_part_of_the_pixels_is_told_as_the_whole(lit: Stored, monkeypatch: pyt
 
 @pytest.mark.parametrize("size", SIZES.values(), ids=lambda size: size.name)
 def test_every_baseline_and_switch_has_a_row_of_its_own(size: Size):
-    methods = (*rows.preset_rows(), *rows.others(size), *rows.swept(size))
+    methods = (*rows.preset_rows(), *rows.others(size, rows.MANY), *rows.swept(size))
     assert len({method.key for method in methods}) == len(methods)
     assert {method.key for method in methods if method.kind == "baseline"} == set(BASELINES)
     begun, last, without, two, one = rows.switched(size)
     assert len({row.key for row in (begun, last, without, two, one)}) == 5
     assert (two.facts["one_stage"], one.facts["one_stage"]) == (False, True)
     assert two.facts["iterations"] == round(30_000 * size.training)
-    assert last.key == rows.others(size)[0].key
+    assert last.key == rows.others(size, rows.MANY)[0].key
     assert without.facts["emitter_sampling"] is False
     assert begun.facts["epochs"] == 0
 
