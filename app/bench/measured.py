@@ -10,11 +10,11 @@ import math
 import secrets
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.bench import record
-from app.bench.rows import Method, ours, params_of
+from app.bench.rows import OURS, Method, ours, params_of
 from app.bench.sets import Set, job
 from app.bench.stored import Stored, fewer_pixels, fewer_views
 from engine import session as sessions
@@ -89,7 +89,7 @@ def warm_up(stored: Stored, device: str) -> None:
     small = fewer_pixels(stored, WARM_PIXELS)
     small = fewer_views(small, min(WARM_VIEWS, views)) if stored.poses.registered.all() else small
     with job("warming up") as progress:
-        ours("warm", "", replace(params_of("draft"), object_distance=1.0)).solve(small, device, 0, progress)
+        ours("warm", "", params_of(OURS)).solve(small, device, 0, progress)
 
 
 def _keep(row: Row, place: Path) -> None:

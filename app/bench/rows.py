@@ -133,7 +133,7 @@ def affordable(params: ReferenceParams, size: Size, least: int, views: int) -> i
     return max(least, size.reference_work // (views * params.samples * max(params.epochs, 1)))
 
 
-FEW, MANY = 48, 144
+FEW, MANY = 48, 96
 """Pixels at least that the reference solves where many sets are averaged, and where there is one: it draws them in tiles
 of 16."""
 
@@ -202,6 +202,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_horizons", "w/o horizons: shadows from depth alone", horizons=False),
         without("no_steps", "w/o steps from horizons", steps=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),
+        without("no_ask", "w/o asking neighbours, nor horizons from photographs", ask=False),
         without("no_accord", "w/o neighbours that agree", accord=False),
         without("no_relight", "w/o refining the light", relight=False),
         # The turns that find the distance keep their own few probes.

@@ -6,6 +6,8 @@ from typing import Any
 
 OBJECTS = ("blob", "sphere", "vase", "relief", "thin", "duo")
 ROOMS = ("study", "lamps", "window")
+MOTION = "gimbal"
+"""How the studio carries camera and object: every way up, so that most of the room is seen even in few views."""
 PUBLISHED = ((16, 64, 256), (10, 25, 50, 100))
 """Samples and epochs of the reference, up to those that the paper has."""
 
@@ -36,15 +38,16 @@ class Size:
     def told(self) -> str:
         """For a table's head."""
         light = ", a light of few Gaussians" if self.settings else ""
-        return f"sets of size {self.name} ({self.views} views of {self.width} x {self.height}), {self.inputs}{light}"
+        views = f"{self.views} views of {self.width} x {self.height} on a {MOTION}"
+        return f"sets of size {self.name} ({views}), {self.inputs}{light}"
 
 
 SIZES = {
     "quick": Size(
-        "quick", 24, 96, 72, ("booth",), ("blob",), True, (12, 24), (512, 1024, 2048), (16, 64), (10, 25), 4_000_000,
+        "quick", 40, 128, 96, ("window",), ("blob",), True, (20, 40), (512, 1024, 2048), (16, 64), (10, 25), 4_000_000,
         0.001,
         # The machinery is what is tried: a light of few Gaussians does.
-        {"light": {"budget": 3000, "passes": [2, 2, 2]}},
+        {"light": {"budget": 6000}},
     ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),

@@ -99,7 +99,7 @@ def test_a_rows_key_changes_with_all_that_decides_it(monkeypatch: pytest.MonkeyP
 
 
 def test_a_sets_folder_changes_with_all_that_decides_it(monkeypatch: pytest.MonkeyPatch):
-    wide = replace(QUICK, width=128)
+    wide = replace(QUICK, width=192)
     keys = {
         sets.key("booth", "blob", QUICK, 24, 0), sets.key("plain", "blob", QUICK, 24, 0),
         sets.key("booth", "duo", QUICK, 24, 0), sets.key("booth", "blob", wide, 24, 0),
@@ -167,7 +167,7 @@ def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
     assert "~8000" in out
     record = json.loads((tmp_path / "m.json").read_text())
     assert record["command"] == "table"
-    assert record["inputs"].startswith("sets of size quick (24 views")
+    assert record["inputs"].startswith("sets of size quick (40 views")
     ratios = {m["key"]: m["value"] for m in record["metrics"] if m["unit"] == "x"}
     assert ratios[f"mean/{DEAREST}/seconds_to_standard"] == 2000
     baseline = json.loads((tmp_path / "base.json").read_text())
@@ -214,15 +214,15 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert sorted(p.name for p in (tmp_path / "drawn").iterdir()) == ["chart.csv", "chart.png", "chart.svg"]
     assert str(tmp_path / "drawn" / "chart.svg") in capsys.readouterr().out
     assert main(["bench", "views", *to, "--json", str(tmp_path / "m.json")]) == 0
-    assert "| 12 " in capsys.readouterr().out
+    assert "| 20 " in capsys.readouterr().out
     keys = {m["key"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
-    assert {"12-views/booth-blob/standard/normal", "24-views/booth-blob/standard/normal"} <= keys
+    assert {"20-views/window-blob/standard/normal", "40-views/window-blob/standard/normal"} <= keys
 
 
 def test_maps_computed_elsewhere_are_a_row_without_seconds(
     tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
 ):
-    folder = tmp_path / "maps" / "booth-blob"
+    folder = tmp_path / "maps" / "window-blob"
     folder.mkdir(parents=True)
     true = ball()
     np.save(folder / "normal.npy", true.normal.astype(np.float32))  # ours: z < 0 faces the camera
@@ -249,7 +249,7 @@ def test_maps_that_are_not_there_are_refused_before_any_work(
     (tmp_path / "maps").mkdir()
     words = ["bench", "table", "--quick", "--device", "cpu", "--maps"]
     assert "give NAME=FOLDER" in refused(capsys, *words, "net")
-    assert "booth-blob: holds no normal" in refused(capsys, *words, f"net={tmp_path / 'maps'}")
+    assert "window-blob: holds no normal" in refused(capsys, *words, f"net={tmp_path / 'maps'}")
     assert calls == []
 
 
