@@ -231,6 +231,17 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Rough rounds"), "",
         QT_TRANSLATE_NOOP("parameters", "At half resolution: solve, integrate, see, refine the light; how often."),
         0, 50, advanced=False)),
+    ("surface.rough_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views of rough rounds"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "Views, spread evenly, that serve at half resolution."),
+        8, 100000)),
+    ("surface.full_turn", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Full turn"), "",
+        QT_TRANSLATE_NOOP("parameters", "After the rough rounds, one such turn with all pixels: steep walls and recesses gain by it."))),
+    ("surface.views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views of full rounds"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "Views, spread evenly, that serve on all pixels. 0: all."),
+        0, 100000, nothing=QT_TRANSLATE_NOOP("parameters", "all"))),
     ("surface.rounds", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Full rounds"), "",
         QT_TRANSLATE_NOOP("parameters", "On all pixels: solve, integrate, see; how often."),
@@ -255,6 +266,9 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.bounce", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),
+    ("surface.ask", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Ask neighbours"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let pixels look for their horizons, and badly explained ones try neighbours' answers."), advanced=False)),
     ("surface.accord", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Neighbours agree"), "",
         QT_TRANSLATE_NOOP("parameters", "Let neighbours decide what a pixel's own photographs leave open."), advanced=False)),

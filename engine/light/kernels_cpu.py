@@ -108,11 +108,14 @@ def ray_order(alpha, depth, n, i, order):
 @njit(**_FLAGS)
 @no_type_check
 def composite(packed, members, live, alpha, depth, n, order, out):
-    """Eq. (3) on the 64 rays of a tile: `out[i]` = radiance, transmittance left, sum of weight * z."""
+    """Eq. (3) on the 64 rays of a tile: `out[i]` = radiance, transmittance left, sum of weight * z; and, where `out` is
+    wider than CHANNELS, sum of weight * luminance * z.
+    """
+    lit = out.shape[1] > CHANNELS
     for i in range(AREA):
         count = ray_order(alpha, depth, n, i, order)
         through = _ONE
-        r = g = b = far = _ZERO
+        r = g = b = far = shining = _ZERO
         for c in range(count):
             l = order[c]
             row = packed[members[live[l]]]
@@ -121,10 +124,17 @@ def composite(packed, members, live, alpha, depth, n, order, out):
             g += weight * row[14]
             b += weight * row[15]
             far += weight * depth[l, i]
+            if lit:
+                level = (
+                    np.float32(0.2126) * row[13] + np.float32(0.7152) * row[14] + np.float32(0.0722) * row[15]
+                )
+                shining += weight * level * depth[l, i]
             through *= _ONE - alpha[l, i]
             if through < _OPAQUE:
                 break
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = r, g, b, through, far
+        if lit:
+            out[i, CHANNELS] = shining
 
 
 @njit(**_FLAGS)

@@ -11,6 +11,8 @@ Frames: Gaussians in the world frame; probes and directions in the camera frame 
 # The stubs of scipy and numba misstate what comes back here.
 # pyright: reportCallIssue=false
 
+import functools
+from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
@@ -54,14 +56,16 @@ def _finesse(packed, members, begin, end, mean, side):
 @no_type_check
 def _probe(
     white, spread, means, density, colours, faces, origin, near, side, mean, adaptive,
-    index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, reach,
+    index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, reach, shine,
 ):  # fmt: skip
-    """Add one probe's light to `energy` [d 3], `opacity` [d] (x solid angle), `reach` [d] (x distance)."""
+    """Add one probe's light to `energy` [d 3], `opacity` [d] (x solid angle), `reach` [d] (x distance), `shine` [d 3]
+    (luminance x solid angle x where it comes from, seen from the probe).
+    """
     half = side / 2.0
     lens = np.array([half, half, half, half])
     across = (side + tiles.TILE - 1) // tiles.TILE
     xs, ys = np.empty(kernel.AREA, np.float32), np.empty(kernel.AREA, np.float32)
-    out = np.empty((kernel.AREA, kernel.CHANNELS), np.float32)
+    out = np.empty((kernel.AREA, kernel.CHANNELS + 1), np.float32)
     for face in range(6):
         _, packed, boxes = tiles.project(
             white, spread, means, density, colours, faces[face], origin, lens, side, side
@@ -90,6 +94,10 @@ def _probe(
                     if v >= side * fine or u >= side * fine:
                         continue
                     length = np.sqrt(xs[i] * xs[i] + ys[i] * ys[i] + np.float32(1))
+                    lit, turn = out[i, kernel.CHANNELS], faces[face]
+                    x = (turn[0, 0] * xs[i] + turn[1, 0] * ys[i] + turn[2, 0]) * lit
+                    y = (turn[0, 1] * xs[i] + turn[1, 1] * ys[i] + turn[2, 1]) * lit
+                    z = (turn[0, 2] * xs[i] + turn[1, 2] * ys[i] + turn[2, 2]) * lit
                     for s in range(index.shape[3]):
                         at = index[face, v, u, s]
                         part = share[face, v, u, s] * omega[v, u]
@@ -98,6 +106,9 @@ def _probe(
                         energy[at, 2] += part * out[i, 2]
                         opacity[at] += part * (1.0 - out[i, 3])
                         reach[at] += part * out[i, 4] * length
+                        shine[at, 0] += part * x
+                        shine[at, 1] += part * y
+                        shine[at, 2] += part * z
 
 
 class _Prober:
@@ -130,19 +141,35 @@ class _Prober:
         face_from_world: np.ndarray,
         origin: np.ndarray,
         mean: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy, opacity and mean distance per cell at one point."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Energy, opacity, mean distance, and mean place of what shines, per cell at one point."""
         energy, opacity, reach = np.zeros((self.count, 3)), np.zeros(self.count), np.zeros(self.count)
+        shine = np.zeros((self.count, 3))
         _probe(
             geometry.white, geometry.spread, geometry.means, geometry.density, colours, face_from_world,
             origin, np.float32(0), self.face, mean, mean > 0, *self.maps, *self.omegas, energy, opacity,
-            reach,
+            reach, shine,
         )  # fmt: skip
         distance = reach / np.maximum(opacity, 1e-12)
-        return energy, opacity, distance
+        return energy, opacity, distance, origin + shine / np.maximum(luminance(energy), 1e-30)[:, None]
 
 
-def incident_energy(
+@functools.lru_cache(4)
+def _prober(directions: bytes, face: int, cells: str) -> _Prober:
+    """Its maps take a second to make, and the same directions are asked for again and again."""
+    return _Prober(np.frombuffer(directions).reshape(-1, 3), face, cells)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arriving:
+    """What reaches probes of every view from every camera-frame direction; float32."""
+
+    energy: Float[np.ndarray, "n m d 3"]  # radiance x solid angle
+    seen: Float[np.ndarray, "n m d"]  # in [0, 1]: the share of a direction's light that was photographed
+    places: Float[np.ndarray, "n m d 3"]  # world: where it comes from, mean by luminance before any filling
+
+
+def arriving(
     gaussians: Gaussians,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     cam_points: Float[np.ndarray, "m 3"],
@@ -152,8 +179,8 @@ def incident_energy(
     progress: Progress | None = None,
     coverage: Coverage | None = None,
     cells: str = "shared",
-) -> tuple[Float[np.ndarray, "n m d 3"], Float[np.ndarray, "n m d"]]:
-    """Radiance x solid angle arriving at every probe of every view from every camera-frame direction.
+) -> Arriving:
+    """The light at every probe of every view.
 
     Args:
         cam_points: the probes, camera frame (they move with the camera).
@@ -162,16 +189,14 @@ def incident_energy(
         fill: give directions that were not seen a smooth, never-zero guess from what was seen.
         coverage: what the photographs showed; without it `seen` is the Gaussians' own opacity.
         cells: "nearest" or "shared" (see `cells.py`).
-
-    Returns:
-        energy (float32) and `seen` in [0, 1]: the share of a direction's light that was photographed.
     """
     progress = progress or Progress()
     n, m, d = len(cam_from_world), len(cam_points), len(directions)
-    prober = _Prober(np.asarray(directions, np.float64), face, cells)
+    prober = _prober(np.asarray(directions, np.float64).tobytes(), face, cells)
     graph = neighbourhood(np.asarray(directions, np.float64))
     geometry = shapes(gaussians)
     energy, seen = np.zeros((n, m, d, 3), np.float32), np.zeros((n, m, d), np.float32)
+    places = np.zeros_like(energy)
 
     def view(i: int) -> None:
         rotation, shift = cam_from_world[i, :, :3], cam_from_world[i, :, 3]
@@ -181,7 +206,7 @@ def incident_energy(
         first = prober.light(geometry, colours, face_from_world, world_points[0], 0.0)[0]
         mean = float(luminance(first.sum(0)) / (4 * np.pi))
         for j in range(m):
-            cell_energy, opacity, distance = prober.light(
+            cell_energy, opacity, distance, places[i, j] = prober.light(
                 geometry, colours, face_from_world, world_points[j], mean
             )
             alike = np.minimum(opacity / prober.solid_angle, 1)
@@ -204,7 +229,23 @@ def incident_energy(
 
             run(some, ())
     progress.step(1.0, "light at the object")
-    return energy, seen
+    return Arriving(energy, seen, places)
+
+
+def incident_energy(
+    gaussians: Gaussians,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    cam_points: Float[np.ndarray, "m 3"],
+    directions: Float[np.ndarray, "d 3"],
+    face: int = 64,
+    fill: bool = True,
+    progress: Progress | None = None,
+    coverage: Coverage | None = None,
+    cells: str = "shared",
+) -> tuple[Float[np.ndarray, "n m d 3"], Float[np.ndarray, "n m d"]]:
+    """Energy and `seen` of what `arriving` finds, with the same arguments."""
+    found = arriving(gaussians, cam_from_world, cam_points, directions, face, fill, progress, coverage, cells)
+    return found.energy, found.seen
 
 
 def panorama(

@@ -7,8 +7,16 @@ Preset = Mapping[str, Mapping[str, Any]]
 
 
 def draft() -> Preset:
-    """A first look."""
-    return {"surface": {"rough_rounds": 2}}
+    """A first look: fewer views, and no second thoughts."""
+    fewer = {
+        "rough_rounds": 3,
+        "rough_views": 16,
+        "full_turn": False,
+        "views": 32,
+        "probes_across": 2,
+        "ask": False,
+    }
+    return {"surface": fewer}
 
 
 def standard() -> Preset:

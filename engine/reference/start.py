@@ -17,8 +17,9 @@ from engine.progress import Progress
 from engine.reference.params import ReferenceParams
 from engine.surface import newton
 from engine.surface.distance import Distance
+from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams, depth_of, search, subject
-from engine.surface.rough import DIRECTIONS, FACE_PX, TIGHT, VIEWS, first_look
+from engine.surface.rough import DIRECTIONS, FACE_PX, TIGHT, first_look
 from engine.surface.surroundings import Room, light_at
 from engine.surface.transport import lattice_around
 from engine.types import Frames
@@ -53,9 +54,9 @@ def begin(
     Raises:
         SurfaceError: the user's maps cannot be read or do not fit the photographs.
     """
-    views = fitted[:: max(1, len(fitted) // VIEWS)]
-    few = frames.views(views)
     ours = SurfaceParams(full_diffuse=params.full_diffuse)
+    views = thinned(fitted, ours.rough_views)
+    few = frames.views(views)
     who = subject(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance = Distance(params.object_distance, 0.0, "given")
     if params.object_distance <= 0:

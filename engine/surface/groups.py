@@ -16,7 +16,6 @@ from scipy.spatial import KDTree
 
 from engine.geometry import project, transform
 from engine.radiance import luminance
-from engine.surface.transport import Incident
 from engine.types import Frames, Gaussians, Masks, Poses
 
 LAMPS = 8
@@ -102,35 +101,21 @@ def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return softened / softened.sum()
 
 
-def labelled(gaussians: Gaussians) -> tuple[Gaussians, Float[np.ndarray, " 3"]]:
-    """The room shining its own places: radiance = luminance x (mean - low); and `low`, the room's corner."""
-    low = gaussians.means.min(0)
-    shine = _luminance(gaussians)[:, None] * (gaussians.means - low)
-    radiance = np.zeros_like(gaussians.radiance)
-    radiance[:, 0] = shine
-    return replace(gaussians, radiance=radiance), low
-
-
 def whose(
-    places: Incident,
-    light: Incident,
-    low: Float[np.ndarray, " 3"],
+    places: Float[np.ndarray, "*c 3"],
+    lit: Bool[np.ndarray, "*c"],
     gaussians: Gaussians,
     group: Int[np.ndarray, " k"],
-) -> Int[np.ndarray, "m d n"]:
+) -> Int[np.ndarray, "*c"]:
     """The group that each cell's light comes from, -1 where it is dark.
 
-    `places` is the light of the `labelled` room: divided by the luminance, the mean place that shines into a
-    cell. A lamp outshines the wall beside it, so that a cell which holds a lamp counts as the lamp's.
+    `places` is the mean place that shines into a cell, by luminance: a lamp outshines the wall beside it, so that a
+    cell which holds a lamp counts as the lamp's.
     """
-    m, d, v = light.energy.shape
-    shining_in = luminance(light.energy.reshape(m, d, v // 3, 3))
-    lit = shining_in > 0
-    at = places.energy.reshape(m, d, v // 3, 3)[lit] / shining_in[lit][:, None] + low
-    found = np.full(shining_in.shape, -1)
+    found = np.full(lit.shape, -1)
     # Faint Gaussians stand everywhere, also in front of lamps; those that shine say where the light is from.
     shining = np.nonzero(_luminance(gaussians) > 0)[0]
-    found[lit] = group[shining[KDTree(gaussians.means[shining]).query(at)[1]]]
+    found[lit] = group[shining[KDTree(gaussians.means[shining]).query(places[lit])[1]]]
     return found
 
 

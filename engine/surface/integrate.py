@@ -9,13 +9,19 @@ import numpy as np
 import pyamg
 import scipy.sparse as sparse
 from jaxtyping import Bool, Float
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import cg, splu
 
 from engine.errors import SurfaceError
 from engine.geometry import unproject
 from engine.progress import Progress
 from engine.surface.observations import islands, numbered
 from engine.types import Camera
+
+SETTLED = 1e-4
+"""Change of log depth, root mean square, below which the weights are taken to stand."""
+DIRECT = 150_000
+"""Pixels up to which a factorisation is faster than multigrid: 0.05 s a system of 16 000, 0.2 s of 48 000, where multigrid
+takes 0.08 and 0.9 s on a relief whose walls are torn; 1.6 s of 260 000."""
 
 
 def integrate(
@@ -45,7 +51,7 @@ def integrate(
     nq = np.minimum(normals[..., 0] * xy[..., 0] + normals[..., 1] * xy[..., 1] + normals[..., 2], -1e-2)
     count = int(mask.sum())
 
-    # One-sided equations: coeff * (L[neighbour] - L[pixel]) = target, four families.
+    # One-sided equations: weight * (L[neighbour] - L[pixel]) = target, four families.
     families = []
     for axis, component in ((1, 0), (0, 1)):
         for sign in (1, -1):
@@ -53,56 +59,63 @@ def integrate(
             valid = mask & (neighbour >= 0)
             np.moveaxis(valid, axis, 0)[-1 if sign > 0 else 0] = False  # np.roll wraps round
             spacing = np.roll(xy[..., component], -sign, axis) - xy[..., component]
-            p, q = index[valid], neighbour[valid]
             # The neighbour's own n.q belongs in equally; the mean is exact to second order.
-            weight, target = nq[valid], -normals[..., component][valid] * spacing[valid]
-            rows = np.arange(len(p))
-            matrix = sparse.csr_matrix(
-                (np.concatenate([weight, -weight]), (np.tile(rows, 2), np.concatenate([q, p]))),
-                shape=(len(p), count),
-            )
-            families.append((p, matrix, target))
+            target = -normals[..., component][valid] * spacing[valid]
+            families.append((index[valid], neighbour[valid], nq[valid], target))
+    pixel, beside, weight, target = (np.concatenate(parts) for parts in zip(*families, strict=True))
+    cuts = np.cumsum([len(p) for p, *_ in families])[:-1]
+    place = np.arange(count)
+    rows, columns = np.concatenate([pixel, beside, place]), np.concatenate([beside, pixel, place])
 
     log_depth = np.zeros(count)
-    shares = [np.full(len(p), 0.5) for p, _, _ in families]
+    shares = np.full(len(pixel), 0.5)
     part, part_count = islands(mask)
     # A gauge: one soft equation per connected part pins its mean.
     gauge = sparse.csr_matrix((np.ones(count), (part, np.arange(count))), shape=(part_count, count))
     sizes = np.bincount(part, minlength=part_count)
-    previous = np.inf
     for step in range(rounds):
         progress.step(step / rounds, "integrating normals to depth")
-        system = sparse.identity(count, format="csr") * 1e-9
-        right = np.zeros(count)
-        energy = 0.0
-        for (_, matrix, target), share in zip(families, shares, strict=True):
-            weighted = matrix.T.multiply(share).tocsr()
-            system = system + weighted @ matrix
-            right += weighted @ target
-        solver = pyamg.smoothed_aggregation_solver(
-            system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
-        )
-        log_depth, _ = cg(system, right, x0=log_depth, rtol=1e-5, maxiter=200, M=solver.aspreconditioner())
-        log_depth -= ((gauge @ log_depth) / sizes)[part]
+        # Every equation is an edge of a graph: the system is its Laplacian.
+        pull = shares * weight**2
+        push = shares * weight * target
+        degree = np.bincount(pixel, pull, count) + np.bincount(beside, pull, count) + 1e-9
+        values = np.concatenate([-pull, -pull, degree])
+        system = sparse.csc_matrix((values, (rows, columns)), shape=(count, count))
+        right = np.bincount(beside, push, count) - np.bincount(pixel, push, count)
+        found = _solved(system, right, log_depth)
+        before, log_depth = log_depth, found - ((gauge @ found) / sizes)[part]
+        if step and np.sqrt(((log_depth - before) ** 2).mean()) < SETTLED:
+            break
+        misses = weight * (log_depth[beside] - log_depth[pixel]) - target
+        scale = np.median(np.abs(misses)) + 1e-12
         residuals = []
-        for p, matrix, target in families:
-            full = np.full(count, np.nan)
-            full[p] = matrix @ log_depth - target
+        for (p, *_), miss in zip(families, np.split(misses, cuts), strict=True):
+            full = np.zeros(count)
+            full[p] = miss
             residuals.append(full)
-            energy += float((full[p] ** 2).sum())
-        scale = np.median(np.abs(np.concatenate([r[np.isfinite(r)] for r in residuals]))) + 1e-12
+        told = []
         for pair in (0, 2):
-            ahead, behind = (np.nan_to_num(residuals[pair + i] / scale) ** 2 for i in (0, 1))
+            ahead, behind = ((residuals[pair + i] / scale) ** 2 for i in (0, 1))
             # Dimensionless: the residual is measured in units of its own median, so the weights do not
             # depend on the pixel pitch. A residual below a few medians is noise, not a tear.
             lean = 1 / (1 + np.exp(-np.clip(sharpness * (behind - ahead) / 100, -50, 50)))
-            shares[pair] = lean[families[pair][0]]
-            shares[pair + 1] = 1 - lean[families[pair + 1][0]]
-        if abs(previous - energy) < 1e-3 * energy:
-            break
-        previous = energy
+            told += [lean[families[pair][0]], 1 - lean[families[pair + 1][0]]]
+        shares = np.concatenate(told)
     depth = np.zeros(mask.shape)
     z = np.exp(log_depth)
     z *= (mean_depth * sizes / np.bincount(part, z, minlength=part_count))[part]
     depth[mask] = z
     return depth
+
+
+def _solved(
+    system: sparse.csc_matrix, right: Float[np.ndarray, " p"], start: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, " p"]:
+    """The system's solution; `start` is near it."""
+    if len(right) <= DIRECT:
+        options = {"SymmetricMode": True}
+        return splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve(right)
+    solver = pyamg.smoothed_aggregation_solver(
+        system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
+    )
+    return cg(system, right, x0=start, rtol=1e-5, maxiter=200, M=solver.aspreconditioner())[0]

@@ -88,3 +88,10 @@ def observe(
         frames.clipped[views][:, mask].mean(0).astype(np.float32),
         edge[mask],
     )
+
+
+def thinned(views: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
+    """At most so many of the views, evenly spread, the first and the last among them."""
+    if len(views) <= most:
+        return views
+    return views[np.linspace(0, len(views) - 1, most).round().astype(int)]

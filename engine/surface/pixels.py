@@ -30,6 +30,9 @@ class SurfaceParams:
     probe_face_px: int = 48  # resolution of one face of each probe's cube
     candidates: int = 300  # normals tried by the global search
     rough_rounds: int = 4  # on pixels of half the size: solve, integrate, see, refine the light: how often
+    rough_views: int = 48  # that serve in these rounds
+    full_turn: bool = True  # one turn more with all pixels before the last look at the light
+    views: int = 0  # that serve after them, spread evenly; 0: all
     rounds: int = 1  # on all pixels, once more under the whole light: solve, integrate, see: how often
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
@@ -37,6 +40,9 @@ class SurfaceParams:
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
     steps: bool = True  # let horizons tell how high steps are, which normals do not
     bounce: bool = True  # let the object light itself with what was photographed
+    ask: bool = (
+        True  # let pixels that explain badly try their neighbours' answers, and all look for their horizons
+    )
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
     relight_groups: int = 12  # groups besides the lamps

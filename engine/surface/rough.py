@@ -2,7 +2,7 @@
 
 A look at a few hundred pixels says about how far away the object is. Pixels of half the size are then solved in
 turns with the light (how far away it stands, how bright its parts are), each turn with the depth, shadows and
-bounced light that the last one gave; all pixels take one turn at the end. Half of the views serve:
+bounced light that the last one gave; all pixels take one turn at the end. Some views serve:
 model errors, not noise, are what these turns remove.
 """
 
@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.distance import Distance, find_distance
-from engine.surface.observations import numbered
+from engine.surface.observations import numbered, thinned
 from engine.surface.pixels import (
     Subject,
     SurfaceParams,
@@ -34,7 +34,6 @@ from engine.types import Frames
 
 HALVED_FROM = 6000
 """Object pixels from which on half the size is worth a look."""
-VIEWS, FIRST_VIEWS = 48, 24
 DIRECTIONS = 1024
 """At most: never more than the full solve takes."""
 FACE_PX = 48
@@ -68,7 +67,7 @@ def rough(
     progress: Progress,
 ) -> tuple[newton.State, Float[np.ndarray, "h w"], Setting, Distance, tuple[float, ...]]:
     """State and depth of all pixels of the mask, the light's setting, the distance, and the residual turn by turn."""
-    views = fitted[:: max(1, len(fitted) // VIEWS)]
+    views = thinned(fitted, params.rough_views)
     few = frames.views(views)
     camera = room.poses.camera
     whole = subject(few, mask, camera, np.arange(len(views)), params)
@@ -76,7 +75,11 @@ def rough(
     if mask.sum() > HALVED_FROM:
         fewer, small, camera_of_small = halved(few, mask, camera)
         half = subject(fewer, small, camera_of_small, np.arange(len(views)), params)
-        levels = [half] * params.rough_rounds + [whole]
+        levels = (
+            [half] * params.rough_rounds + [whole]
+            if params.full_turn
+            else [half] * max(1, params.rough_rounds)
+        )
     free = params.object_distance <= 0
     distance, tried, misfits = params.object_distance, (), ()
     who = levels[0]
@@ -93,6 +96,8 @@ def rough(
     setting, sight = untouched(parts, distance), who.flat(distance)
     state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
     residuals = []
+    # The last turn stands where the ones before it have put it.
+    placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
     for turn, following in enumerate(levels):
         begin = 0.35 + 0.65 * turn / len(levels)
         span = progress.part(begin, begin + 0.65 / len(levels))
@@ -112,17 +117,20 @@ def rough(
             seeing = as_photographed(who, state, sight, light.directions)
             chosen, sample = voters(who, seeing, distance, VOTERS, params, seed, spread=state.spread)
             voting = state.part(chosen)
-            moving = free and turn < max(1, len(levels) - 1)
+            moving = free and turn <= placing
             setting, _ = settle(
                 setting, parts, sample, voting, moving, params.relight, ROUNDS, PASSES, span.part(0.8, 0.9)
             )
-            if free and turn == max(0, len(levels) - 2):
+            if free and turn == placing:
                 setting = place(
                     setting, parts, sample, voting, params.relight, ROUNDS // 2, PASSES, span.part(0.9, 1)
                 )
                 stderr = setting.distance_stderr
             moved, distance = setting.distance / distance, setting.distance
             sight, depth = sight.at(moved), depth * moved
+    if who is not whole:
+        state = finer(state, who.mask, whole.mask)
+        depth = depth_of(whole, state, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     return state, depth, setting, found, tuple(residuals)
 
@@ -136,7 +144,7 @@ def first_look(
     progress: Progress,
 ) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
     """The object's distance to a fifth or so, and the curve: distances tried and their misfits."""
-    every = np.arange(0, len(views), max(1, len(views) // FIRST_VIEWS))
+    every = thinned(np.arange(len(views)), params.rough_views // 2)
     reach = (NEAREST * room.size(), FARTHEST * room.size())
     lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))
     directions = min(DIRECTIONS, params.directions)

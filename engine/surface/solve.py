@@ -16,6 +16,7 @@ from engine.surface.accord import accord
 from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.distance import Distance
 from engine.surface.newton import State, respread
+from engine.surface.observations import thinned
 from engine.surface.pixels import (
     SurfaceParams,
     as_photographed,
@@ -35,6 +36,7 @@ AROUND = 1.03
 their layers instead of moving, and two a fifth of the distance either way take it for brighter than it is."""
 OUTLIERS = (0.5, 99.5)
 """Percentiles of that depth; what the rim says beyond them is no guide."""
+LEAST_VIEWS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +62,11 @@ class SurfaceReport:
 def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.ndarray, " f"], tuple[int, ...]]:
     """(fitted, held out) view indices: the held-out ones evenly spread over the registered."""
     usable = np.nonzero(registered)[0]
-    if len(usable) < 8:
+    if len(usable) < LEAST_VIEWS:
         raise SurfaceError(
-            f"only {len(usable)} views have a pose and light; at least 8 are needed, add photographs"
+            f"only {len(usable)} views have a pose and light; at least {LEAST_VIEWS} are needed, add photographs"
         )
-    count = min(count, max(0, len(usable) - 8))
+    count = min(count, max(0, len(usable) - LEAST_VIEWS))
     out = usable[np.linspace(0, len(usable) - 1, count + 2).astype(int)[1:-1]]
     return np.setdiff1d(usable, out), tuple(int(i) for i in out)
 
@@ -88,6 +90,9 @@ def solve(
     mask = masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
+    for name, asked in (("rough_views", params.rough_views), ("views", params.views or LEAST_VIEWS)):
+        if asked < LEAST_VIEWS:
+            raise SurfaceError(f"surface.{name} is {asked}; give {LEAST_VIEWS} or more")
     fitted, kept_out = held_out(poses.registered, params.held_out)
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
@@ -95,6 +100,7 @@ def solve(
     state, depth, setting, distance, residuals = rough(
         frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5)
     )
+    fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), distance.value
     nearest, farthest = np.percentile(depth[mask], OUTLIERS)
     reach = float(nearest / AROUND), float(farthest * AROUND)

@@ -12,9 +12,10 @@ from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.globes import apart
-from engine.light.probes import incident_energy
+from engine.light.probes import arriving, incident_energy
 from engine.progress import Progress
-from engine.surface.groups import brightened, clipped_groups, group_emitters, labelled, whose
+from engine.radiance import luminance
+from engine.surface.groups import brightened, clipped_groups, group_emitters, whose
 from engine.surface.near import Near, near_of
 from engine.surface.relight import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
@@ -98,16 +99,11 @@ def parts_at(
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
 
-    def look(which: Gaussians, turn: int) -> tuple[np.ndarray, np.ndarray]:
-        span = progress.part(turn / 2, (turn + 1) / 2)
-        return incident_energy(which, poses, lattice.points(), cells, face_px, False, span)
-
-    energy, seen = look(room.gaussians, 0)
-    places, low = labelled(room.gaussians)
-    no_lamps = Near.none(len(views), directions)
-    bare = Incident(lattice, cells, _stacked(energy), no_lamps)
-    shine = Incident(lattice, cells, _stacked(look(places, 1)[0]), no_lamps)
-    came_from = whose(shine, bare, low, room.gaussians, room.group)
+    points = lattice.points()
+    found = arriving(room.gaussians, poses, points, cells, face_px, False, progress)
+    energy, seen = found.energy, found.seen
+    lit = luminance(energy) > 0
+    came_from = np.ascontiguousarray(whose(found.places, lit, room.gaussians, room.group).transpose(1, 2, 0))
     # What no photograph shows is filled in from its surroundings; it keeps its level here.
     filled = len(room.clipped)
     came_from[(seen.transpose(1, 2, 0) < PHOTOGRAPHED) | (came_from < 0)] = filled
@@ -116,7 +112,8 @@ def parts_at(
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
     prior = np.append(np.full(filled, room.prior), CERTAIN)
-    near = near_of(room.lamps, room.gaussians, poses, lattice.points().mean(0), directions)
+    near = near_of(room.lamps, room.gaussians, poses, points.mean(0), directions)
+    no_lamps = Near.none(len(views), directions)
     total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
     return Parts(total, came_from, near, np.append(room.clipped, False), prior)
 

@@ -7,7 +7,9 @@ comes from there instead. Camera frame.
 """
 
 from dataclasses import dataclass
+from typing import no_type_check
 
+import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -97,24 +99,22 @@ def occlusion(
     chunk = max(1, 2_000_000 // len(directions))
     starts, hidden_directions, sources = [np.zeros(1, np.int64)], [], []
     share = np.zeros(len(vertices), np.float32)
-    directions32 = directions.astype(np.float32)
+    directions32, origins32 = directions.astype(np.float32), origins.astype(np.float32)
+    rays = np.empty((chunk * len(directions), 6), np.float32)
+    pairs = np.empty((chunk * len(directions), 2), np.int32)
     for begin in range(0, len(vertices), chunk):
         progress.step(begin / len(vertices), "casting visibility rays")
         part = slice(begin, min(begin + chunk, len(vertices)))
         cosine = flat_normals[part].astype(np.float32) @ directions32.T
-        p, d = np.nonzero(cosine > -BELOW)
-        rays = np.concatenate([origins[part][p].astype(np.float32), directions32[d]], 1)
-        answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
-        hit = np.isfinite(answer["t_hit"].numpy())
-        p, d = p[hit], d[hit]
-        triangle = triangles[answer["primitive_ids"].numpy()[hit]]
-        uv = answer["primitive_uvs"].numpy()[hit]
-        nearest = np.argmax(np.stack([1 - uv.sum(1), uv[:, 0], uv[:, 1]], 1), 1)
-        starts.append(starts[-1][-1:] + np.cumsum(np.bincount(p, minlength=part.stop - part.start)))
-        hidden_directions.append(d.astype(np.int32))
-        sources.append(triangle[np.arange(len(triangle)), nearest].astype(np.int32))
-        total = np.maximum(cosine, 0).sum(1)
-        share[part] = np.bincount(p, np.maximum(cosine[p, d], 0), minlength=part.stop - part.start) / total
+        count = _aim(cosine, origins32[part], directions32, np.float32(-BELOW), rays, pairs)
+        answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays[:count]))
+        lengths, cells, hiders = _struck(
+            answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy(),
+            pairs[:count], triangles, cosine, share[part],
+        )  # fmt: skip
+        starts.append(starts[-1][-1:] + np.cumsum(lengths))
+        hidden_directions.append(cells)
+        sources.append(hiders)
     return Occlusion(
         np.concatenate(starts), np.concatenate(hidden_directions), np.concatenate(sources), share
     )
@@ -128,3 +128,47 @@ def footprint_of(
     x = np.where(mask, points[..., 0] / np.where(mask, z, 1), np.nan)
     pitch = np.nanmedian(np.abs(np.diff(x, axis=1)))
     return z[mask] * pitch
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _aim(cosine, origins, directions, least, rays, pairs):
+    """Fill in the rays whose cosine is above `least`, and the (pixel, direction) of each; how many they are."""
+    count = 0
+    for p in range(cosine.shape[0]):
+        for d in range(cosine.shape[1]):
+            if cosine[p, d] > least:
+                for k in range(3):
+                    rays[count, k] = origins[p, k]
+                    rays[count, 3 + k] = directions[d, k]
+                pairs[count, 0], pairs[count, 1] = p, d
+                count += 1
+    return count
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _struck(far, triangle, uv, pairs, corners, cosine, share):
+    """Of the rays that hit: how many each pixel has, their directions, the nearest corner of what they hit; and the
+    share of each pixel's cosines that they are.
+    """
+    lengths = np.zeros(len(share), np.int64)
+    cells, hiders = np.empty(len(far), np.int32), np.empty(len(far), np.int32)
+    count = 0
+    for i in range(len(far)):
+        if not np.isfinite(far[i]):
+            continue
+        p, d = pairs[i, 0], pairs[i, 1]
+        u, v = uv[i, 0], uv[i, 1]
+        rest = 1 - (u + v)
+        corner = 0 if rest >= u and rest >= v else (1 if u >= v else 2)
+        cells[count], hiders[count] = d, corners[triangle[i], corner]
+        lengths[p] += 1
+        share[p] += max(cosine[p, d], np.float32(0))
+        count += 1
+    for p in range(len(share)):
+        total = np.float32(0)
+        for d in range(cosine.shape[1]):
+            total += max(cosine[p, d], np.float32(0))
+        share[p] /= total
+    return lengths, cells[:count].copy(), hiders[:count].copy()

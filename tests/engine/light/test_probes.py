@@ -8,7 +8,7 @@ from engine.light.cells import nearest_cells, pixel_solid_angles, shared_cells
 from engine.light.coverage import Coverage
 from engine.light.fill import fill_smoothly, neighbourhood
 from engine.light.gaussians import Y00
-from engine.light.probes import incident_energy, panorama, panorama_directions
+from engine.light.probes import arriving, incident_energy, panorama, panorama_directions
 from engine.types import Gaussians
 from tests.engine.light import clouds
 
@@ -40,6 +40,29 @@ def test_inside_a_shell_of_one_radiance_every_direction_and_the_irradiance_have_
     for normal in np.concatenate([np.eye(3), -np.eye(3)]):
         irradiance = np.maximum(directions @ normal, 0) @ energy
         np.testing.assert_allclose(irradiance, np.pi * RADIANCE, rtol=1e-2)
+
+
+def test_light_comes_from_where_its_gaussians_are_the_bright_ones_above_all() -> None:
+    directions = fibonacci_sphere(400)
+    room = clouds.shell(RADIANCE)
+    lamp = Gaussians(
+        *(np.concatenate([getattr(room, name), getattr(room, name)[:1]]) for name in Gaussians.__slots__)
+    )
+    lamp.means[-1], lamp.scales[-1], lamp.density[-1] = (0, 0, 1.5), 0.1, 20.0
+    lamp.radiance[-1] *= 300
+    turned = np.column_stack([np.diag([-1.0, 1, -1]), [0.3, 0.2, -0.1]])[None]
+    found = arriving(lamp, turned, PLACES[1:], directions, face=32, fill=False)
+    origin = (PLACES[1] - turned[0, :, 3]) @ turned[0, :, :3]
+    places = found.places[0, 0].astype(float)
+    away = places - origin
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    towards = directions @ turned[0, :, :3]
+    assert np.median((away * towards).sum(1)) > np.cos(np.radians(2.0))
+    at = (towards @ ((lamp.means[-1] - origin) / np.linalg.norm(lamp.means[-1] - origin))).argmax()
+    np.testing.assert_allclose(places[at], lamp.means[-1], atol=0.1)
+    elsewhere = np.linalg.norm(places - lamp.means[-1], axis=1) > 1.5
+    radius = np.linalg.norm(room.means, axis=1).mean()
+    np.testing.assert_allclose(np.linalg.norm(places[elsewhere], axis=1), radius, rtol=0.1)
 
 
 def test_a_panorama_inside_the_shell_is_its_radiance() -> None:
