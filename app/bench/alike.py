@@ -1,7 +1,7 @@
 """What every method beside ours is given, so that rows differ in the method alone: ours' light and distance.
 
 Of a lamp that all photographs show clipped, and of how far away the object stands, only the object's shading tells,
-and reading that is our solver's. The others get its answers (at the preset *draft*, not counted in their seconds):
+and reading that is our solver's. The others get its answers (at its defaults, not counted in their seconds):
 the light under its gains, and the object at its distance.
 """
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from app.bench.stored import Stored
 from engine.light.gaussians import Y00
-from engine.pipeline import presets
 from engine.progress import Progress
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
@@ -35,7 +34,7 @@ def alike(stored: Stored, device: str, seed: int) -> Alike:
     Raises:
         SurfaceError: what our solver has to say.
     """
-    params = replace(SurfaceParams(), **presets.of_stage("surface")["draft"])
+    params = SurfaceParams()
     *_, report = solve(*stored.inputs, params, device, seed, Progress())
     gain = np.array(report.light_gains)[:-1]  # the last is that of what was filled in
     return Alike(brightened(stored, gain, params, seed), report.distance.value)
