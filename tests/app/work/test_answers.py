@@ -18,7 +18,9 @@ from app.work import answers
 from app.work.worker import Link
 from engine import session as sessions
 from engine.errors import Cancelled
+from engine.pipeline import presets
 from engine.pipeline import settings as asked
+from engine.surface.pixels import SurfaceParams
 from tests.app.calls import ROOT
 from tests.app.sessions import HEIGHT, WIDTH, small
 
@@ -58,7 +60,9 @@ def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
     rounds = plan.parameter("surface.rough_rounds")
     assert rounds is not None
-    assert (rounds.value, rounds.default, rounds.changed) == (2, 2, False)
+    drafted = presets.of_stage("surface")["draft"]["rough_rounds"]
+    assert drafted != SurfaceParams().rough_rounds
+    assert (rounds.value, rounds.default, rounds.changed) == (drafted, drafted, False)
 
 
 def test_an_edit_is_written_only_when_it_is_to_be_kept(session: Path) -> None:
