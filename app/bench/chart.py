@@ -158,6 +158,6 @@ def _number(axis, limits: tuple[float, float]) -> None:
     between = (1.0, 2.0, 3.0, 5.0, 7.0) if span < 10 else (1.0, 2.0, 5.0) if span < 100 else (1.0,)
     axis.set_major_locator(LogLocator(subs=between, numticks=20))
     axis.set_major_formatter(
-        FuncFormatter(lambda value, place: f"{value:g}" if value < 1e3 else f"{value:,.0f}")
+        FuncFormatter(lambda value, place: f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k")
     )
     axis.set_minor_formatter(NullFormatter())

@@ -134,6 +134,7 @@ def draw(call: Call) -> list[Metric]:
     print("\n" + tables.notes(scored, call.bench.run))
     _compare(call, points)
     caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
+    caption += f"; {min(one.pixels for one in scored)} pixels compared"
     caption += "" if len({one.run for one in points}) == 1 else "; seconds of several runs"
     for path in chart.write(points, call.args.out, caption):
         print(path)
