@@ -12,6 +12,7 @@ Frames: Gaussians in the world frame; probes and directions in the camera frame 
 # pyright: reportCallIssue=false
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -42,12 +43,19 @@ _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"co
 
 @njit(**_FLAGS)
 @no_type_check
-def _finesse(packed, members, begin, end, mean, side):
-    """How many times finer than its pixels a tile is to be sampled: 1, 2 or 4."""
+def _brightest(packed, members, begin, end):
+    """The greatest luminance in a tile's list."""
     bright = np.float32(0)
     for slot in range(begin, end):
         row = packed[members[slot]]
         bright = max(bright, (0.2126 * row[13] + 0.7152 * row[14] + 0.0722 * row[15]) * min(row[12], 1.0))
+    return bright
+
+
+@njit(**_FLAGS)
+@no_type_check
+def _finesse(bright, mean, side):
+    """How many times finer than its pixels a tile is to be sampled that holds something so bright: 1, 2 or 4."""
     contrast = bright / max(mean, 1e-30) * (64.0 / side) ** 1.5 / _CONTRAST
     return 4 if contrast > 2.83 else (2 if contrast > 1.0 else 1)
 
@@ -55,21 +63,24 @@ def _finesse(packed, members, begin, end, mean, side):
 @njit(**_FLAGS)
 @no_type_check
 def _probe(
-    white, spread, means, density, colours, faces, origin, near, side, mean, adaptive,
+    white, spread, means, density, colours, faces, first, among, origin, near, side, mean,
     index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, reach, shine,
 ):  # fmt: skip
     """Add one probe's light to `energy` [d 3], `opacity` [d] (x solid angle), `reach` [d] (x distance), `shine` [d 3]
-    (luminance x solid angle x where it comes from, seen from the probe).
+    (luminance x solid angle x where it comes from, seen from the probe). Face f may see the Gaussians
+    `among`[`first`[f] : `first`[f + 1]]. Tiles are refined where a `mean` radiance is given; returns the brightest seen.
     """
+    brightest = np.float32(0)
     half = side / 2.0
     lens = np.array([half, half, half, half])
     across = (side + tiles.TILE - 1) // tiles.TILE
     xs, ys = np.empty(kernel.AREA, np.float32), np.empty(kernel.AREA, np.float32)
     out = np.empty((kernel.AREA, kernel.CHANNELS + 1), np.float32)
     for face in range(6):
-        _, packed, boxes = tiles.project(
-            white, spread, means, density, colours, faces[face], origin, lens, side, side
-        )
+        _, packed, boxes, _ = tiles.touching(
+            white, spread, means, density, colours, faces[face], origin, lens, side, side,
+            among[first[face] : first[face + 1]],
+        )  # fmt: skip
         tile_start, members, _, _ = tiles.lists(boxes, across, across)
         size = kernel.longest(tile_start)
         alpha, depth = np.empty((size, kernel.AREA), np.float32), np.empty((size, kernel.AREA), np.float32)
@@ -78,7 +89,9 @@ def _probe(
             begin, end = tile_start[tile], tile_start[tile + 1]
             if begin == end:
                 continue
-            fine = _finesse(packed, members, begin, end, mean, side) if adaptive else 1
+            bright = _brightest(packed, members, begin, end)
+            brightest = max(brightest, bright)
+            fine = _finesse(bright, mean, side) if mean > 0 else 1
             index = index1 if fine == 1 else (index2 if fine == 2 else index4)
             share = share1 if fine == 1 else (share2 if fine == 2 else share4)
             omega = omega1 if fine == 1 else (omega2 if fine == 2 else omega4)
@@ -109,6 +122,10 @@ def _probe(
                         shine[at, 0] += part * x
                         shine[at, 1] += part * y
                         shine[at, 2] += part * z
+    return brightest
+
+
+_Lit = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class _Prober:
@@ -134,24 +151,46 @@ class _Prober:
                 " raise face"
             )
 
-    def light(
+    def lights(
         self,
         geometry: Shapes,
-        colours: np.ndarray,
-        face_from_world: np.ndarray,
-        origin: np.ndarray,
-        mean: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Energy, opacity, mean distance, and mean place of what shines, per cell at one point."""
-        energy, opacity, reach = np.zeros((self.count, 3)), np.zeros(self.count), np.zeros(self.count)
-        shine = np.zeros((self.count, 3))
-        _probe(
-            geometry.white, geometry.spread, geometry.means, geometry.density, colours, face_from_world,
-            origin, np.float32(0), self.face, mean, mean > 0, *self.maps, *self.omegas, energy, opacity,
-            reach, shine,
-        )  # fmt: skip
-        distance = reach / np.maximum(opacity, 1e-12)
-        return energy, opacity, distance, origin + shine / np.maximum(luminance(energy), 1e-30)[:, None]
+        gaussians: Gaussians,
+        face_from_world: Float[np.ndarray, "6 3 3"],
+        points: Float[np.ndarray, "m 3"],
+    ) -> Iterator[_Lit]:
+        """Energy, opacity, mean distance, and mean place of what shines, per cell at points that are close together."""
+        middle = points.mean(0)
+        colours = radiance_towards(gaussians, middle).astype(np.float64)
+        away = np.linalg.norm(points - middle, axis=1).max()
+        # One order serves all: the kernel wants lists that are nearly sorted.
+        nearest = np.argsort(np.linalg.norm(geometry.means - middle, axis=1), kind="stable")
+        lens = np.full(4, self.face / 2)
+        lists = [
+            tiles.around(
+                geometry.spread, geometry.means, geometry.density, face, middle, away, lens, self.face,
+                self.face, nearest,
+            )
+            for face in face_from_world
+        ]  # fmt: skip
+        first, among = np.cumsum([0, *map(len, lists)]), np.concatenate(lists)
+
+        def light(origin: np.ndarray, mean: float) -> tuple[float, _Lit]:
+            energy, opacity, reach = np.zeros((self.count, 3)), np.zeros(self.count), np.zeros(self.count)
+            shine = np.zeros((self.count, 3))
+            brightest = _probe(
+                geometry.white, geometry.spread, geometry.means, geometry.density, colours, face_from_world,
+                first, among, origin, np.float32(0), self.face, mean, *self.maps, *self.omegas, energy,
+                opacity, reach, shine,
+            )  # fmt: skip
+            distance = reach / np.maximum(opacity, 1e-12)
+            places = origin + shine / np.maximum(luminance(energy), 1e-30)[:, None]
+            return brightest, (energy, opacity, distance, places)
+
+        brightest, plain = light(points[0], 0.0)
+        mean = float(luminance(plain[0].sum(0)) / (4 * np.pi))
+        yield plain if _finesse(brightest, mean, self.face) == 1 else light(points[0], mean)[1]
+        for point in points[1:]:
+            yield light(point, mean)[1]
 
 
 @functools.lru_cache(4)
@@ -202,13 +241,8 @@ def arriving(
         rotation, shift = cam_from_world[i, :, :3], cam_from_world[i, :, 3]
         face_from_world = np.ascontiguousarray(FACES @ rotation)
         world_points = (cam_points - shift) @ rotation
-        colours = radiance_towards(gaussians, world_points.mean(0)).astype(np.float64)
-        first = prober.light(geometry, colours, face_from_world, world_points[0], 0.0)[0]
-        mean = float(luminance(first.sum(0)) / (4 * np.pi))
-        for j in range(m):
-            cell_energy, opacity, distance, places[i, j] = prober.light(
-                geometry, colours, face_from_world, world_points[j], mean
-            )
+        found = prober.lights(geometry, gaussians, face_from_world, world_points)
+        for j, (cell_energy, opacity, distance, places[i, j]) in enumerate(found):
             alike = np.minimum(opacity / prober.solid_angle, 1)
             share = alike
             if coverage is not None:
@@ -230,22 +264,6 @@ def arriving(
             run(some, ())
     progress.step(1.0, "light at the object")
     return Arriving(energy, seen, places)
-
-
-def incident_energy(
-    gaussians: Gaussians,
-    cam_from_world: Float[np.ndarray, "n 3 4"],
-    cam_points: Float[np.ndarray, "m 3"],
-    directions: Float[np.ndarray, "d 3"],
-    face: int = 64,
-    fill: bool = True,
-    progress: Progress | None = None,
-    coverage: Coverage | None = None,
-    cells: str = "shared",
-) -> tuple[Float[np.ndarray, "n m d 3"], Float[np.ndarray, "n m d"]]:
-    """Energy and `seen` of what `arriving` finds, with the same arguments."""
-    found = arriving(gaussians, cam_from_world, cam_points, directions, face, fill, progress, coverage, cells)
-    return found.energy, found.seen
 
 
 def panorama(

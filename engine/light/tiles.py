@@ -58,25 +58,61 @@ def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
 
 @njit(**_FLAGS)
 @no_type_check
-def project(white, spread, means, density, colours, rotation, origin, lens, width, height):
-    """Gaussians that may touch the view, nearest mean first: indices, `packed` rows, tile boxes.
+def _cut(sigma):
+    """q beyond which a Gaussian of this density does not exist."""
+    return 8.0 * (1.0 - math.sqrt(math.sqrt(math.sqrt(FAINT / sigma))))
 
-    `white` = W and `spread` = S R^T per Gaussian; `rotation` is camera_from_world; `lens` = fx fy cx cy.
-    """
-    count = means.shape[0]
+
+@njit(**_FLAGS)
+@no_type_check
+def _sides(lens, width, height):
+    """The frustum's four sides: their slopes, and what makes normals of unit length of them."""
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
-    across, down = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
-    # Unit normals of the frustum's four sides, pointing out: a bounding sphere test rejects most at once.
-    lx, hx, ly, hy = -cx / fx, (width - cx) / fx, -cy / fy, (height - cy) / fy
-    nlx, nhx = 1 / math.sqrt(1 + lx * lx), 1 / math.sqrt(1 + hx * hx)
-    nly, nhy = 1 / math.sqrt(1 + ly * ly), 1 / math.sqrt(1 + hy * hy)
-    index = np.empty(count, np.int32)
-    boxes = np.empty((count, 4), np.int32)
-    depths = np.empty(count, np.float32)
-    packed = np.empty((count, WIDTH), np.float32)
+    slopes = (-cx / fx, (width - cx) / fx, -cy / fy, (height - cy) / fy)
+    lx, hx, ly, hy = slopes
+    units = (
+        1 / math.sqrt(1 + lx * lx),
+        1 / math.sqrt(1 + hx * hx),
+        1 / math.sqrt(1 + ly * ly),
+        1 / math.sqrt(1 + hy * hy),
+    )
+    return slopes, units
+
+
+@njit(**_FLAGS)
+@no_type_check
+def _beyond(x, y, z, radius, sides):
+    """Whether a sphere is wholly behind the origin or outside one side."""
+    (lx, hx, ly, hy), (nlx, nhx, nly, nhy) = sides
+    return (
+        z < -radius
+        or (lx * z - x) * nlx > radius
+        or (x - hx * z) * nhx > radius
+        or (ly * z - y) * nly > radius
+        or (y - hy * z) * nhy > radius
+    )
+
+
+@njit(**_FLAGS)
+@no_type_check
+def _radius(spread, sigma):
+    """Of the sphere that holds a Gaussian of this `spread` [3 3]."""
+    largest = 0.0
+    for i in range(3):
+        largest = max(largest, spread[i, 0] ** 2 + spread[i, 1] ** 2 + spread[i, 2] ** 2)
+    return math.sqrt(_cut(sigma) * largest)
+
+
+@njit(**_FLAGS)
+@no_type_check
+def around(spread, means, density, rotation, origin, reach, lens, width, height, order):
+    """Those of the Gaussians in `order`, in that order, that may touch the view from any place within `reach` of
+    `origin`; arguments as of `project`.
+    """
+    sides = _sides(lens, width, height)
+    found = np.empty(len(order), np.int64)
     n = 0
-    camera_spread = np.empty((3, 3))
-    for k in range(count):
+    for k in order:
         sigma = float(density[k])
         if sigma <= FAINT:
             continue
@@ -84,19 +120,37 @@ def project(white, spread, means, density, colours, rotation, origin, lens, widt
         x = rotation[0, 0] * wx + rotation[0, 1] * wy + rotation[0, 2] * wz
         y = rotation[1, 0] * wx + rotation[1, 1] * wy + rotation[1, 2] * wz
         z = rotation[2, 0] * wx + rotation[2, 1] * wy + rotation[2, 2] * wz
-        q_cut = 8.0 * (1.0 - math.sqrt(math.sqrt(math.sqrt(FAINT / sigma))))
-        largest = 0.0
-        for i in range(3):
-            largest = max(largest, spread[k, i, 0] ** 2 + spread[k, i, 1] ** 2 + spread[k, i, 2] ** 2)
-        radius = math.sqrt(q_cut * largest)
-        if (
-            z < -radius
-            or (lx * z - x) * nlx > radius
-            or (x - hx * z) * nhx > radius
-            or (ly * z - y) * nly > radius
-            or (y - hy * z) * nhy > radius
-        ):
+        if not _beyond(x, y, z, _radius(spread[k], sigma) + reach, sides):
+            found[n] = k
+            n += 1
+    return found[:n].copy()
+
+
+@njit(**_FLAGS)
+@no_type_check
+def touching(white, spread, means, density, colours, rotation, origin, lens, width, height, among):
+    """Those of the Gaussians `among` that may touch the view, in that order: what `project` gives, and distances."""
+    count = len(among)
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    across, down = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    sides = _sides(lens, width, height)  # a bounding sphere test rejects most at once
+    index = np.empty(count, np.int32)
+    boxes = np.empty((count, 4), np.int32)
+    depths = np.empty(count, np.float32)
+    packed = np.empty((count, WIDTH), np.float32)
+    n = 0
+    camera_spread = np.empty((3, 3))
+    for k in among:
+        sigma = float(density[k])
+        if sigma <= FAINT:
             continue
+        wx, wy, wz = means[k, 0] - origin[0], means[k, 1] - origin[1], means[k, 2] - origin[2]
+        x = rotation[0, 0] * wx + rotation[0, 1] * wy + rotation[0, 2] * wz
+        y = rotation[1, 0] * wx + rotation[1, 1] * wy + rotation[1, 2] * wz
+        z = rotation[2, 0] * wx + rotation[2, 1] * wy + rotation[2, 2] * wz
+        if _beyond(x, y, z, _radius(spread[k], sigma), sides):
+            continue
+        q_cut = _cut(sigma)
         sxx = sxz = syy = syz = szz = 0.0
         for i in range(3):
             for j in range(3):
@@ -134,8 +188,21 @@ def project(white, spread, means, density, colours, rotation, origin, lens, widt
         boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = first, last, top, bottom
         depths[n] = math.sqrt(wx * wx + wy * wy + wz * wz)
         n += 1
-    order = np.argsort(depths[:n], kind="mergesort")
-    return index[:n][order], packed[:n][order], boxes[:n][order]
+    return index[:n], packed[:n], boxes[:n], depths[:n]
+
+
+@njit(**_FLAGS)
+@no_type_check
+def project(white, spread, means, density, colours, rotation, origin, lens, width, height):
+    """Gaussians that may touch the view, nearest mean first: indices, `packed` rows, tile boxes.
+
+    `white` = W and `spread` = S R^T per Gaussian; `rotation` is camera_from_world; `lens` = fx fy cx cy.
+    """
+    index, packed, boxes, depths = touching(
+        white, spread, means, density, colours, rotation, origin, lens, width, height, np.arange(len(means))
+    )
+    order = np.argsort(depths, kind="mergesort")
+    return index[order], packed[order], boxes[order]
 
 
 @njit(**_FLAGS)

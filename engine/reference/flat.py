@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.gaussians import sh_basis
-from engine.light.probes import incident_energy
+from engine.light.probes import arriving
 from engine.progress import Progress
 from engine.surface.near import Near, near_of
 from engine.surface.surroundings import Room
@@ -44,7 +44,7 @@ def panoramas(
         turn = from_world[..., :3]
         from_world, point = np.concatenate([turn, -turn @ middle[:, None]], axis=2), np.zeros(3)
     cells = direction_cells(directions)
-    energy, _ = incident_energy(room.gaussians, from_world, point[None], cells, face_px, True, progress)
+    energy = arriving(room.gaussians, from_world, point[None], cells, face_px, True, progress).energy
     shared = energy[:, 0].transpose(1, 0, 2).reshape(directions, -1)
     shared = shared + near_of(room.lamps, room.gaussians, from_world, point, directions).spread(point)
     shared = sharpened(shared[None].astype(np.float32), cells)

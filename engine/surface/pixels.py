@@ -3,7 +3,7 @@
 Camera frame. Knows nothing of Gaussians or files: the light arrives as energy at a lattice of probes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -175,17 +175,36 @@ def sight_of(
     return Sight(points[who.mask], -q[who.mask], hidden)
 
 
-def finer(
-    state: newton.State, small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]
-) -> newton.State:
-    """A state of `halved` pixels as a start for the full ones: each takes the nearest one's."""
+def doubled(small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
+    """For each of the mask's pixels the nearest of the `halved` ones."""
     nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
     index = numbered(small)[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     v, u = np.nonzero(mask)
-    take = index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
-    return newton.begin(
+    return index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
+
+
+def finer(
+    who: Subject,
+    half: Subject,
+    state: newton.State,
+    sight: Sight,
+    distance: float,
+    progress: Progress,
+) -> tuple[newton.State, Float[np.ndarray, "h w"], Sight]:
+    """What `halved` pixels know as a start for the full ones, each taking the nearest one's; with a depth of their own."""
+    take = doubled(half.mask, who.mask)
+    state = newton.begin(
         state.normals[take], state.albedo[take], state.roughness[take], state.level[take], state.lift[take]
     )
+    depth = depth_of(who, state, distance, progress)
+    directions, hidden = who.rays, None
+    if sight.occlusion is not None:
+        # Last comes who stands for a source that the camera does not see.
+        behind = np.full(half.mask.sum() + 1, -1, np.int32)
+        behind[take] = np.arange(len(take))
+        hidden = sight.occlusion.part(take)
+        hidden = replace(hidden, source=behind[hidden.source])
+    return state, depth, Sight(directions / directions[:, 2:] * depth[who.mask][:, None], -directions, hidden)
 
 
 def rerender(
@@ -214,7 +233,7 @@ def rerender(
     return radiance
 
 
-def coarse_regions(mask: Bool[np.ndarray, "h w"], across: int = 4) -> list[Int[np.ndarray, " _"]]:
+def coarse_regions(mask: Bool[np.ndarray, "h w"], across: int = 3) -> list[Int[np.ndarray, " _"]]:
     """Pixels in at most `across`^2 parts of the mask's bounding box: enough for a first look."""
     v, u = np.nonzero(mask)
 

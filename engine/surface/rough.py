@@ -19,7 +19,6 @@ from engine.surface.pixels import (
     SurfaceParams,
     as_photographed,
     coarse_regions,
-    depth_of,
     finer,
     halved,
     search,
@@ -40,6 +39,8 @@ FACE_PX = 48
 """Of a probe's cube; coarser ones take as long, for their tiles are refined the more."""
 NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
 """Reach of the first look, in units of the room's size, and the distances tried."""
+LOOKS = 12
+"""Views of the first look, at most; its curve is the same in twice as many."""
 VOTERS = 600
 """Pixels that settle the light."""
 EXPLAINED = 0.3
@@ -50,9 +51,10 @@ WIDE, TIGHT, DRIFT = 1.3, 1.1, 1.04
 Between its layers the light fades over instead of moving, so that a wide lattice makes parallax look weak: the
 objects of two near rooms came out 4 and 6 % too near in it, 2.5 and 1.4 % in a tight one. An object that moved by DRIFT
 gets another lattice."""
-ACROSS = 3
-"""Probes along each image axis of the tight lattice. With 2 the light fades sideways as well: 2.4 and 2.3 % too near in a lit room,
-1.0 and 1.2 % with 3; more, or more layers, bring half a percent at most."""
+ACROSS = 2
+"""Probes along each image axis of the wide lattice; the tight one has as many as the full solve. With 2 in that as well the
+light fades sideways too: 2.4 and 2.3 % too near in a lit room, 1.0 and 1.2 % with 3; more, or more layers, bring half
+a percent at most."""
 ROUNDS, PASSES = 4, 2
 
 
@@ -65,8 +67,11 @@ def rough(
     device: str,
     seed: int,
     progress: Progress,
-) -> tuple[newton.State, Float[np.ndarray, "h w"], Setting, Distance, tuple[float, ...]]:
-    """State and depth of all pixels of the mask, the light's setting, the distance, and the residual turn by turn."""
+) -> tuple[newton.State, Float[np.ndarray, "h w"], Sight, Setting, Distance, tuple[float, ...]]:
+    """State, depth and sight of all pixels of the mask, the light's setting, the distance, and the residual turn by turn.
+
+    The sight's hidden directions are cells of `direction_cells(min(DIRECTIONS, params.directions))`.
+    """
     views = thinned(fitted, params.rough_views)
     few = frames.views(views)
     camera = room.poses.camera
@@ -87,7 +92,7 @@ def rough(
         distance, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
 
     def light_around(middle: float, guessed: bool, span: Progress) -> Parts:
-        margin, across = (WIDE, 2) if guessed else (TIGHT, ACROSS)
+        margin, across = (WIDE, ACROSS) if guessed else (TIGHT, params.probes_across)
         lattice = lattice_around(camera, mask, (middle / margin, middle * margin), (across, across, 2))
         return parts_at(lattice, room, views, min(DIRECTIONS, params.directions), FACE_PX, span)
 
@@ -106,9 +111,8 @@ def rough(
             middle, parts = distance, light_around(distance, guessed, span.part(0, 0.2))
         light = parts.under(setting.gain)
         if following is not who:
-            state, who = finer(state, who.mask, following.mask), following
-            depth = depth_of(who, state, distance, span.part(0.2, 0.25))
-            sight = sight_of(who, state, depth, light.directions, params, span.part(0.25, 0.3))
+            state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
+            who = following
         state = improve(who, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.65, 0.73))
@@ -129,10 +133,9 @@ def rough(
             moved, distance = setting.distance / distance, setting.distance
             sight, depth = sight.at(moved), depth * moved
     if who is not whole:
-        state = finer(state, who.mask, whole.mask)
-        depth = depth_of(whole, state, distance, progress.part(0.98, 1))
+        state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
-    return state, depth, setting, found, tuple(residuals)
+    return state, depth, sight, setting, found, tuple(residuals)
 
 
 def first_look(
@@ -144,7 +147,7 @@ def first_look(
     progress: Progress,
 ) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
     """The object's distance to a fifth or so, and the curve: distances tried and their misfits."""
-    every = thinned(np.arange(len(views)), params.rough_views // 2)
+    every = thinned(np.arange(len(views)), min(LOOKS, len(views) // 2))
     reach = (NEAREST * room.size(), FARTHEST * room.size())
     lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))
     directions = min(DIRECTIONS, params.directions)

@@ -25,7 +25,7 @@ from engine.surface.pixels import (
     sight_of,
     subject,
 )
-from engine.surface.rough import rough
+from engine.surface.rough import DIRECTIONS, rough
 from engine.surface.surroundings import furnished, light_at
 from engine.surface.transport import blocks, lattice_around
 from engine.surface.turn import improve, relief
@@ -97,7 +97,7 @@ def solve(
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
     )
-    state, depth, setting, distance, residuals = rough(
+    state, depth, sight, setting, distance, residuals = rough(
         frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5)
     )
     fitted = thinned(fitted, params.views or len(fitted))
@@ -114,7 +114,8 @@ def solve(
     here = light.views(np.arange(len(fitted)))
     for turn in range(params.rounds):
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
-        sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
+        if turn or params.directions > DIRECTIONS:
+            sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.85))
         if turn + 1 == params.rounds and params.accord:
             state = accord(state, mask)

@@ -12,7 +12,7 @@ from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.globes import apart
-from engine.light.probes import arriving, incident_energy
+from engine.light.probes import arriving
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.surface.groups import brightened, clipped_groups, group_emitters, whose
@@ -83,7 +83,7 @@ def light_at(
     """The energy at the lattice for some views under the groups' gains, unseen directions filled."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
     gaussians, lamps = room.under(gain)
-    energy, _ = incident_energy(gaussians, poses, lattice.points(), cells, face_px, True, progress)
+    energy = arriving(gaussians, poses, lattice.points(), cells, face_px, True, progress).energy
     near = near_of(lamps, gaussians, poses, lattice.points().mean(0), directions)
     return Incident(lattice, cells, sharpened(_stacked(energy), cells), near)
 

@@ -19,7 +19,7 @@ from engine.hdr import HdrReport
 from engine.images import read_radiance
 from engine.light.coverage import coverage_of
 from engine.light.globes import apart
-from engine.light.probes import incident_energy
+from engine.light.probes import arriving
 from engine.pipeline import artefacts
 from engine.surface.groups import brightened, group_emitters
 from engine.surface.near import near_of
@@ -153,7 +153,8 @@ def our_energy(
     The directions are those of `fibonacci_sphere`.
     """
     point, poses = _point(s), s.cam_from_world
-    energy, opaque = incident_energy(light.field, poses, point, directions, FACE)
+    found = arriving(light.field, poses, point, directions, FACE)
+    energy, opaque = found.energy, found.seen
     near = near_of(light.lamps, light.field, poses, point[0], len(directions))
     energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
     return energy[:, 0].astype(np.float64), opaque[:, 0]
@@ -162,9 +163,9 @@ def our_energy(
 def photographed(s: Set) -> Float[np.ndarray, "n e"]:
     """Per view and coarse cell, the share of the light there that some view photographed."""
     cells, shown = fibonacci_sphere(COARSE_CELLS), coverage_of(s.masks, s.poses)
-    return incident_energy(
-        s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False, coverage=shown
-    )[1][:, 0]
+    return arriving(s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False, coverage=shown).seen[
+        :, 0
+    ]
 
 
 def _point(s: Set) -> Float[np.ndarray, "1 3"]:

@@ -10,7 +10,7 @@ from engine.light.gaussians import Y00
 from engine.light.globes import apart, measured, passing, put_back, without
 from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs
-from engine.light.probes import incident_energy
+from engine.light.probes import arriving
 from engine.surface.near import near_of
 from engine.types import Gaussians, Lamps
 from tests.engine.light import clouds
@@ -92,7 +92,7 @@ def test_the_gaussian_of_a_lamp_sends_what_the_sphere_does():
     none = replace(sightings, shown=np.zeros((1, 4), bool), centres=bulb.centres, radii=bulb.radii)
     room = put_back(clouds.shell(0.0), bulb, none, views(4, 9))
     directions = fibonacci_sphere(500)
-    energy, _ = incident_energy(room, NOWHERE, np.zeros((1, 3)), directions, 48, False)
+    energy = arriving(room, NOWHERE, np.zeros((1, 3)), directions, 48, False).energy
     exact = near_of(bulb, clouds.shell(0.0), NOWHERE, np.zeros(3), 500).levels(np.zeros((1, 3)))
     np.testing.assert_allclose(energy[0, 0].sum(0), exact[0], rtol=0.04)
 

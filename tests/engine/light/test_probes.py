@@ -8,7 +8,7 @@ from engine.light.cells import nearest_cells, pixel_solid_angles, shared_cells
 from engine.light.coverage import Coverage
 from engine.light.fill import fill_smoothly, neighbourhood
 from engine.light.gaussians import Y00
-from engine.light.probes import arriving, incident_energy, panorama, panorama_directions
+from engine.light.probes import arriving, panorama, panorama_directions
 from engine.types import Gaussians
 from tests.engine.light import clouds
 
@@ -33,9 +33,9 @@ def holed() -> Gaussians:
 @pytest.mark.parametrize("cells", ["nearest", "shared"])
 def test_inside_a_shell_of_one_radiance_every_direction_and_the_irradiance_have_it(cells: str) -> None:
     directions = fibonacci_sphere(600)
-    energy, _ = incident_energy(
+    energy = arriving(
         clouds.shell(RADIANCE), AHEAD, PLACES, directions, face=32, fill=False, cells=cells
-    )
+    ).energy
     np.testing.assert_allclose(energy.sum(2), 4 * np.pi * RADIANCE, rtol=2e-3)
     for normal in np.concatenate([np.eye(3), -np.eye(3)]):
         irradiance = np.maximum(directions @ normal, 0) @ energy
@@ -75,8 +75,8 @@ def test_turning_the_camera_turns_the_light() -> None:
     directions = fibonacci_sphere(400)
     about_y = np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
     turned = np.column_stack([about_y, np.zeros(3)])[None]
-    energy, _ = incident_energy(holed(), AHEAD, PLACES[:1], directions, face=32, fill=False)
-    other, _ = incident_energy(holed(), turned, PLACES[:1], directions, face=32, fill=False)
+    energy = arriving(holed(), AHEAD, PLACES[:1], directions, face=32, fill=False).energy
+    other = arriving(holed(), turned, PLACES[:1], directions, face=32, fill=False).energy
     assert energy[0, 0][directions[:, 2] < -0.9].sum() < 0.05 * energy[0, 0][directions[:, 2] > 0.9].sum()
     assert other[0, 0][directions[:, 2] > 0.9].sum() < 0.05 * other[0, 0][directions[:, 2] < -0.9].sum()
 
@@ -84,7 +84,8 @@ def test_turning_the_camera_turns_the_light() -> None:
 def test_a_cone_without_gaussians_is_not_seen_and_filled_from_around_it() -> None:
     directions = fibonacci_sphere(600)
     away = directions[:, 2] < -np.cos(np.radians(25))
-    energy, seen = incident_energy(holed(), AHEAD, PLACES[:1], directions, face=32)
+    found = arriving(holed(), AHEAD, PLACES[:1], directions, face=32)
+    energy, seen = found.energy, found.seen
     assert seen[0, 0][away].max() < 0.02
     assert seen[0, 0][directions[:, 2] > 0].min() > 0.9
     np.testing.assert_allclose(energy[0, 0][away].sum(0), RADIANCE * 4 * np.pi * away.mean(), rtol=0.05)
@@ -94,9 +95,7 @@ def test_a_cone_that_no_photograph_shows_is_not_seen_though_gaussians_fill_it() 
     directions = fibonacci_sphere(600)
     lens = np.array([16.0, 16, 16, 16])  # 90 degrees across, at the shell's middle
     coverage = Coverage(AHEAD, lens, np.ones((1, 32, 32), bool))
-    _, seen = incident_energy(
-        clouds.shell(RADIANCE), AHEAD, PLACES[:1], directions, face=32, coverage=coverage
-    )
+    seen = arriving(clouds.shell(RADIANCE), AHEAD, PLACES[:1], directions, face=32, coverage=coverage).seen
     x, y, z = directions.T
     inside = (np.abs(x) < 0.95 * z) & (np.abs(y) < 0.95 * z)
     assert seen[0, 0][inside].min() > 0.9
@@ -116,9 +115,9 @@ def test_a_small_lamp_keeps_its_energy_between_the_pixels() -> None:
     directions = fibonacci_sphere(600)
     sums = []
     for face in (48, 128):
-        energy, _ = incident_energy(
+        energy = arriving(
             bright, AHEAD, PLACES[:1], directions, face=face, fill=False, cells="nearest"
-        )
+        ).energy
         sums.append(energy[0, 0].sum(0))
     np.testing.assert_allclose(sums[0], sums[1], rtol=0.02)
 

@@ -10,7 +10,7 @@ import pytest
 from engine.errors import Cancelled, SurfaceError
 from engine.geometry import angle_between, rays
 from engine.light.gaussians import Y00
-from engine.light.probes import incident_energy
+from engine.light.probes import arriving
 from engine.progress import Progress
 from engine.reference import solver
 from engine.reference.descent import rates
@@ -62,7 +62,7 @@ def session() -> tuple[Frames, Masks, Poses]:
         [look(2 * np.pi * i / VIEWS, 0.4 * np.sin(2.4 * i), 0.0, np.zeros(3)) for i in range(VIEWS)]
     )
     middle = np.array([[0, 0, DISTANCE]])
-    energy, _ = incident_energy(light(), poses, middle, cells, 32)
+    energy = arriving(light(), poses, middle, cells, 32).energy
     lattice = Lattice(np.array([0, 0, DISTANCE]), np.array([0, 0, DISTANCE]), (1, 1, 1))
     flat_energy = np.ascontiguousarray(energy[:, 0].transpose(1, 0, 2).reshape(1, len(cells), -1))
     incident = Incident(lattice, cells, flat_energy, Near.none(VIEWS, len(cells)))

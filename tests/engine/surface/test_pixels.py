@@ -15,8 +15,10 @@ from engine.surface.near import Near
 from engine.surface.pixels import (
     SurfaceParams,
     depth_of,
+    doubled,
     finer,
     halved,
+    image,
     search,
     sight_of,
     subject,
@@ -137,9 +139,28 @@ def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_i
     state = newton.begin(
         np.tile([0.0, 0.0, -1.0], (len(where), 1)), where[:, [0, 1, 1]] / 64, where[:, 0] / 24
     )
-    full = finer(state, small, mask)
+    params, some = SurfaceParams(), np.arange(8)
+    half = subject(fewer, small, camera, some, params)
+    towards = direction_cells(200)
+    flat = half.flat(0.5)
+    ball = image(small, flat.points) - np.array([0, 0, 0.1])
+    hidden = occlusion(ball, image(small, -half.rays), small, towards, Progress(), 10.0)
+    known = Sight(flat.points, flat.views, hidden)
+    whole = subject(frames, mask, CAMERA, some, params)
+    full, depth, sight = finer(whole, half, state, known, 0.5, Progress())
     row = np.nonzero(mask)[0]
     assert np.abs(full.roughness * 24 - row // 2).max() <= 1
+    np.testing.assert_allclose(sight.points[:, 2], depth[mask])
+    assert depth[mask].mean() == pytest.approx(0.5, rel=1e-3)
+    # What hides the room from a pixel of half the size does so from all four, and is one of what it was made of.
+    index, found = doubled(small, mask), sight.occlusion
+    assert found is not None
+    assert len(hidden.direction)
+    for p in range(0, len(index), 7):
+        of, own = slice(*hidden.start[index[p] : index[p] + 2]), slice(*found.start[p : p + 2])
+        np.testing.assert_array_equal(found.direction[own], hidden.direction[of])
+        behind = found.source[own]
+        np.testing.assert_array_equal(np.where(behind >= 0, index[behind], -1), hidden.source[of])
 
 
 def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
