@@ -19,7 +19,7 @@ from engine.surface import newton
 from engine.surface.distance import Distance
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams, depth_of, search, subject
-from engine.surface.rough import DIRECTIONS, FACE_PX, TIGHT, first_look
+from engine.surface.rough import DIRECTIONS, TIGHT, first_look
 from engine.surface.surroundings import Room, light_at
 from engine.surface.transport import lattice_around
 from engine.types import Frames
@@ -68,7 +68,9 @@ def begin(
         z = distance.value
         lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
         evenly = np.ones((len(room.clipped), 3))
-        light = light_at(lattice, room, evenly, views, DIRECTIONS, FACE_PX, progress.part(0.5, 0.7))
+        light = light_at(
+            lattice, room, evenly, views, DIRECTIONS, ours.probe_face_px, progress.part(0.5, 0.7)
+        )
         state = search(who, light, who.flat(z), ours, device, progress.part(0.7, 0.9))
     depth = depth_of(who, state, distance.value, progress.part(0.9, 1))
     return Start(state.normals, state.albedo, state.roughness, depth, distance)

@@ -54,6 +54,11 @@ class Near:
         """The same for some of its views."""
         return Near(self.centres[index], self.radii, self.radiance[index], self.cells)
 
+    def beside(self, other: "Near") -> "Near":
+        """Their views, and another's after them, of the same lamps."""
+        centres = np.concatenate([self.centres, other.centres])
+        return replace(self, centres=centres, radiance=np.concatenate([self.radiance, other.radiance]))
+
     def under(self, gain: Float[np.ndarray, "l 3"]) -> "Near":
         """Every lamp under its gain."""
         return replace(self, radiance=self.radiance * gain.astype(np.float32))

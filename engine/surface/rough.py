@@ -6,6 +6,8 @@ bounced light that the last one gave; all pixels take one turn at the end. Some 
 model errors, not noise, are what these turns remove.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_erosion
@@ -35,8 +37,6 @@ HALVED_FROM = 6000
 """Object pixels from which on half the size is worth a look."""
 DIRECTIONS = 1024
 """At most: never more than the full solve takes."""
-FACE_PX = 48
-"""Of a probe's cube; coarser ones take as long, for their tiles are refined the more."""
 NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
 """Reach of the first look, in units of the room's size, and the distances tried."""
 LOOKS = 12
@@ -51,11 +51,29 @@ WIDE, TIGHT, DRIFT = 1.3, 1.1, 1.04
 Between its layers the light fades over instead of moving, so that a wide lattice makes parallax look weak: the
 objects of two near rooms came out 4 and 6 % too near in it, 2.5 and 1.4 % in a tight one. An object that moved by DRIFT
 gets another lattice."""
+AROUND, OUTLIERS = 1.03, (0.5, 99.5)
+"""As soon as there is a depth the lattice reaches so many times nearer and farther than it, and not for the sake of what the
+rim says beyond these percentiles of it."""
 ACROSS = 2
 """Probes along each image axis of the wide lattice; the tight one has as many as the full solve. With 2 in that as well the
 light fades sideways too: 2.4 and 2.3 % too near in a lit room, 1.0 and 1.2 % with 3; more, or more layers, bring half
 a percent at most."""
 ROUNDS, PASSES = 4, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rough:
+    """What the rough turns have found, of all pixels of the mask."""
+
+    state: newton.State
+    depth: Float[np.ndarray, "h w"]
+    sight: Sight  # its directions are those of `parts`
+    setting: Setting
+    distance: Distance
+    residuals: tuple[float, ...]  # turn by turn
+    views: Int[np.ndarray, " n"]  # that served
+    parts: Parts  # their light
+    around: bool  # whether its lattice is around this depth
 
 
 def rough(
@@ -67,11 +85,8 @@ def rough(
     device: str,
     seed: int,
     progress: Progress,
-) -> tuple[newton.State, Float[np.ndarray, "h w"], Sight, Setting, Distance, tuple[float, ...]]:
-    """State, depth and sight of all pixels of the mask, the light's setting, the distance, and the residual turn by turn.
-
-    The sight's hidden directions are cells of `direction_cells(min(DIRECTIONS, params.directions))`.
-    """
+) -> Rough:
+    """All of it; `seed` picks the pixels that vote on the light."""
     views = thinned(fitted, params.rough_views)
     few = frames.views(views)
     camera = room.poses.camera
@@ -91,14 +106,16 @@ def rough(
     if free:
         distance, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
 
-    def light_around(middle: float, guessed: bool, span: Progress) -> Parts:
-        margin, across = (WIDE, ACROSS) if guessed else (TIGHT, params.probes_across)
-        lattice = lattice_around(camera, mask, (middle / margin, middle * margin), (across, across, 2))
-        return parts_at(lattice, room, views, min(DIRECTIONS, params.directions), FACE_PX, span)
+    def light_within(near_far: tuple[float, float], across: int, deep: int, span: Progress) -> Parts:
+        lattice = lattice_around(camera, mask, near_far, (across, across, deep))
+        directions = min(DIRECTIONS, params.directions)
+        return parts_at(lattice, room, views, directions, params.probe_face_px, span)
 
-    guessed, stderr = free, 0.0
-    middle, parts = distance, light_around(distance, free, progress.part(0.2, 0.3))
-    setting, sight = untouched(parts, distance), who.flat(distance)
+    guessed, stderr = True, 0.0
+    margin = WIDE if free else TIGHT
+    middle = distance
+    parts = light_within((distance / margin, distance * margin), ACROSS, 2, progress.part(0.2, 0.3))
+    setting, sight, depth = untouched(parts, distance), who.flat(distance), np.zeros(who.mask.shape)
     state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
@@ -106,9 +123,11 @@ def rough(
     for turn, following in enumerate(levels):
         begin = 0.35 + 0.65 * turn / len(levels)
         span = progress.part(begin, begin + 0.65 / len(levels))
-        if (guessed and turn) or not 1 / DRIFT < distance / middle < DRIFT:
-            guessed = False
-            middle, parts = distance, light_around(distance, guessed, span.part(0, 0.2))
+        if turn and (guessed or drifted(distance, middle)):
+            guessed, middle = False, distance
+            nearest, farthest = reach(depth[who.mask])
+            near_far = min(nearest, middle / TIGHT), max(farthest, middle * TIGHT)
+            parts = light_within(near_far, params.probes_across, params.probes_deep, span.part(0, 0.2))
         light = parts.under(setting.gain)
         if following is not who:
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
@@ -135,7 +154,19 @@ def rough(
     if who is not whole:
         state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
-    return state, depth, sight, setting, found, tuple(residuals)
+    around = not guessed and not drifted(distance, middle)
+    return Rough(state, depth, sight, setting, found, tuple(residuals), views, parts, around)
+
+
+def reach(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
+    """z of the first and the last layer of a lattice around points so far away."""
+    nearest, farthest = np.percentile(z, OUTLIERS)
+    return float(nearest / AROUND), float(farthest * AROUND)
+
+
+def drifted(distance: float, middle: float) -> bool:
+    """Whether an object has moved too far from where its lattice was put."""
+    return not 1 / DRIFT < distance / middle < DRIFT
 
 
 def first_look(
@@ -151,7 +182,7 @@ def first_look(
     reach = (NEAREST * room.size(), FARTHEST * room.size())
     lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))
     directions = min(DIRECTIONS, params.directions)
-    parts = parts_at(lattice, room, views[every], directions, FACE_PX, progress.part(0, 0.5))
+    parts = parts_at(lattice, room, views[every], directions, params.probe_face_px, progress.part(0, 0.5))
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
     return find_distance(parts, sample, params, progress.part(0.5, 1))
 

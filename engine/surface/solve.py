@@ -25,17 +25,12 @@ from engine.surface.pixels import (
     sight_of,
     subject,
 )
-from engine.surface.rough import DIRECTIONS, rough
-from engine.surface.surroundings import furnished, light_at
-from engine.surface.transport import blocks, lattice_around
+from engine.surface.rough import DIRECTIONS, Rough, reach, rough
+from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.transport import Incident, blocks, lattice_around
 from engine.surface.turn import improve, relief
 from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
-AROUND = 1.03
-"""The probes reach so many times nearer and farther than the rough depth. No more: light that is near fades over between
-their layers instead of moving, and two a fifth of the distance either way take it for brighter than it is."""
-OUTLIERS = (0.5, 99.5)
-"""Percentiles of that depth; what the rim says beyond them is no guide."""
 LEAST_VIEWS = 8
 
 
@@ -97,20 +92,12 @@ def solve(
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
     )
-    state, depth, sight, setting, distance, residuals = rough(
-        frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5)
-    )
+    first = rough(frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5))
+    state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
-    who, z = subject(frames, mask, poses.camera, fitted, params), distance.value
-    nearest, farthest = np.percentile(depth[mask], OUTLIERS)
-    reach = float(nearest / AROUND), float(farthest * AROUND)
-    layout = (params.probes_across, params.probes_across, params.probes_deep)
-    lattice = lattice_around(poses.camera, mask, reach, layout)
-    light = light_at(
-        lattice, room, setting.gain[:-1],
-        np.concatenate([fitted, np.array(kept_out, int)]), params.directions, params.probe_face_px,
-        progress.part(0.5, 0.67),
-    )  # fmt: skip
+    who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
+    views = np.concatenate([fitted, np.array(kept_out, int)])
+    light = whole_light(first, mask, room, views, params, progress.part(0.5, 0.67))
     here = light.views(np.arange(len(fitted)))
     for turn in range(params.rounds):
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
@@ -135,11 +122,11 @@ def solve(
         kept_out,
         rerendering_error(frames, kept_out, pictures, mask),
         float(np.median(state.spread)),
-        distance,
-        reach,
-        tuple(tuple(map(float, gain)) for gain in setting.gain),
+        first.distance,
+        (float(light.lattice.low[2]), float(light.lattice.high[2])),
+        tuple(tuple(map(float, gain)) for gain in first.setting.gain),
         tuple(int(k) for k in np.nonzero(room.clipped)[0]),
-        residuals,
+        first.residuals,
         float(np.degrees(np.median(certainty.normal))),
         {
             name: int((certainty.flags & bit > 0).sum())
@@ -148,6 +135,29 @@ def solve(
     )
     surface = surface_of(mask, state, depth, certainty, params.model_error)
     return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), report
+
+
+def whole_light(
+    first: Rough,
+    mask: Bool[np.ndarray, "h w"],
+    room: Room,
+    views: Int[np.ndarray, " n"],
+    params: SurfaceParams,
+    progress: Progress,
+) -> Incident:
+    """The light that the rough turns have settled, at some views: what they have gathered already, and the rest."""
+    gain, camera = first.setting.gain, room.poses.camera
+    if params.directions <= DIRECTIONS and first.around:
+        lattice, known = first.parts.incident.lattice, first.views
+    else:
+        layout = (params.probes_across, params.probes_across, params.probes_deep)
+        lattice, known = lattice_around(camera, mask, reach(first.depth[mask]), layout), views[:0]
+    rest = np.setdiff1d(views, known)
+    light = light_at(lattice, room, gain[:-1], rest, params.directions, params.probe_face_px, progress)
+    if len(known):
+        light, rest = first.parts.under(gain).beside(light), np.concatenate([known, rest])
+    order = np.argsort(rest)
+    return light.views(order[np.searchsorted(rest[order], views)])
 
 
 def rerendering_error(

@@ -104,6 +104,11 @@ class Incident:
         energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
         return Incident(self.lattice, self.directions, np.ascontiguousarray(energy), self.near.views(index))
 
+    def beside(self, other: "Incident") -> "Incident":
+        """Its views, and another's after them, at the same probes."""
+        energy = np.concatenate([self.energy, other.energy], 2)
+        return Incident(self.lattice, self.directions, energy, self.near.beside(other.near))
+
 
 def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
     """Indices (into the mask's pixels in row order) of each block's pixels."""

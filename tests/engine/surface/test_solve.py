@@ -9,7 +9,9 @@ from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams
-from engine.surface.solve import solve
+from engine.surface.rough import rough
+from engine.surface.solve import solve, whole_light
+from engine.surface.surroundings import furnished, light_at
 from tests.engine.reference.lit_room import lambert, scene
 
 
@@ -24,3 +26,24 @@ def test_too_few_views_are_refused(changes: dict[str, int]):
     params = replace(SurfaceParams(), **changes)
     with pytest.raises(SurfaceError, match=rf"surface\.{name} is {changes[name]}; give 8 or more"):
         solve(*scene(lambert).given, params, "cpu", 0, Progress())
+
+
+@pytest.mark.parametrize("directions", [400, 1200])
+def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_the_rest_is_fetched(
+    directions: int,
+):
+    frames, masks, poses, gaussians, lamps = scene(lambert).given
+    params = replace(SurfaceParams(), rough_views=8, rough_rounds=2, directions=directions)
+    room = furnished(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
+    first = rough(frames, masks.object, room, np.arange(1, 16), params, "cpu", 0, Progress())
+    assert first.around
+    views = np.array([15, *range(1, 15), 0])
+    light = whole_light(first, masks.object, room, views, params, Progress())
+    anew = light_at(
+        light.lattice, room, first.setting.gain[:-1], views, directions, params.probe_face_px, Progress()
+    )
+    assert light.energy.shape == (18, directions, 48)
+    np.testing.assert_allclose(light.near.centres, anew.near.centres)
+    np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)
+    np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
+    assert (light.lattice is first.parts.incident.lattice) == (directions == 400)
