@@ -242,13 +242,13 @@ def arriving(
         face_from_world = np.ascontiguousarray(FACES @ rotation)
         world_points = (cam_points - shift) @ rotation
         found = prober.lights(geometry, gaussians, face_from_world, world_points)
-        for j, (cell_energy, opacity, distance, places[i, j]) in enumerate(found):
+        for j, (cell_energy, opacity, distance, where) in enumerate(found):
             alike = np.minimum(opacity / prober.solid_angle, 1)
             share = alike
             if coverage is not None:
                 hits = world_points[j] + (directions @ rotation) * distance[:, None]
                 share = alike * covered(coverage, hits)
-            energy[i, j], seen[i, j] = cell_energy, share
+            energy[i, j], seen[i, j], places[i, j] = cell_energy, share, where
             if fill:
                 energy[i, j] = fill_energy(cell_energy, alike, share, prober.solid_angle, graph)
 

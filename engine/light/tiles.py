@@ -105,6 +105,17 @@ def _radius(spread, sigma):
 
 @njit(**_FLAGS)
 @no_type_check
+def _placed(mean, rotation, origin):
+    """Where a mean is, seen from the origin: in the world's axes, then in the camera's."""
+    wx, wy, wz = mean[0] - origin[0], mean[1] - origin[1], mean[2] - origin[2]
+    x = rotation[0, 0] * wx + rotation[0, 1] * wy + rotation[0, 2] * wz
+    y = rotation[1, 0] * wx + rotation[1, 1] * wy + rotation[1, 2] * wz
+    z = rotation[2, 0] * wx + rotation[2, 1] * wy + rotation[2, 2] * wz
+    return wx, wy, wz, x, y, z
+
+
+@njit(**_FLAGS)
+@no_type_check
 def around(spread, means, density, rotation, origin, reach, lens, width, height, order):
     """Those of the Gaussians in `order`, in that order, that may touch the view from any place within `reach` of
     `origin`; arguments as of `project`.
@@ -116,10 +127,7 @@ def around(spread, means, density, rotation, origin, reach, lens, width, height,
         sigma = float(density[k])
         if sigma <= FAINT:
             continue
-        wx, wy, wz = means[k, 0] - origin[0], means[k, 1] - origin[1], means[k, 2] - origin[2]
-        x = rotation[0, 0] * wx + rotation[0, 1] * wy + rotation[0, 2] * wz
-        y = rotation[1, 0] * wx + rotation[1, 1] * wy + rotation[1, 2] * wz
-        z = rotation[2, 0] * wx + rotation[2, 1] * wy + rotation[2, 2] * wz
+        _, _, _, x, y, z = _placed(means[k], rotation, origin)
         if not _beyond(x, y, z, _radius(spread[k], sigma) + reach, sides):
             found[n] = k
             n += 1
@@ -144,10 +152,7 @@ def touching(white, spread, means, density, colours, rotation, origin, lens, wid
         sigma = float(density[k])
         if sigma <= FAINT:
             continue
-        wx, wy, wz = means[k, 0] - origin[0], means[k, 1] - origin[1], means[k, 2] - origin[2]
-        x = rotation[0, 0] * wx + rotation[0, 1] * wy + rotation[0, 2] * wz
-        y = rotation[1, 0] * wx + rotation[1, 1] * wy + rotation[1, 2] * wz
-        z = rotation[2, 0] * wx + rotation[2, 1] * wy + rotation[2, 2] * wz
+        wx, wy, wz, x, y, z = _placed(means[k], rotation, origin)
         if _beyond(x, y, z, _radius(spread[k], sigma), sides):
             continue
         q_cut = _cut(sigma)

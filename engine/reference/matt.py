@@ -4,6 +4,8 @@ Roughness is not observable without a highlight: it stays at MATT_ROUGHNESS, and
 constant does. Camera frame.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -72,7 +74,8 @@ def refined(
         state = newton.respread(state, rows, sight, parts, who.seen)
         span = progress.part(turn / 2, (turn + 1) / 2)
         state = newton.iterate(state, rows, sight, parts, who.seen, passes, span)
-    return state
+    # Without a highlight nothing tells the roughness but how a processor rounds.
+    return replace(state, roughness=np.full_like(state.roughness, MATT_ROUGHNESS))
 
 
 def answered(

@@ -74,8 +74,12 @@ class Subject:
 
     def flat(self, distance: float) -> Sight:
         """All points at one z, nothing hidden."""
+        return self.at(np.full(int(self.mask.sum()), distance))
+
+    def at(self, z: Float[np.ndarray, " p"]) -> Sight:
+        """The points at their z, nothing hidden."""
         directions = self.rays
-        return Sight(directions / directions[:, 2:] * distance, -directions, None)
+        return Sight(directions / directions[:, 2:] * z[:, None], -directions, None)
 
     def responses(self, light: Incident, params: SurfaceParams, device: str) -> Responses:
         """How the pixels answer a light."""
@@ -197,14 +201,14 @@ def finer(
         state.normals[take], state.albedo[take], state.roughness[take], state.level[take], state.lift[take]
     )
     depth = depth_of(who, state, distance, progress)
-    directions, hidden = who.rays, None
+    hidden = None
     if sight.occlusion is not None:
         # Last comes who stands for a source that the camera does not see.
         behind = np.full(half.mask.sum() + 1, -1, np.int32)
         behind[take] = np.arange(len(take))
         hidden = sight.occlusion.part(take)
         hidden = replace(hidden, source=behind[hidden.source])
-    return state, depth, Sight(directions / directions[:, 2:] * depth[who.mask][:, None], -directions, hidden)
+    return state, depth, replace(who.at(depth[who.mask]), occlusion=hidden)
 
 
 def rerender(

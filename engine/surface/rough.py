@@ -75,6 +75,10 @@ class Rough:
     parts: Parts  # their light
     around: bool  # whether its lattice is around this depth
 
+    def alike(self, directions: int) -> bool:
+        """Whether light and sight are told for so many directions."""
+        return len(self.parts.incident.directions) == directions
+
 
 def rough(
     frames: Frames,
@@ -111,11 +115,10 @@ def rough(
         directions = min(DIRECTIONS, params.directions)
         return parts_at(lattice, room, views, directions, params.probe_face_px, span)
 
-    guessed, stderr = True, 0.0
     margin = WIDE if free else TIGHT
-    middle = distance
+    middle, stderr = distance, 0.0
     parts = light_within((distance / margin, distance * margin), ACROSS, 2, progress.part(0.2, 0.3))
-    setting, sight, depth = untouched(parts, distance), who.flat(distance), np.zeros(who.mask.shape)
+    setting, sight = untouched(parts, distance), who.flat(distance)
     state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
@@ -123,9 +126,9 @@ def rough(
     for turn, following in enumerate(levels):
         begin = 0.35 + 0.65 * turn / len(levels)
         span = progress.part(begin, begin + 0.65 / len(levels))
-        if turn and (guessed or drifted(distance, middle)):
-            guessed, middle = False, distance
-            nearest, farthest = reach(depth[who.mask])
+        if turn == 1 or (turn and drifted(distance, middle)):  # the first turn gives points to put it around
+            middle = distance
+            nearest, farthest = reach(sight.points[:, 2])
             near_far = min(nearest, middle / TIGHT), max(farthest, middle * TIGHT)
             parts = light_within(near_far, params.probes_across, params.probes_deep, span.part(0, 0.2))
         light = parts.under(setting.gain)
@@ -154,7 +157,7 @@ def rough(
     if who is not whole:
         state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
-    around = not guessed and not drifted(distance, middle)
+    around = len(levels) > 1 and not drifted(distance, middle)
     return Rough(state, depth, sight, setting, found, tuple(residuals), views, parts, around)
 
 
@@ -179,8 +182,8 @@ def first_look(
 ) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
     """The object's distance to a fifth or so, and the curve: distances tried and their misfits."""
     every = thinned(np.arange(len(views)), min(LOOKS, len(views) // 2))
-    reach = (NEAREST * room.size(), FARTHEST * room.size())
-    lattice = lattice_around(who.camera, who.mask, reach, (1, 1, LAYERS))
+    near_far = NEAREST * room.size(), FARTHEST * room.size()
+    lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, LAYERS))
     directions = min(DIRECTIONS, params.directions)
     parts = parts_at(lattice, room, views[every], directions, params.probe_face_px, progress.part(0, 0.5))
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)

@@ -25,7 +25,7 @@ from engine.surface.pixels import (
     sight_of,
     subject,
 )
-from engine.surface.rough import DIRECTIONS, Rough, reach, rough
+from engine.surface.rough import Rough, reach, rough
 from engine.surface.surroundings import Room, furnished, light_at
 from engine.surface.transport import Incident, blocks, lattice_around
 from engine.surface.turn import improve, relief
@@ -101,7 +101,7 @@ def solve(
     here = light.views(np.arange(len(fitted)))
     for turn in range(params.rounds):
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
-        if turn or params.directions > DIRECTIONS:
+        if turn or not first.alike(params.directions):
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.85))
         if turn + 1 == params.rounds and params.accord:
@@ -147,7 +147,7 @@ def whole_light(
 ) -> Incident:
     """The light that the rough turns have settled, at some views: what they have gathered already, and the rest."""
     gain, camera = first.setting.gain, room.poses.camera
-    if params.directions <= DIRECTIONS and first.around:
+    if first.alike(params.directions) and first.around:
         lattice, known = first.parts.incident.lattice, first.views
     else:
         layout = (params.probes_across, params.probes_across, params.probes_deep)
