@@ -24,6 +24,11 @@ KINDS = {
     "reference": ("reference", "#D55E00", "s"),
     "baseline": ("baselines", "#009E73", "^"),
 }
+SIDES = (
+    ("left", "bottom", 3, 2), ("right", "top", -3, -3), ("left", "top", 3, -3), ("right", "bottom", -3, 2),
+    ("center", "bottom", 0, 8), ("center", "top", 0, -8),
+)  # fmt: skip
+"""Where a name may stand beside its point: alignments, and offsets in points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +103,10 @@ def draw(points: Sequence[Scored], caption: str):
 
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI)
     grid = figure.subplots(1, len(PANELS))
+    figure.subplots_adjust(left=0.065, right=0.99, top=0.91, bottom=0.3, wspace=0.28)
     for axes, panel in zip(grid, PANELS, strict=True):
         _panel(axes, panel, points)
+        _name(axes, panel, points)
     handles, labels = grid[0].get_legend_handles_labels()
     figure.legend(
         handles,
@@ -111,7 +118,6 @@ def draw(points: Sequence[Scored], caption: str):
         bbox_to_anchor=(0.5, 0.055),
     )
     figure.text(0.5, 0.02, caption, ha="center", fontsize=5.5, color="0.35")
-    figure.subplots_adjust(left=0.065, right=0.99, top=0.91, bottom=0.3, wspace=0.28)
     return figure
 
 
@@ -133,11 +139,6 @@ def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
     for one in points:
         if one.kind == "maps" and not math.isnan(panel.error(one)):
             axes.axhline(panel.error(one), color="#CC79A7", lw=1.0, ls=":", zorder=2, label=one.title)
-    for i in best:
-        one = points[i]
-        at = (one.seconds, panel.error(one))
-        name = one.title.removeprefix("ours, ").removeprefix("reference at ")
-        axes.annotate(name, at, (3, 4), textcoords="offset points", fontsize=5.5, color="0.25")
     axes.margins(x=0.18, y=0.15)
     axes.set_title(panel.title, fontsize=7.5)
     axes.set_xlabel("seconds", fontsize=7, labelpad=1)
@@ -148,6 +149,35 @@ def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def _name(axes, panel: Panel, points: Sequence[Scored]) -> None:
+    """Name the points of the front, each on the side where its name covers the fewest points and names."""
+    from matplotlib.transforms import Bbox
+
+    drawn = [(one.seconds, panel.error(one)) for one in points if math.isfinite(one.seconds)]
+    marks = axes.transData.transform([at for at in drawn if math.isfinite(at[1])])
+    around = 3 * DPI / 72  # a mark's half width
+    taken = [Bbox.from_extents(x - around, y - around, x + around, y + around) for x, y in marks]
+    for i in front(points, panel):
+        one = points[i]
+        name = one.title.removeprefix("ours, ").removeprefix("reference at ")
+        text = axes.annotate(
+            name, (one.seconds, panel.error(one)), (0, 0), textcoords="offset points", fontsize=5.5, color="0.25",
+        )  # fmt: skip
+
+        def put(side: tuple[str, str, int, int], text=text) -> Bbox:
+            across, up, x, y = side
+            text.set(ha=across, va=up)
+            text.set_position((x, y))
+            return text.get_window_extent()
+
+        def cost(side: tuple[str, str, int, int], put=put) -> int:
+            box = put(side)
+            outside = not all(axes.bbox.contains(*corner) for corner in box.corners())
+            return box.count_overlaps(taken) + outside
+
+        taken.append(put(min(SIDES, key=cost)))
 
 
 def _number(axis, limits: tuple[float, float]) -> None:
