@@ -228,7 +228,7 @@ def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
     out[12], out[13], out[14], out[15], out[16], out[17] = s, c0, c1, c2, total, blame
 
 
-THROUGH = np.float32(0.93)
+THROUGH = np.float32(0.97)
 
 
 @njit(**_FLAGS)

@@ -38,7 +38,7 @@ class LightParams:
     holdout: int = 8  # every so many-th view only judges; 0: none
     # Radius around each camera centre without Gaussians, scene units; None: derived.
     keep_out: float | None = None
-    hollow: float = 0.1  # weight of transmittance left over, in units of log radiance
+    hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,41 +6,24 @@ import numpy as np
 import pytest
 
 from engine.errors import LightError
-from engine.geometry import rays
 from engine.light.train import LightParams, LightReport, fit
 from engine.progress import Progress
-from engine.types import Camera, Frames, Gaussians, Masks, Poses
-from tests.engine.box_room import look
+from engine.types import Frames, Gaussians, Masks, Poses
+from tests.engine.light.painted import CAMERA, RADIUS, VIEWS, clouds, photographed, poses
 
-CAMERA = Camera(64, 48, 45.0, 45.0, 32.0, 24.0)
-RADIUS, VIEWS = 3.0, 40
 PARAMS = LightParams(budget=1500, width=64, passes=(4, 6), holdout=8)
 
 
 def paint(points: np.ndarray) -> np.ndarray:
     """Radiance of the wall: coloured clouds, and a lamp thirty times as bright."""
-    phases = np.array([0.0, 1.0, 2.0])
-    waves = np.sin(1.3 * points[..., :1] + phases) + np.cos(1.7 * points[..., 1:2] - points[..., 2:] + phases)
     lamp = np.linalg.norm(points / RADIUS - np.array([0.6, -0.64, 0.48]), axis=-1) < 0.2
-    return np.where(lamp[..., None], 15.0, 0.5 * np.exp(0.6 * waves))
+    return np.where(lamp[..., None], 15.0, clouds(points))
 
 
 @pytest.fixture(scope="module")
 def room() -> tuple[Frames, Masks, Poses]:
-    rng = np.random.default_rng(0)
-    poses = np.stack(
-        [
-            look(4 * np.pi * i / VIEWS, 0.6 * np.sin(2.4 * i), 0.0, rng.normal(size=3) * 0.2)
-            for i in range(VIEWS)
-        ]
-    )
-    directions = rays(CAMERA)
-    radiance = np.empty((VIEWS, 48, 64, 3), np.float32)
-    for i, pose in enumerate(poses):
-        d, origin = directions @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
-        along = d @ origin
-        reach = -along + np.sqrt(along**2 + RADIUS**2 - origin @ origin)
-        radiance[i] = paint(origin + reach[..., None] * d)
+    cam_from_world = poses()
+    radiance, _ = photographed(cam_from_world, paint)
     thing = np.zeros((48, 64), bool)
     thing[14:34, 22:42] = True
     nowhere = np.zeros((VIEWS, 48, 64), bool)
@@ -50,7 +33,7 @@ def room() -> tuple[Frames, Masks, Poses]:
     frames = Frames(names, radiance, nowhere, nowhere, (1e-4, 1e-3))
     masks = Masks(thing, np.broadcast_to(~thing, nowhere.shape).copy())
     registered = np.ones(VIEWS, bool)
-    return frames, masks, Poses(CAMERA, poses, registered, np.zeros((0, 3)), "given", np.nan)
+    return frames, masks, Poses(CAMERA, cam_from_world, registered, np.zeros((0, 3)), "given", np.nan)
 
 
 @pytest.fixture(scope="module")
