@@ -1,0 +1,219 @@
+"""Prints what becomes of the surface where capture goes wrong: one row per case, the light fitted anew for each.
+
+    python -m tests.bench.hard_cases FOLDER [--object NAME] [--only WORDS] [--json FILE]
+
+FOLDER keeps the sets (48 views of 320 x 240, true mask and poses given), which the studio makes on first use. "In band":
+pixels whose true normal lies within the stated 95 %; a case may be worse than the first row, but ought to say so.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from app import cores, studio
+from app.bench import sets
+from app.bench.given import give_truth
+from app.bench.sizes import SIZES
+from app.bench.stored import Stored, evenly, load
+from engine import metrics
+from engine.errors import RoomlightError
+from engine.light.train import LightParams, fit
+from engine.progress import Progress
+from engine.surface.pixels import SurfaceParams
+from engine.surface.solve import solve
+from engine.truth import Truth, read_truth
+from engine.types import Masks, Poses
+from hardware.errors import StudioError
+from hardware.virtual.studio.shoot import Order
+from tests.bench.inputs import Clock, machine, told
+from tests.bench.table import markdown
+
+SIZE = SIZES["small"]
+FEW = 12
+TURNED_DEG = 0.5
+PASSES_EVERY = 8  # a person is in every so many-th view
+STRANGE = 0.3  # share of a picture's width and height that something which does not belong there takes
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A set, and what is done to it before the light is fitted."""
+
+    title: str
+    room: str
+    motion: str
+    spoil: Callable[[Stored, np.random.Generator], Stored]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came out."""
+
+    title: str
+    views: int
+    normal_deg: float
+    median_deg: float
+    in_band: float
+    albedo_db: float
+    roughness: float
+    distance: float  # ours over true
+    stated: float  # its standard error, relative
+    light: float  # log-L1 of the kept-out views
+    seconds: float
+
+
+def untouched(given: Stored, rng: np.random.Generator) -> Stored:
+    return given
+
+
+def few(given: Stored, rng: np.random.Generator) -> Stored:
+    """Some of the views, points of the room by all of them."""
+    chosen = np.array(evenly(FEW, len(given.frames.names)))
+    poses = replace(
+        given.poses,
+        cam_from_world=given.poses.cam_from_world[chosen],
+        registered=given.poses.registered[chosen],
+    )
+    masks = Masks(given.masks.object, given.masks.background[chosen])
+    return replace(given, frames=given.frames.views(chosen), masks=masks, poses=poses)
+
+
+def turned(given: Stored, rng: np.random.Generator) -> Stored:
+    """Every camera turned about its place, by half a degree about a random axis; no points."""
+    axes = rng.normal(size=(len(given.frames.names), 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    turn = Rotation.from_rotvec(np.radians(TURNED_DEG) * axes).as_matrix()
+    return replace(
+        given, poses=_pointless(replace(given.poses, cam_from_world=turn @ given.poses.cam_from_world))
+    )
+
+
+def moved_chair(given: Stored, rng: np.random.Generator) -> Stored:
+    """In one view something dark stands that no other shows."""
+    return _strange(given, [len(given.frames.names) // 2], 0.05)
+
+
+def passer_by(given: Stored, rng: np.random.Generator) -> Stored:
+    """In every eighth view somebody stands, elsewhere each time."""
+    return _strange(given, range(0, len(given.frames.names), PASSES_EVERY), 0.4, rng)
+
+
+CASES = (
+    Case("as it should be", "study", "gimbal", untouched),
+    Case(f"{FEW} views", "study", "gimbal", few),
+    Case(f"poses off by {TURNED_DEG} deg", "study", "gimbal", turned),
+    Case("a chair moved in one view", "study", "gimbal", moved_chair),
+    Case(f"somebody in every {PASSES_EVERY}th view", "study", "gimbal", passer_by),
+    Case("turned about one axis only", "study", "turntable", untouched),
+    Case("walls without texture", "plain", "gimbal", untouched),
+)
+
+
+def _pointless(poses: Poses) -> Poses:
+    return replace(poses, points=np.zeros((0, 3)))
+
+
+def _strange(
+    given: Stored, views: Sequence[int], brightness: float, rng: np.random.Generator | None = None
+) -> Stored:
+    """A plate of even radiance, `brightness` times the room's mean, before the background of some views; on the right
+    without `rng`."""
+    radiance = given.frames.radiance.copy()
+    _, height, width, _ = radiance.shape
+    tall, wide = int(STRANGE * height), int(STRANGE * width)
+    mean = radiance[given.masks.background].mean(0)
+    for view in views:
+        top, left = (height - tall) // 2, width - wide
+        if rng is not None:
+            top, left = int(rng.integers(height - tall)), int(rng.integers(width - wide))
+        plate = np.zeros((height, width), bool)
+        plate[top : top + tall, left : left + wide] = True
+        radiance[view][plate & given.masks.background[view]] = brightness * mean
+    return replace(given, frames=replace(given.frames, radiance=radiance))
+
+
+def ready(folder: Path, case: Case, thing: str) -> tuple[Stored, Truth]:
+    """The case's set before it is spoilt; made if it is not there."""
+    if case.motion == "gimbal":
+        made = sets.ready(folder, case.room, thing, SIZE, SIZE.views, 0, "cpu")
+        return made.stored, made.truth
+    place = folder / f"{case.room}-{thing}-{case.motion}"
+    if not place.is_dir():
+        order = Order(case.room, thing, SIZE.views, SIZE.width, SIZE.height, case.motion, 0, "cpu")
+        studio.simulate(place, order, 0.0, told(f"making {place.name}"))
+    session = place / "given.session"
+    if not session.exists():
+        give_truth(place / "session", place / "truth", session)
+    sets.enlighten(session, place.name, SIZE.settings, 0, "cpu")
+    return load(session), read_truth(place / "truth")
+
+
+def measured(case: Case, given: Stored, truth: Truth) -> Row:
+    """Light and surface of the spoilt set, against the truth."""
+    spoilt = case.spoil(given, np.random.default_rng(0))
+    clock = Clock()
+    gaussians, lamps, light = fit(spoilt.frames, spoilt.masks, spoilt.poses, LightParams(), 0, Progress())
+    spoilt = replace(spoilt, gaussians=gaussians, lamps=lamps)
+    surface, *_, report = solve(*spoilt.inputs, SurfaceParams(), "cpu", 0, told(case.title))
+    seconds, _ = clock.read()
+    found = metrics.evaluate(surface, truth)
+    both = surface.mask & truth.mask
+    distance = float(np.median(surface.depth[both] / truth.depth[both]))
+    return Row(
+        case.title, len(spoilt.frames.names), found.normal_mean_deg, found.normal_median_deg, found.normal_in_band,
+        found.albedo_psnr_db, found.roughness_mae, distance, report.distance.stderr / report.distance.value,
+        light.heldout_log_l1, seconds,
+    )  # fmt: skip
+
+
+def table(rows: Sequence[Row]) -> str:
+    lines = [
+        ["case", "views", "normals deg", "median", "in band %", "albedo dB", "roughness", "distance ours/true",
+         "stated +-", "light log-L1", "s"]
+    ]  # fmt: skip
+    for row in rows:
+        lines.append([
+            row.title, str(row.views), f"{row.normal_deg:.2f}", f"{row.median_deg:.2f}", f"{100 * row.in_band:.0f}",
+            f"{row.albedo_db:.1f}", f"{row.roughness:.4f}", f"{row.distance:.3f}", f"{row.stated:.3f}",
+            f"{row.light:.4f}", f"{row.seconds:.0f}",
+        ])  # fmt: skip
+    return markdown(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    args = _parser().parse_args(argv)
+    cores.prepare()
+    where, rows = machine(), []
+    try:
+        for case in CASES:
+            if args.only in case.title:
+                rows.append(measured(case, *ready(args.folder, case, args.object)))
+                print(table(rows[-1:]).splitlines()[-1], file=sys.stderr)
+    except (RoomlightError, StudioError) as fault:
+        print(fault, file=sys.stderr)
+        return 2
+    print(f"{args.object}, {SIZE.told()}, {where}\n\n{table(rows)}")
+    if args.json:
+        args.json.write_text(
+            json.dumps({"machine": where, "rows": [asdict(row) for row in rows]}, indent=1) + "\n"
+        )
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="hard_cases", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--object", default="blob")
+    parser.add_argument("--only", default="", help="cases whose name holds these words")
+    parser.add_argument("--json", type=Path)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,38 @@
+"""The hard cases spoil what they say, and nothing else."""
+
+import numpy as np
+import pytest
+
+from tests.app.bench.synthetic import VIEWS, stored
+from tests.bench import hard_cases
+
+RNG = np.random.default_rng(3)
+
+
+def test_few_views_keep_their_own_poses_and_backgrounds(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(hard_cases, "FEW", 3)
+    few = hard_cases.few(stored(), RNG)
+    assert few.poses.cam_from_world[:, 0, 3].tolist() == [0, 6, VIEWS - 1]
+    assert few.frames.radiance[:, 0, 0, 0].tolist() == [0, 6, VIEWS - 1]
+    assert len(few.masks.background) == len(few.poses.registered) == 3
+
+
+def test_cameras_are_turned_by_half_a_degree_about_their_places():
+    before, after = stored().poses.cam_from_world, hard_cases.turned(stored(), RNG).poses.cam_from_world
+    turn = after[:, :, :3] @ np.swapaxes(before[:, :, :3], 1, 2)
+    angle = np.degrees(np.arccos((np.trace(turn, axis1=1, axis2=2) - 1) / 2))
+    assert np.allclose(angle, hard_cases.TURNED_DEG, atol=1e-6)
+    places = [-np.einsum("nij,ni->nj", pose[:, :, :3], pose[:, :, 3]) for pose in (before, after)]
+    assert np.allclose(places[0], places[1], atol=1e-12)
+
+
+def test_strangers_stand_before_the_background_of_their_views_alone():
+    given = stored()
+    mask = np.zeros(given.masks.background.shape, bool)
+    mask[:, :, -1] = True  # no background there
+    given.masks.background[mask] = False
+    after = hard_cases.passer_by(given, RNG).frames.radiance
+    changed = (after != given.frames.radiance).any(-1)
+    assert changed.any((1, 2)).nonzero()[0].tolist() == [0, 8]
+    assert not changed[mask].any()
+    assert hard_cases.moved_chair(given, RNG).frames.radiance[VIEWS // 2].min() < VIEWS // 2
