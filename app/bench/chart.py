@@ -165,19 +165,24 @@ def _name(axes, panel: Panel, points: Sequence[Scored]) -> None:
         text = axes.annotate(
             name, (one.seconds, panel.error(one)), (0, 0), textcoords="offset points", fontsize=5.5, color="0.25",
         )  # fmt: skip
+        taken.append(_stand(text, axes.bbox, taken))
 
-        def put(side: tuple[str, str, int, int], text=text) -> Bbox:
-            across, up, x, y = side
-            text.set(ha=across, va=up)
-            text.set_position((x, y))
-            return text.get_window_extent()
 
-        def cost(side: tuple[str, str, int, int], put=put) -> int:
-            box = put(side)
-            outside = not all(axes.bbox.contains(*corner) for corner in box.corners())
-            return box.count_overlaps(taken) + outside
+def _stand(text, within, taken):
+    """Put a name on the side where it covers the fewest of the boxes `taken` and stays `within`; its own box."""
 
-        taken.append(put(min(SIDES, key=cost)))
+    def put(side: tuple[str, str, int, int]):
+        across, up, x, y = side
+        text.set(ha=across, va=up)
+        text.set_position((x, y))
+        return text.get_window_extent()
+
+    def cost(side: tuple[str, str, int, int]) -> int:
+        box = put(side)
+        outside = not all(within.contains(*corner) for corner in box.corners())
+        return box.count_overlaps(taken) + outside
+
+    return put(min(SIDES, key=cost))
 
 
 def _number(axis, limits: tuple[float, float]) -> None:

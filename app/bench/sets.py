@@ -17,7 +17,7 @@ from rich.console import Console
 from app import places, studio, terminal
 from app.bench.given import give_truth
 from app.bench.record import BenchError
-from app.bench.sizes import MOTION, Size
+from app.bench.sizes import Size
 from app.bench.stored import Stored, evenly, load
 from engine import session as sessions
 from engine.pipeline import run, table
@@ -49,7 +49,7 @@ def key(room: str, thing: str, size: Size, views: int, seed: int) -> str:
     """The folder's name: room, object, motion, views, pixels, seed, and the studio's version."""
     from hardware.virtual.studio import shoot
 
-    return f"{room}-{thing}-{MOTION}-{views}x{size.width}x{size.height}-seed{seed}-studio{shoot.VERSION}"
+    return f"{room}-{thing}-{size.motion}-{views}x{size.width}x{size.height}-seed{seed}-studio{shoot.VERSION}"
 
 
 def check_names(rooms: tuple[str, ...], things: tuple[str, ...]) -> None:
@@ -80,7 +80,7 @@ def photographed(folder: Path, room: str, thing: str, size: Size, views: int, se
         folder.mkdir(parents=True, exist_ok=True)
         _sweep(folder, place.name)
     partial = folder / f".{place.name}.{os.getpid()}.making"
-    order = Order(room, thing, views, size.width, size.height, MOTION, seed, device)
+    order = Order(room, thing, views, size.width, size.height, size.motion, seed, device)
     try:
         with job(f"making {room}-{thing}") as progress:
             studio.simulate(partial, order, 0.0, progress)

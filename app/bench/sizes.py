@@ -6,8 +6,6 @@ from typing import Any
 
 OBJECTS = ("blob", "sphere", "vase", "relief", "thin", "duo")
 ROOMS = ("study", "lamps", "window")
-MOTION = "gimbal"
-"""How the studio carries camera and object: every way up, so that most of the room is seen even in few views."""
 PUBLISHED = ((16, 64, 256), (10, 25, 50, 100))
 """Samples and epochs of the reference, up to those that the paper has."""
 
@@ -30,6 +28,8 @@ class Size:
     reference_work: int  # pixels x views x samples x epochs of one row of it: 5 microseconds each, about
     training: float  # share of the published iterations that the paper's own light is trained for
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
+    # How the studio carries camera and object: every way up, so that most of the room is seen even in few views.
+    motion: str = "gimbal"
 
     @property
     def inputs(self) -> str:
@@ -38,7 +38,7 @@ class Size:
     def told(self) -> str:
         """For a table's head."""
         light = ", a light of few Gaussians" if self.settings else ""
-        views = f"{self.views} views of {self.width} x {self.height} on a {MOTION}"
+        views = f"{self.views} views of {self.width} x {self.height} on a {self.motion}"
         return f"sets of size {self.name} ({views}), {self.inputs}{light}"
 
 

@@ -17,7 +17,7 @@ from numba import njit
 from scipy.ndimage import minimum_filter
 from scipy.spatial import KDTree
 
-from engine.light.photographs import Photographs, camera_centres
+from engine.light.photographs import Photographs, camera_centres, pixel_of
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _SURE = 0.5
@@ -45,13 +45,7 @@ def _votes(poses, lens, depth, sure, points, free, support):
     views, height, width = depth.shape
     for p in range(points.shape[0]):
         for i in range(views):
-            pose = poses[i]
-            z = pose[2, 0] * points[p, 0] + pose[2, 1] * points[p, 1] + pose[2, 2] * points[p, 2] + pose[2, 3]
-            if z <= 0:
-                continue
-            x = pose[0, 0] * points[p, 0] + pose[0, 1] * points[p, 1] + pose[0, 2] * points[p, 2] + pose[0, 3]
-            y = pose[1, 0] * points[p, 0] + pose[1, 1] * points[p, 1] + pose[1, 2] * points[p, 2] + pose[1, 3]
-            u, v = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3]
+            u, v, z = pixel_of(poses[i], lens, points[p, 0], points[p, 1], points[p, 2])
             if u < 0 or v < 0 or u >= width or v >= height:
                 continue
             seen = depth[i, int(v), int(u)]

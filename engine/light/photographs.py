@@ -5,14 +5,18 @@ are area means over background pixels only, so the object never bleeds into the 
 """
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
+from numba import njit
 
 from engine.geometry import distort, unproject
 from engine.light.rasterise import Pinhole
 from engine.types import Camera, Frames, Masks, Poses
+
+_FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +41,32 @@ class Photographs:
         cam = self.cam_from_world[:, :, :3] @ point + self.cam_from_world[:, :, 3]
         z = np.where(cam[:, 2] > 0, cam[:, 2], np.nan)
         return self.lens[:2] * cam[:, :2] / z[:, None] + self.lens[2:], cam
+
+
+@njit(**_FLAGS)
+@no_type_check
+def place_of(pose, lens, u, v, z):
+    """The world point at depth z of a pixel's middle."""
+    a = (u + 0.5 - lens[2]) / lens[0] * z - pose[0, 3]
+    b = (v + 0.5 - lens[3]) / lens[1] * z - pose[1, 3]
+    c = z - pose[2, 3]
+    return (
+        pose[0, 0] * a + pose[1, 0] * b + pose[2, 0] * c,
+        pose[0, 1] * a + pose[1, 1] * b + pose[2, 1] * c,
+        pose[0, 2] * a + pose[1, 2] * b + pose[2, 2] * c,
+    )
+
+
+@njit(**_FLAGS)
+@no_type_check
+def pixel_of(pose, lens, x, y, z):
+    """Where a world point falls in one view (u, v; both -1 behind the camera), and its depth: `image_of` for kernels."""
+    far = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    if far <= 0:
+        return -1.0, -1.0, far
+    right = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+    low = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+    return lens[0] * right / far + lens[2], lens[1] * low / far + lens[3], far
 
 
 def around(

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from engine.light.photographs import Photographs, camera_centres
+from engine.light.photographs import Photographs, camera_centres, pixel_of, place_of
 from engine.light.rasterise import Run
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
@@ -34,48 +34,23 @@ _ALIKE = 0.1  # log depth within which views agree on a place
 
 @njit(**_FLAGS)
 @no_type_check
-def _place(pose, lens, u, v, z):
-    """The world point at depth z of a pixel's middle."""
-    a = (u + 0.5 - lens[2]) / lens[0] * z - pose[0, 3]
-    b = (v + 0.5 - lens[3]) / lens[1] * z - pose[1, 3]
-    c = z - pose[2, 3]
-    return (
-        pose[0, 0] * a + pose[1, 0] * b + pose[2, 0] * c,
-        pose[0, 1] * a + pose[1, 1] * b + pose[2, 1] * c,
-        pose[0, 2] * a + pose[1, 2] * b + pose[2, 2] * c,
-    )
-
-
-@njit(**_FLAGS)
-@no_type_check
-def _pixel(pose, lens, place):
-    """Where a world point falls (column, row; a pixel's middle is at .5), and its depth; both -1 behind the camera."""
-    x, y, z = place
-    far = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
-    if far <= 0:
-        return -1.0, -1.0, far
-    right = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
-    low = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
-    return lens[0] * right / far + lens[2], lens[1] * low / far + lens[3], far
-
-
-@njit(**_FLAGS)
-@no_type_check
 def _evidence(poses, lens, pictures, weight, depths, view, others, out):
     """How much worse other views agree at each depth than they do on average, mean over the views that look."""
     _, height, width, _ = pictures.shape
     pose, count = poses[view], depths.shape[0]
-    gaps = np.empty(count)
+    gaps, places = np.empty(count), np.empty((count, 3))
     for v in range(height):
         for u in range(width):
             if weight[view, v, u] <= 0:
                 continue
+            for d in range(count):
+                places[d, 0], places[d, 1], places[d, 2] = place_of(pose, lens, u, v, depths[d])
             asked = 0
             for o in others:
                 total, looks = 0.0, 0
                 for d in range(count):
                     gaps[d] = -1.0
-                    s, t, _ = _pixel(poses[o], lens, _place(pose, lens, u, v, depths[d]))
+                    s, t, _ = pixel_of(poses[o], lens, places[d, 0], places[d, 1], places[d, 2])
                     s, t = s - 0.5, t - 0.5
                     if s < 0 or t < 0 or s > width - 1 or t > height - 1:
                         continue
@@ -145,10 +120,10 @@ def _agreement(poses, lens, depth, view, others, out):
             z = depth[view, v, u]
             if not z > 0:
                 continue
-            place = _place(pose, lens, u, v, z)
+            wx, wy, wz = place_of(pose, lens, u, v, z)
             there, looks = 0, 0
             for o in others:
-                s, t, far = _pixel(poses[o], lens, place)
+                s, t, far = pixel_of(poses[o], lens, wx, wy, wz)
                 if s < 0 or t < 0 or s >= width or t >= height:
                     continue
                 seen = depth[o, int(t), int(s)]
@@ -250,7 +225,16 @@ def _prior(
     prior = np.full((n, height, width), fallback)
     if len(points) < FEW_POINTS:
         return prior
-    spread = 0.08 * width
+
+    def around(v: np.ndarray, u: np.ndarray, known: np.ndarray) -> Float[np.ndarray, "h w"]:
+        """Mean of what is known near each pixel, the fallback's logarithm far from all."""
+        total, weight = np.zeros((height, width)), np.zeros((height, width))
+        np.add.at(total, (v, u), known)
+        np.add.at(weight, (v, u), 1.0)
+        total, weight = (cv2.GaussianBlur(x, (0, 0), 0.08 * width) for x in (total, weight))
+        faint = 1e-4 * weight.max() + 1e-12
+        return (total + faint * np.log(fallback)) / (weight + faint)
+
     for i in range(n):
         cam = points @ photographs.cam_from_world[i, :, :3].T + photographs.cam_from_world[i, :, 3]
         cam = cam[cam[:, 2] > 0]
@@ -258,15 +242,7 @@ def _prior(
         v = (photographs.lens[1] * cam[:, 1] / cam[:, 2] + photographs.lens[3]).astype(int)
         inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
         u, v, known = u[inside], v[inside], np.log(cam[inside, 2])
-        expected, fits = np.empty((height, width)), np.ones(len(known), bool)
-        # Wrong points are few but far off: the second time those that differ from their surroundings are left out.
-        for _ in range(2):
-            total, weight = np.zeros((height, width)), np.zeros((height, width))
-            np.add.at(total, (v[fits], u[fits]), known[fits])
-            np.add.at(weight, (v[fits], u[fits]), 1.0)
-            total, weight = (cv2.GaussianBlur(x, (0, 0), spread) for x in (total, weight))
-            faint = 1e-4 * weight.max() + 1e-12
-            expected = (total + faint * np.log(fallback)) / (weight + faint)
-            fits = np.abs(known - expected[v, u]) < _STRAY
-        prior[i] = np.exp(expected)
+        # Wrong points are few but far off: those that differ from their surroundings are left out.
+        fits = np.abs(known - around(v, u, known)[v, u]) < _STRAY
+        prior[i] = np.exp(around(v[fits], u[fits], known[fits]))
     return prior

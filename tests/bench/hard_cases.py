@@ -16,21 +16,17 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from app import cores, studio
+from app import cores
 from app.bench import sets
-from app.bench.given import give_truth
 from app.bench.sizes import SIZES
-from app.bench.stored import Stored, evenly, load
+from app.bench.stored import Stored, fewer_views
 from engine import metrics
 from engine.errors import RoomlightError
 from engine.light.train import LightParams, fit
 from engine.progress import Progress
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
-from engine.truth import Truth, read_truth
-from engine.types import Masks, Poses
 from hardware.errors import StudioError
-from hardware.virtual.studio.shoot import Order
 from tests.bench.inputs import Clock, machine, told
 from tests.bench.table import markdown
 
@@ -74,14 +70,7 @@ def untouched(given: Stored, rng: np.random.Generator) -> Stored:
 
 def few(given: Stored, rng: np.random.Generator) -> Stored:
     """Some of the views, points of the room by all of them."""
-    chosen = np.array(evenly(FEW, len(given.frames.names)))
-    poses = replace(
-        given.poses,
-        cam_from_world=given.poses.cam_from_world[chosen],
-        registered=given.poses.registered[chosen],
-    )
-    masks = Masks(given.masks.object, given.masks.background[chosen])
-    return replace(given, frames=given.frames.views(chosen), masks=masks, poses=poses)
+    return fewer_views(given, FEW)
 
 
 def turned(given: Stored, rng: np.random.Generator) -> Stored:
@@ -89,9 +78,8 @@ def turned(given: Stored, rng: np.random.Generator) -> Stored:
     axes = rng.normal(size=(len(given.frames.names), 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     turn = Rotation.from_rotvec(np.radians(TURNED_DEG) * axes).as_matrix()
-    return replace(
-        given, poses=_pointless(replace(given.poses, cam_from_world=turn @ given.poses.cam_from_world))
-    )
+    poses = replace(given.poses, cam_from_world=turn @ given.poses.cam_from_world, points=np.zeros((0, 3)))
+    return replace(given, poses=poses)
 
 
 def moved_chair(given: Stored, rng: np.random.Generator) -> Stored:
@@ -115,10 +103,6 @@ CASES = (
 )
 
 
-def _pointless(poses: Poses) -> Poses:
-    return replace(poses, points=np.zeros((0, 3)))
-
-
 def _strange(
     given: Stored, views: Sequence[int], brightness: float, rng: np.random.Generator | None = None
 ) -> Stored:
@@ -138,25 +122,9 @@ def _strange(
     return replace(given, frames=replace(given.frames, radiance=radiance))
 
 
-def ready(folder: Path, case: Case, thing: str) -> tuple[Stored, Truth]:
-    """The case's set before it is spoilt; made if it is not there."""
-    if case.motion == "gimbal":
-        made = sets.ready(folder, case.room, thing, SIZE, SIZE.views, 0, "cpu")
-        return made.stored, made.truth
-    place = folder / f"{case.room}-{thing}-{case.motion}"
-    if not place.is_dir():
-        order = Order(case.room, thing, SIZE.views, SIZE.width, SIZE.height, case.motion, 0, "cpu")
-        studio.simulate(place, order, 0.0, told(f"making {place.name}"))
-    session = place / "given.session"
-    if not session.exists():
-        give_truth(place / "session", place / "truth", session)
-    sets.enlighten(session, place.name, SIZE.settings, 0, "cpu")
-    return load(session), read_truth(place / "truth")
-
-
-def measured(case: Case, given: Stored, truth: Truth) -> Row:
+def measured(case: Case, on: sets.Set) -> Row:
     """Light and surface of the spoilt set, against the truth."""
-    spoilt = case.spoil(given, np.random.default_rng(0))
+    spoilt, truth = case.spoil(on.stored, np.random.default_rng(0)), on.truth
     clock = Clock()
     gaussians, lamps, light = fit(spoilt.frames, spoilt.masks, spoilt.poses, LightParams(), 0, Progress())
     spoilt = replace(spoilt, gaussians=gaussians, lamps=lamps)
@@ -193,12 +161,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         for case in CASES:
             if args.only in case.title:
-                rows.append(measured(case, *ready(args.folder, case, args.object)))
+                size = replace(SIZE, motion=case.motion)
+                on = sets.ready(args.folder, case.room, args.object, size, size.views, 0, "cpu")
+                rows.append(measured(case, on))
                 print(table(rows[-1:]).splitlines()[-1], file=sys.stderr)
     except (RoomlightError, StudioError) as fault:
         print(fault, file=sys.stderr)
         return 2
-    print(f"{args.object}, {SIZE.told()}, {where}\n\n{table(rows)}")
+    print(f"{args.object}, {SIZE.told()} but where another motion is named, {where}\n\n{table(rows)}")
     if args.json:
         args.json.write_text(
             json.dumps({"machine": where, "rows": [asdict(row) for row in rows]}, indent=1) + "\n"

@@ -104,10 +104,11 @@ def test_a_sets_folder_changes_with_all_that_decides_it(monkeypatch: pytest.Monk
         sets.key("booth", "blob", QUICK, 24, 0), sets.key("plain", "blob", QUICK, 24, 0),
         sets.key("booth", "duo", QUICK, 24, 0), sets.key("booth", "blob", wide, 24, 0),
         sets.key("booth", "blob", QUICK, 25, 0), sets.key("booth", "blob", QUICK, 24, 1),
+        sets.key("booth", "blob", replace(QUICK, motion="turntable"), 24, 0),
     }  # fmt: skip
     monkeypatch.setattr("hardware.virtual.studio.shoot.VERSION", 99)
     keys.add(sets.key("booth", "blob", QUICK, 24, 0))
-    assert len(keys) == 7
+    assert len(keys) == 8
 
 
 def test_a_killed_making_leaves_no_set_and_is_swept_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
