@@ -106,6 +106,29 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
     return to
 
 
+def cautions(folder: Path) -> tuple[str, ...]:
+    """What to be careful about in the results that are there, in sentences."""
+    steps = steps_of(folder)
+    load = run.loader(tuple(steps))
+    done = {step.stage.name for step in steps if step.done}
+
+    def there(stage: str, record: str, kind: type[Record]) -> Record | None:
+        return load(stage, record, kind) if stage in done else None
+
+    return report.cautions(
+        report.Contents(
+            title="",
+            when="",
+            names=tuple(shot.name for shot in sessions.shots(sessions.open_session(folder))),
+            poses=there("poses", "poses", Poses),
+            panorama=there("export", "panorama", Panorama),
+            grounds=there("export", "grounds", Grounds),
+            hdr=there("hdr", "report", HdrReport),
+            stages=tuple(_stage_run(step) for step in steps if step.done),
+        )
+    )
+
+
 def flat(scores: Scores) -> Mapping[str, object]:
     return {f"{room} {name}": value for room, values in scores.items() for name, value in values.items()}
 

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.bench.stored import Stored
-from engine.light.gaussians import Y00
+from engine.light.globes import beside
 from engine.progress import Progress
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
 from engine.surface.surroundings import furnished
-from engine.types import Gaussians
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,14 +46,6 @@ def brightened(stored: Stored, gain: np.ndarray, params: SurfaceParams, seed: in
         params.relight_prior, seed,
     )  # fmt: skip
     field, lamps = room.under(gain)
-    count = len(lamps.radii)
-    radiance = stored.gaussians.radiance[len(field.means) :].copy()
-    radiance[:, 0] = lamps.radiance / Y00
-    last = replace(
-        Gaussians(*(getattr(stored.gaussians, name)[len(field.means) :] for name in Gaussians.__slots__)),
-        radiance=radiance,
-    )
-    joined = (np.concatenate([getattr(field, name), getattr(last, name)]) for name in Gaussians.__slots__)
     # Their brightness is known now, as far as anybody knows it.
-    known = replace(lamps, clipped=np.zeros(count, bool))
-    return replace(stored, gaussians=Gaussians(*joined), lamps=known)
+    known = replace(lamps, clipped=np.zeros(len(lamps.radii), bool))
+    return replace(stored, gaussians=beside(field, lamps), lamps=known)

@@ -10,6 +10,7 @@ import numpy as np
 
 from app import results
 from app.bench.record import BenchError
+from engine.light.gaussians import part
 from engine.pipeline import run
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
@@ -86,7 +87,7 @@ def fewer_gaussians(stored: Stored, count: int, seed: int) -> Stored:
     rng = np.random.default_rng(seed)
     kept = np.sort(rng.choice(total - lamps, max(1, min(count, total) - lamps), replace=False))
     kept = np.concatenate([kept, np.arange(total - lamps, total)])
-    field = Gaussians(*(getattr(stored.gaussians, name)[kept] for name in Gaussians.__slots__))
+    field = part(stored.gaussians, kept)
     return replace(stored, gaussians=field)
 
 

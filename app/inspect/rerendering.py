@@ -121,7 +121,7 @@ def open_run(run: Run) -> Solved:
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
     )
     gain = np.array(report["light_gains"], float)
-    if len(gain) != len(room.clipped) + 1:
+    if len(gain) != len(room.kind) + 1:
         raise SessionError(
             f"{run.session}: the light's groups are no longer those of this result; process it again"
         )

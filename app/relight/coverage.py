@@ -8,7 +8,6 @@ object. Panoramas as in `engine.types.Panorama`; kept as `derived/coverage/FINGE
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +19,11 @@ from app.relight.lights import coverage_file
 from engine.geometry import inverse, rays, transform
 from engine.light import probes
 from engine.light.coverage import coverage_of
-from engine.light.gaussians import Y00
+from engine.light.globes import beside
 from engine.light.grounds import WIDTH, photographed
 from engine.pipeline import artefacts
 from engine.pipeline.work import middle_view
-from engine.types import Gaussians, Lamps, Masks
+from engine.types import Masks
 
 if TYPE_CHECKING:
     from app.work.worker import Link
@@ -49,8 +48,7 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     ray = rays(solved.poses.camera)[known]
     middle = np.median(ray / ray[:, 2:] * solved.surface.depth[known][:, None], axis=0)
     origin = transform(inverse(cam_from_world), middle)
-    gaussians, lamps = solved.room.under(solved.gain)
-    whole = _joined(gaussians, lamps, artefacts.load(run.folder("light"), "gaussians", Gaussians))
+    whole = beside(*solved.room.under(solved.gain))
 
     progress.step(0.2, "what was photographed")
     shown = coverage_of(masks, solved.poses, WIDTH)
@@ -61,13 +59,3 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     arrays = {"radiance": radiance, "seen": seen, "clipped": clipped}
     keep(to, {**arrays, "view": np.array(solved.frames.names[view])})
     return {"file": str(to)}
-
-
-def _joined(gaussians: Gaussians, lamps: Lamps, stored: Gaussians) -> Gaussians:
-    """The room's Gaussians with its lamps behind them again, every one at its settled brightness."""
-    count = len(gaussians.means)
-    radiance = stored.radiance.copy()
-    radiance[:count] = gaussians.radiance
-    radiance[count:] = 0
-    radiance[count:, 0] = lamps.radiance / Y00
-    return replace(stored, radiance=radiance)

@@ -10,7 +10,7 @@ file's colours stay linear radiance, beyond 1 where a lamp is; its offset of 0.5
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import exp1
 
 from engine.errors import LightError
@@ -29,6 +29,31 @@ def rotations(quaternions: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3 3
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), -1, 0)
+
+
+def part(gaussians: Gaussians, index: Int[np.ndarray, " j"] | Bool[np.ndarray, " k"] | slice) -> Gaussians:
+    """Some of them."""
+    return Gaussians(*(getattr(gaussians, name)[index] for name in Gaussians.__slots__))
+
+
+def joined(first: Gaussians, second: Gaussians) -> Gaussians:
+    """Both, in this order and in the first one's precision."""
+    both = ((getattr(first, name), getattr(second, name)) for name in Gaussians.__slots__)
+    return Gaussians(*(np.concatenate([a, b.astype(a.dtype)]) for a, b in both))
+
+
+def even(
+    means: Float[np.ndarray, "k 3"],
+    quaternions: Float[np.ndarray, "k 4"],
+    scales: Float[np.ndarray, "k 3"],
+    density: float,
+    colours: Float[np.ndarray, "k 3"],
+    coefficients: int,
+) -> Gaussians:
+    """Gaussians that look alike from every side, in a basis of so many coefficients."""
+    radiance = np.zeros((len(means), coefficients, 3))
+    radiance[:, 0] = colours / Y00
+    return Gaussians(means, quaternions, scales, np.full(len(means), density), radiance)
 
 
 def sh_degree(coefficients: int) -> int:

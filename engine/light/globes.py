@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from engine.geometry import sphere_solid_angle
-from engine.light.gaussians import Y00, rotations
+from engine.light.gaussians import even, joined, part, rotations
 from engine.light.lamps import Sightings
 from engine.light.photographs import Photographs, around, camera_centres
 from engine.types import Gaussians, Lamps
@@ -114,27 +114,20 @@ def put_back(gaussians: Gaussians, lamps: Lamps, sightings: Sightings, photograp
         for eye in eyes[shown]:
             opacity, at, distance = _on_the_way(gaussians, eye, centre)
             blocks |= (at < distance - 2 * radius) & (opacity > IN_FRONT)
-    kept, count = ~blocks, len(lamps.radii)
-    scale = lamps.radii / np.sqrt(_covered(DENSITY))
-    fresh = np.zeros((count, *gaussians.radiance.shape[1:]))
-    fresh[:, 0] = lamps.radiance / Y00
+    return beside(part(gaussians, ~blocks), lamps)
 
-    def joined(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-        return np.concatenate([old[kept], new.astype(old.dtype)])
 
-    return Gaussians(
-        joined(gaussians.means, lamps.centres),
-        joined(gaussians.quaternions, np.tile([1.0, 0, 0, 0], (count, 1))),
-        joined(gaussians.scales, np.repeat(scale[:, None], 3, 1)),
-        joined(gaussians.density, np.full(count, DENSITY)),
-        joined(gaussians.radiance, fresh),
-    )
+def beside(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
+    """The room with the lamps as its last Gaussians."""
+    scale = np.repeat(lamps.radii[:, None], 3, 1) / np.sqrt(_covered(DENSITY))
+    upright = np.tile([1.0, 0, 0, 0], (len(scale), 1))
+    fresh = even(lamps.centres, upright, scale, DENSITY, lamps.radiance, gaussians.radiance.shape[1])
+    return joined(gaussians, fresh)
 
 
 def apart(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
-    """The room without the lamps, which are its last Gaussians."""
-    count = len(gaussians.means) - len(lamps.radii)
-    return Gaussians(*(getattr(gaussians, name)[:count] for name in Gaussians.__slots__))
+    """The room without the lamps, which are its last Gaussians; undoes `beside`."""
+    return part(gaussians, slice(len(gaussians.means) - len(lamps.radii)))
 
 
 def passing(

@@ -152,7 +152,7 @@ def lambert(
         (ours.probes_across, ours.probes_across, ours.probes_deep),
     )  # fmt: skip
     light = light_at(
-        lattice, scene.room, np.ones((len(scene.room.clipped), 3)), scene.views, params.directions,
+        lattice, scene.room, np.ones((len(scene.room.kind), 3)), scene.views, params.directions,
         params.probe_face_px, progress.part(0, 0.25),
     )  # fmt: skip
     rows = Matt(who.responses(light, ours, device))
@@ -173,16 +173,16 @@ def _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress)
     room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
     if params.light_gains:
         gain = np.array(params.light_gains)[:-1]  # the last is that of what was filled in
-        if gain.shape != (len(room.clipped), 3):
+        if gain.shape != (len(room.kind), 3):
             raise SurfaceError(
-                f"{len(gain)} light gains for {len(room.clipped)} groups of emitters; give those of a solve with"
+                f"{len(gain)} light gains for {len(room.kind)} groups of emitters; give those of a solve with"
                 " the same light and seed"
             )
         brighter, lit = room.under(gain)
         room = replace(room, gaussians=brighter, lamps=lit)
     distance = params.object_distance
     if distance <= 0:
-        distance, _, _ = first_look(who, room, views, ours, seed, progress)
+        distance = first_look(who, room, views, ours, seed, progress)[0].distance
     return Scene(who, views, room, distance)
 
 

@@ -60,14 +60,14 @@ def begin(
     who = subject(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance = Distance(params.object_distance, 0.0, "given")
     if params.object_distance <= 0:
-        value, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
-        distance = Distance(value, np.nan, "light", tried, misfit)
+        begun, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
+        distance = Distance(begun.distance, np.nan, "light", tried, misfit)
     if params.start_maps:
         state = newton.begin(*read_maps(Path(params.start_maps), mask))
     else:
         z = distance.value
         lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
-        evenly = np.ones((len(room.clipped), 3))
+        evenly = np.ones((len(room.kind), 3))
         light = light_at(
             lattice, room, evenly, views, DIRECTIONS, ours.probe_face_px, progress.part(0.5, 0.7)
         )

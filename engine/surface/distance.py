@@ -7,17 +7,23 @@ wins. `relight` refines it once the shape is known. In a far room the distance i
 not matter.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.pixels import SurfaceParams
-from engine.surface.relight import Parts, Sample, settle, untouched
+from engine.surface.relight import Parts, Sample, Setting, settle, untouched
 from engine.surface.start import global_start
 
 CANDIDATES = 150
 PASSES = 3
 ROUNDS = 3
+LEVELS = (1.0, 5.0)
+"""How bright what no photograph shows is at first, in units of its surroundings: normals that are sought under too dark a
+ceiling all look up to it, and no gain leads away from there."""
+AGAIN, FALLEN = 4, 0.98
+"""Where there is any, normals are sought so often once more under the best gains so far, as long as the misfit falls so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,24 +42,55 @@ class Distance:
 
 def find_distance(
     parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
-) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
-    """The best of the lattice's layers, and the curve: distances and their misfits."""
+) -> tuple[Setting, tuple[float, ...], tuple[float, ...]]:
+    """The best of the lattice's layers, with the light that suits it; and the curve: distances and their misfits.
+
+    What no photograph shows, where there is any, is as bright as suits the object best; one brightness serves to begin
+    with at every distance, for it hardly depends on that.
+    """
     layers = parts.incident.lattice.depths()
-    settings = []
-    for i, z in enumerate(layers):
-        span = progress.part(i / len(layers), (i + 1) / len(layers))
-        setting = untouched(parts, float(z))
-        light = parts.under(setting.gain)
-        state = newton.begin(
-            *global_start(
-                sample.responses(light), sample.at(float(z)), sample.seen, sample.regions, CANDIDATES,
-                span.part(0, 0.4),
-            )
-        )  # fmt: skip
-        rounds = ROUNDS if params.relight else 0
-        setting, _ = settle(
-            setting, parts, sample, state, False, params.relight, rounds, PASSES, span.part(0.4, 1)
-        )
-        settings.append(setting)
-    best = min(settings, key=lambda setting: setting.misfit)
-    return best.distance, tuple(map(float, layers)), tuple(setting.misfit for setting in settings)
+    levels = LEVELS if parts.unseen.any() and params.relight else (1.0,)
+    times = len(levels) + (AGAIN if len(levels) > 1 else 0)
+
+    def looked(begun: Sequence[Setting], span: Progress) -> list[Setting]:
+        each = [span.part(i / len(layers), (i + 1) / len(layers)) for i in range(len(layers))]
+        return [_settled(one, parts, sample, params, share) for one, share in zip(begun, each, strict=True)]
+
+    turns = [progress.part(k / times, (k + 1) / times) for k in range(times)]
+    best: list[Setting] = []
+    for level, span in zip(levels, turns, strict=False):
+        best = _better(best, looked([untouched(parts, float(z), level) for z in layers], span))
+    for span in turns[len(levels) :]:
+        least = min(best, key=_misfit)
+        best = _better(best, looked([replace(least, distance=float(z)) for z in layers], span))
+        if _misfit(min(best, key=_misfit)) > FALLEN * least.misfit:
+            break
+    return min(best, key=_misfit), tuple(map(float, layers)), tuple(map(_misfit, best))
+
+
+def _settled(
+    begun: Setting, parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
+) -> Setting:
+    """The light that suits normals which are sought from nothing under it as it is begun."""
+    responses, sight = sample.responses(parts.under(begun.gain)), sample.at(begun.distance)
+    start = global_start(responses, sight, sample.seen, sample.regions, CANDIDATES, progress.part(0, 0.4))
+    rounds = ROUNDS if params.relight else 0
+    return settle(
+        begun,
+        parts,
+        sample,
+        newton.begin(*start),
+        False,
+        params.relight,
+        rounds,
+        PASSES,
+        progress.part(0.4, 1),
+    )[0]
+
+
+def _better(some: Sequence[Setting], others: Sequence[Setting]) -> list[Setting]:
+    return [min(pair, key=_misfit) for pair in zip(some, others, strict=True)] if some else list(others)
+
+
+def _misfit(setting: Setting) -> float:
+    return setting.misfit

@@ -25,6 +25,11 @@ BRIGHT = 8.0
 NEAR = 0.15
 """Bright Gaussians closer than this share of their distance to the object belong to one lamp."""
 
+KNOWN, CLIPPED, UNSEEN, FILLED = 0, 1, 2, 3
+"""What the background says of a group's brightness: what it is; the least it is; nothing, and something stands there to
+be asked; nothing, between what it does show."""
+UNSEEN_EACH = 0.18
+"""Solid angle of a group that no photograph shows, steradians: a cap of 14 degrees."""
 CLIPPED_SHARE = 0.25
 """A group is clipped if so much of its light is, in the views that look its way; others may hide it."""
 
@@ -117,6 +122,18 @@ def whose(
     shining = np.nonzero(_luminance(gaussians) > 0)[0]
     found[lit] = group[shining[KDTree(gaussians.means[shining]).query(places[lit])[1]]]
     return found
+
+
+def group_patches(
+    patches: Gaussians, centre: Float[np.ndarray, " 3"], sphere: int, seed: int
+) -> Int[np.ndarray, " k"]:
+    """A group number for every patch of the unseen (see `unseen.py`), by direction; `sphere` of them would close it."""
+    if not len(patches.means):
+        return np.zeros(0, int)
+    towards = patches.means - centre
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    count = max(1, round(4 * np.pi * len(towards) / sphere / UNSEEN_EACH))
+    return np.unique(kmeans2(towards, count, rng=seed, minit="++")[1], return_inverse=True)[1]
 
 
 def _luminance(gaussians: Gaussians) -> Float[np.ndarray, " k"]:

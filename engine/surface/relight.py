@@ -20,10 +20,12 @@ from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from engine.progress import Progress
+from engine.radiance import luminance
 from engine.surface import newton
+from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
 from engine.surface.observations import Observations
 from engine.surface.transport import Incident, Responses, Sight
@@ -34,9 +36,13 @@ fitted it is right to 0.3-0.8 %; given 1 %, the pixels, whose model errors are a
 the object a hundredth too far away and too dark."""
 CORRELATED = 10.0
 """Observations that share one model error; each pixel counts as so many times fewer than it has."""
-CLIPPED = (0.7, 2.0)
+BRIGHTER = (0.7, 2.0)
 """Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded, and wide
 enough that a room of clipped lamps is not pulled towards dim lamps and bright paint."""
+GUESSED = (0.0, 1.5)
+"""The same of a part of the room that no view shows: a lamp may hang there, or none."""
+CERTAIN = (0.0, 1e-3)
+"""The same of what was filled in between: it keeps its level."""
 NUDGE = 0.02
 """Step in log distance for its derivative."""
 LONGEST = 0.4
@@ -58,13 +64,23 @@ class Parts:
     incident: Incident  # without the lamps
     group: Int[np.ndarray, "m d n"]  # of each cell of it
     near: Near  # the lamps, as recorded: the groups just before the last
-    clipped: Bool[np.ndarray, " k"]  # groups whose brightness is only a lower bound
-    prior: Float[np.ndarray, " k"]  # spread of log gain where it is not clipped
+    kind: UInt8[np.ndarray, " k"]  # of every group, see `groups.py`; the last is what was filled in
+    prior: float  # spread of the log gain of a known one
 
     @property
     def of_lamps(self) -> slice:
         """The lamps' groups."""
-        return slice(len(self.prior) - 1 - len(self.near.radii), len(self.prior) - 1)
+        return slice(len(self.kind) - 1 - len(self.near.radii), len(self.kind) - 1)
+
+    @property
+    def clipped(self) -> Bool[np.ndarray, " k"]:
+        """Groups whose brightness is only a lower bound."""
+        return self.kind == CLIPPED
+
+    @property
+    def unseen(self) -> Bool[np.ndarray, " k"]:
+        """Groups that no photograph shows."""
+        return self.kind == UNSEEN
 
     def at(
         self, point: Float[np.ndarray, " 3"], gain: Float[np.ndarray, "k 3"]
@@ -88,9 +104,14 @@ class Parts:
         """The groups' share of the light before any gain, summed over probes, directions and views."""
         energy = self.incident.energy.reshape(-1, 3)
         flat = self.group.ravel()
-        sums = np.stack([np.bincount(flat, energy[:, c], minlength=len(self.prior)) for c in range(3)], 1)
+        sums = np.stack([np.bincount(flat, energy[:, c], minlength=len(self.kind)) for c in range(3)], 1)
         sums[self.of_lamps] = self.near.levels(self.incident.lattice.points())
         return sums
+
+    def unseen_share(self, gain: Float[np.ndarray, "k 3"]) -> float:
+        """The share of all light, under its gains, that comes from where no photograph looked."""
+        light = luminance(self.levels() * gain)
+        return float(light[self.unseen].sum() / max(light.sum(), 1e-30))
 
 
 @numba.njit(cache=True)
@@ -133,9 +154,11 @@ class Setting:
     misfit: float  # what was minimised; compares settings of one sample
 
 
-def untouched(parts: Parts, distance: float) -> Setting:
-    """The light as the background has it; clipped lamps as bright as lamps are expected to be."""
-    gain = np.where(parts.clipped, np.exp(CLIPPED[0]), 1.0)[:, None].repeat(3, 1)
+def untouched(parts: Parts, distance: float, unseen: float = 1.0) -> Setting:
+    """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
+    shows so many times brighter than its surroundings."""
+    gain = np.exp(_belief(parts)[0])[:, None].repeat(3, 1)
+    gain[parts.unseen] = unseen
     return Setting(distance, gain, float("inf"), float("inf"))
 
 
@@ -210,7 +233,9 @@ def place(
 
 def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and spread of every group's log gain."""
-    return np.where(parts.clipped, CLIPPED[0], 0.0), np.where(parts.clipped, CLIPPED[1], parts.prior)
+    beliefs = {KNOWN: (0.0, parts.prior), CLIPPED: BRIGHTER, UNSEEN: GUESSED, FILLED: CERTAIN}
+    mean, spread = np.array([beliefs[int(kind)] for kind in parts.kind]).T
+    return mean, spread
 
 
 def _improved(setting, parts, sample, state, free_distance, free_light):
@@ -296,7 +321,7 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     misfit += float((off**2).sum())
     # The sum of all light that is not clipped is the background's; only its parts are open to argument, else
     # albedo drifts.
-    known = parts.levels() * ~parts.clipped[:, None]
+    known = parts.levels() * ~(parts.clipped | parts.unseen)[:, None]
     part = known * setting.gain
     drift = np.log(part.sum(0) / known.sum(0))
     misfit += float((drift**2).sum()) / TOTAL**2

@@ -15,6 +15,7 @@ from scipy.ndimage import binary_erosion
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.distance import Distance, find_distance
+from engine.surface.groups import UNSEEN
 from engine.surface.observations import numbered, thinned
 from engine.surface.pixels import (
     Subject,
@@ -106,9 +107,10 @@ def rough(
         )
     free = params.object_distance <= 0
     distance, tried, misfits = params.object_distance, (), ()
-    who = levels[0]
-    if free:
-        distance, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
+    who, begun = levels[0], None
+    if free or (room.kind == UNSEEN).any():
+        begun, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
+        distance = begun.distance
 
     def light_within(near_far: tuple[float, float], across: int, deep: int, span: Progress) -> Parts:
         lattice = lattice_around(camera, mask, near_far, (across, across, deep))
@@ -119,6 +121,8 @@ def rough(
     middle, stderr = distance, 0.0
     parts = light_within((distance / margin, distance * margin), ACROSS, 2, progress.part(0.2, 0.3))
     setting, sight = untouched(parts, distance), who.flat(distance)
+    if begun is not None:
+        setting.gain[parts.unseen] = begun.gain[parts.unseen]
     state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
@@ -135,6 +139,8 @@ def rough(
         if following is not who:
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
             who = following
+        if turn == 1 and parts.unseen.any():  # much light that the first search did not know of
+            state = search(who, light, sight, params, device, span.part(0.2, 0.3))
         state = improve(who, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.65, 0.73))
@@ -179,11 +185,14 @@ def first_look(
     params: SurfaceParams,
     seed: int,
     progress: Progress,
-) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
-    """The object's distance to a fifth or so, and the curve: distances tried and their misfits."""
+) -> tuple[Setting, tuple[float, ...], tuple[float, ...]]:
+    """The object's distance to a fifth or so unless it is given, with the light that suits it; and the curve: distances
+    tried and their misfits."""
     every = thinned(np.arange(len(views)), min(LOOKS, len(views) // 2))
-    near_far = NEAREST * room.size(), FARTHEST * room.size()
-    lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, LAYERS))
+    near_far, layers = (NEAREST * room.size(), FARTHEST * room.size()), LAYERS
+    if params.object_distance > 0:
+        near_far, layers = (params.object_distance, params.object_distance), 1
+    lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, layers))
     directions = min(DIRECTIONS, params.directions)
     parts = parts_at(lattice, room, views[every], directions, params.probe_face_px, progress.part(0, 0.5))
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)

@@ -15,6 +15,7 @@ from engine.progress import Progress
 from engine.surface.accord import accord
 from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.distance import Distance
+from engine.surface.groups import CLIPPED
 from engine.surface.newton import State, respread
 from engine.surface.observations import thinned
 from engine.surface.pixels import (
@@ -32,6 +33,8 @@ from engine.surface.turn import improve, relief
 from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 LEAST_VIEWS = 8
+SPARE = 8
+"""At most one of so many views is kept out of the fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +51,9 @@ class SurfaceReport:
     light_gains: tuple[
         tuple[float, ...], ...
     ]  # per group of emitters and channel; the belief without refinement
+    unseen_light: (
+        float  # share of the light on the object from groups that no photograph shows, under their gains
+    )
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
     rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
     stderr_normal_deg: float  # median
@@ -61,7 +67,7 @@ def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.nda
         raise SurfaceError(
             f"only {len(usable)} views have a pose and light; at least {LEAST_VIEWS} are needed, add photographs"
         )
-    count = min(count, max(0, len(usable) - LEAST_VIEWS))
+    count = min(count, len(usable) // SPARE, len(usable) - LEAST_VIEWS)
     out = usable[np.linspace(0, len(usable) - 1, count + 2).astype(int)[1:-1]]
     return np.setdiff1d(usable, out), tuple(int(i) for i in out)
 
@@ -125,7 +131,8 @@ def solve(
         first.distance,
         (float(light.lattice.low[2]), float(light.lattice.high[2])),
         tuple(tuple(map(float, gain)) for gain in first.setting.gain),
-        tuple(int(k) for k in np.nonzero(room.clipped)[0]),
+        first.parts.unseen_share(first.setting.gain),
+        tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
         first.residuals,
         float(np.degrees(np.median(certainty.normal))),
         {

@@ -6,16 +6,28 @@ Gaussians live in the world frame; probes and directions in the camera frame of 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
+from engine.light.gaussians import joined
 from engine.light.globes import apart
 from engine.light.probes import arriving
+from engine.light.unseen import DIRECTIONS, patches
 from engine.progress import Progress
 from engine.radiance import luminance
-from engine.surface.groups import brightened, clipped_groups, group_emitters, whose
+from engine.surface.groups import (
+    CLIPPED,
+    FILLED,
+    KNOWN,
+    UNSEEN,
+    brightened,
+    clipped_groups,
+    group_emitters,
+    group_patches,
+    whose,
+)
 from engine.surface.near import Near, near_of
 from engine.surface.relight import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
@@ -23,20 +35,18 @@ from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 PHOTOGRAPHED = 0.5
 """Share of a cell that was photographed, at least, for its light to count as somebody's."""
-CERTAIN = 1e-3
-"""Prior spread of the log gain of what was filled in: it keeps its level."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
     """The room's light, how its emitters are grouped, and where the camera stood."""
 
-    gaussians: Gaussians  # without the lamps
+    gaussians: Gaussians  # without the lamps, and with patches where no photograph looked
     lamps: Lamps
     poses: Poses
     group: Int[np.ndarray, " k"]  # of every Gaussian; the lamps are the groups after these
-    clipped: Bool[np.ndarray, " g"]  # groups photographed clipped, lamps included
-    prior: float  # spread of a group's log gain
+    kind: UInt8[np.ndarray, " g"]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`groups.py`)
+    prior: float  # spread of a known group's log gain
 
     def size(self) -> float:
         """Median distance from the cameras to the Gaussians."""
@@ -60,15 +70,26 @@ def furnished(
     prior: float,
     seed: int,
 ) -> Room:
-    """The room with its emitters grouped: whatever is bright one by one, and `groups` for the rest.
+    """The room closed, and its emitters grouped: whatever is bright one by one, `groups` for the rest, the unseen by
+    direction.
 
     The lamps are taken from the Gaussians, whose last they are.
     """
-    centres = inverse(poses.cam_from_world[poses.registered])[..., 3]
+    middle = inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
     field = apart(gaussians, lamps)
-    group = group_emitters(field, centres.mean(0), groups, seed)
-    clipped = np.concatenate([clipped_groups(field, group, frames, masks, poses), lamps.clipped])
-    return Room(field, lamps, poses, group, clipped, prior)
+    group = group_emitters(field, middle, groups, seed)
+    clipped = clipped_groups(field, group, frames, masks, poses)
+    unseen = patches(field, middle)
+    beyond = group_patches(unseen, middle, DIRECTIONS, seed)
+    kind = np.concatenate(
+        [
+            np.where(clipped, CLIPPED, KNOWN),
+            np.full(beyond.max(initial=-1) + 1, UNSEEN),
+            np.where(lamps.clipped, CLIPPED, KNOWN),
+        ]
+    ).astype(np.uint8)
+    group = np.concatenate([group, len(clipped) + beyond])
+    return Room(joined(field, unseen), lamps, poses, group, kind, prior)
 
 
 def light_at(
@@ -105,17 +126,16 @@ def parts_at(
     lit = luminance(energy) > 0
     came_from = np.ascontiguousarray(whose(found.places, lit, room.gaussians, room.group).transpose(1, 2, 0))
     # What no photograph shows is filled in from its surroundings; it keeps its level here.
-    filled = len(room.clipped)
+    filled = len(room.kind)
     came_from[(seen.transpose(1, 2, 0) < PHOTOGRAPHED) | (came_from < 0)] = filled
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
-    prior = np.append(np.full(filled, room.prior), CERTAIN)
     near = near_of(room.lamps, room.gaussians, poses, points.mean(0), directions)
     no_lamps = Near.none(len(views), directions)
     total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
-    return Parts(total, came_from, near, np.append(room.clipped, False), prior)
+    return Parts(total, came_from, near, np.append(room.kind, np.uint8(FILLED)), room.prior)
 
 
 def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]:

@@ -10,7 +10,7 @@ import pytest
 from engine import report
 from engine.hdr import HdrReport, Step
 from engine.radiance import relative_error
-from engine.report import Contents, StageRun
+from engine.report import Contents, StageRun, cautions
 from engine.truth import Truth
 from engine.types import Poses, Renders
 from tests.engine.ball import CAMERA, ball
@@ -119,6 +119,14 @@ def test_poses_that_matches_contradict_are_warned_of(doubtful: bool):
     stage = StageRun("poses", 9.0, "cpu", {}, {"agreement": 0.912, "doubtful": doubtful})
     text = " ".join(read(report.html(replace(full(), stages=(stage,)))).text)
     assert ("Only 91 % of what pairs of views have in common agrees with the poses" in text) == doubtful
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.56, "56.0 %"), (0.01, "12.5 %")])
+def test_light_that_only_the_shading_told_is_warned_of(share: float, told: str):
+    stage = StageRun("surface", 9.0, "cpu", {}, {"unseen_light": share})
+    lines = " ".join(cautions(replace(full(), stages=(stage,))))
+    assert f"{told} of the light on the object is a guess" in lines
+    assert ("Turn camera and object about a second axis" in lines) == (share > 0.5)
 
 
 def test_what_was_clipped_lost_or_guessed_is_listed():

@@ -37,7 +37,7 @@ def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Store
         params.relight_prior,
         0,
     )
-    count, lamps = len(room.clipped), len(lit.lamps.radii)
+    count, lamps = len(room.kind), len(lit.lamps.radii)
     assert lamps > 0
     gain = np.ones((count, 3))
     gain[-1] = [3.0, 2.0, 1.0]

@@ -104,7 +104,7 @@ def test_every_baseline_answers_on_the_photographs_grid_with_matt_roughness():
 def test_gains_that_ours_found_brighten_the_light():
     known = lit_room.scene()
     room = furnished(*(known.given[i] for i in (3, 4, 0, 1, 2)), 12, 0.15, 0)
-    twice = ((2.0, 2.0, 2.0),) * (len(room.clipped) + 1)
+    twice = ((2.0, 2.0, 2.0),) * (len(room.kind) + 1)
     before = solved("harmonics", "far matt")[0]
     after = BASELINES["harmonics"].solve(
         *known.given, replace(PARAMS, light_gains=twice), "cpu", 0, Progress()

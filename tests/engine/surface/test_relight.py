@@ -11,9 +11,11 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.distance import find_distance
+from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
 from engine.surface.observations import observe
-from engine.surface.pixels import coarse_regions
+from engine.surface.pixels import SurfaceParams, coarse_regions
 from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, predict
 from engine.types import Camera, Frames
@@ -52,8 +54,8 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
     radiance = np.tile(np.float32(9 * 2 / 60 / RADIUS**2) * np.array(COLOUR, np.float32), (VIEWS, 1, 1))
     near = Near(bulbs, np.array([RADIUS]), radiance, CELLS)
     light = Incident(lattice, directions, energy, Near.none(VIEWS, CELLS))
-    unsure = np.array([False, False, clipped, False])
-    return Parts(light, group, near, unsure, np.array([0.15, 0.15, 0.15, 0.05]))
+    kind = np.array([KNOWN, KNOWN, CLIPPED if clipped else KNOWN, FILLED], np.uint8)
+    return Parts(light, group, near, kind, 0.15)
 
 
 def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.ndarray]:
@@ -136,6 +138,43 @@ def test_the_sum_of_light_that_is_not_clipped_stays_the_backgrounds():
     found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 4, 3, Progress())
     levels = parts.levels()
     np.testing.assert_allclose((levels * found.gain).sum(0) / levels.sum(0), 1, atol=0.02)
+
+
+def test_light_that_no_photograph_shows_is_as_bright_as_the_shading_says():
+    parts = parts_of_lamps(np.random.default_rng(6), False)
+    kind = parts.kind.copy()
+    kind[1] = UNSEEN
+    parts = replace(parts, kind=kind)
+    gain = np.ones((4, 3))
+    gain[1] = [5.0, 4.0, 0.4]
+    sample, state, albedo = sample_of(parts, gain)
+    found, state = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 10, 3, Progress())
+    np.testing.assert_allclose(found.gain[1], gain[1], rtol=0.1)
+    np.testing.assert_allclose(found.gain[[0, 2]], 1, atol=0.06)
+    assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
+    share = parts.unseen_share(found.gain)
+    dark = parts.unseen_share(np.where(parts.unseen[:, None], 0, found.gain))
+    assert dark == 0
+    assert parts.unseen_share(np.ones((4, 3))) < share < 1
+
+
+def test_distance_and_unseen_light_are_found_from_nothing():
+    """Where the ceiling's lamp is in no photograph, normals that are sought without it are all wrong."""
+    parts = parts_of_lamps(np.random.default_rng(7), False)
+    kind = parts.kind.copy()
+    kind[:2] = UNSEEN
+    parts = replace(parts, kind=kind)
+    gain = np.ones((4, 3))
+    gain[:2] = [[12.0], [4.0]]
+    sample, _, _ = sample_of(parts, gain)
+    found, tried, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
+    layers = parts.incident.lattice.depths()
+    assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
+    assert tried == tuple(layers)
+    assert found.misfit == min(misfits)
+    np.testing.assert_allclose(np.log(found.gain[:2] / gain[:2]), 0, atol=0.5)
+    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), relight=False), Progress())
+    assert (left.gain == 1).all()
 
 
 def test_a_clipped_lamp_is_never_dimmer_than_it_was_recorded():

@@ -10,7 +10,7 @@ from engine.progress import Progress
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams
 from engine.surface.rough import rough
-from engine.surface.solve import solve, whole_light
+from engine.surface.solve import held_out, solve, whole_light
 from engine.surface.surroundings import furnished, light_at
 from tests.engine.reference.lit_room import lambert, scene
 
@@ -18,6 +18,16 @@ from tests.engine.reference.lit_room import lambert, scene
 def test_fewer_views_are_spread_evenly_over_all():
     assert thinned(np.arange(10, 20), 4).tolist() == [10, 13, 16, 19]
     assert thinned(np.arange(5), 8).tolist() == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(("views", "expected"), [(48, 4), (31, 3), (12, 1), (9, 1), (8, 0)])
+def test_few_views_all_serve_the_fit(views: int, expected: int):
+    """Of 12 views four were kept out once, and eight are too few."""
+    registered = np.ones(views + 2, bool)
+    registered[[1, 4]] = False
+    fitted, kept_out = held_out(registered, 4)
+    assert len(kept_out) == expected
+    assert sorted([*fitted, *kept_out]) == np.nonzero(registered)[0].tolist()
 
 
 @pytest.mark.parametrize("changes", [{"rough_views": 7}, {"rough_views": 0}, {"views": 3}])
