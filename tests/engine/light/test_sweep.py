@@ -95,3 +95,13 @@ def test_a_few_wrong_points_do_not_draw_depths_near(room: tuple[Photographs, np.
     strays = 0.15 * on_the_wall(3)
     wrong = np.abs(np.log(swept(photographs, np.concatenate([wall, strays]))[0] / true)) > 0.2
     assert np.mean(wrong[photographs.weight > 0]) < 0.02
+
+
+def test_points_that_stand_alone_do_not_move_the_walls():
+    """Some points of every reconstruction are wrong; where nothing tells, the depth is that of the rest."""
+    photographs, true = views(grey)
+    right = on_the_wall(200)
+    stray = 0.3 * right[::4]
+    depth, _ = swept(photographs, np.concatenate([right, stray]))
+    shown = photographs.weight > 0
+    assert np.median(np.abs(np.log(depth / true))[shown]) < 0.06
