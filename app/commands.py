@@ -69,12 +69,12 @@ def process(
         )
         steps = run.process(opened, table.stages(changed.solver), changed, device, until, watcher)
     ran = [step.stage.name for step in steps if not step.done]
-    print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
-    if until is None:
+    if any(step.stage.name == "surface" for step in steps):
         from app import results
 
         for line in results.cautions(folder):
-            print(f"  careful: {line}")
+            print(f"careful: {line}")
+    print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
 
 
 def run_simulate(args: Namespace) -> int:

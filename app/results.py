@@ -2,7 +2,7 @@
 
 import datetime
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -68,12 +68,7 @@ def told(scores: Scores) -> str:
 def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Path:
     """Write the HTML page about what is there so far; returns where it is."""
     steps = {step.stage.name: step for step in steps_of(folder)}
-    load = run.loader(tuple(steps.values()))
-
-    def there(stage: str, record: str, kind: type[Record]) -> Record | None:
-        known = steps[stage].done and (steps[stage].folder / f"{record}.json").is_file()
-        return load(stage, record, kind) if known else None
-
+    there = _there(tuple(steps.values()))
     session = sessions.open_session(folder)
     frames, poses = there("hdr", "frames", Frames), there("poses", "poses", Poses)
     renders = there("surface", "renders", Renders)
@@ -106,15 +101,21 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
     return to
 
 
+def _there(steps: Sequence[Step]) -> Callable[..., Any]:
+    """(stage, record, kind) -> a finished stage's record; None where there is none yet."""
+    load, folders = run.loader(tuple(steps)), {step.stage.name: step.folder for step in steps if step.done}
+
+    def there(stage: str, record: str, kind: type[Record]) -> Record | None:
+        known = stage in folders and (folders[stage] / f"{record}.json").is_file()
+        return load(stage, record, kind) if known else None
+
+    return there
+
+
 def cautions(folder: Path) -> tuple[str, ...]:
     """What to be careful about in the results that are there, in sentences."""
     steps = steps_of(folder)
-    load = run.loader(tuple(steps))
-    done = {step.stage.name for step in steps if step.done}
-
-    def there(stage: str, record: str, kind: type[Record]) -> Record | None:
-        return load(stage, record, kind) if stage in done else None
-
+    there = _there(steps)
     return report.cautions(
         report.Contents(
             title="",

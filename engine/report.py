@@ -182,18 +182,18 @@ def cautions(c: Contents) -> tuple[str, ...]:
         lines.append(
             f"No photograph shows {guessed:.0f} % of the light's sphere; what comes from there is a guess."
         )
-    unseen = _facts(c, "surface").get("unseen_light")
-    unseen = unseen if isinstance(unseen, float) else 0.0
     if c.grounds is not None and c.grounds.guessed + c.grounds.lower_bound >= 0.0005:
         lines.append(
-            f"{100 * max(c.grounds.guessed, unseen):.1f} % of the light on the object is a guess,"
+            f"{100 * c.grounds.guessed:.1f} % of the light on the object is a guess,"
             f" {100 * c.grounds.lower_bound:.1f} % is a lower bound."
         )
-    if unseen > UNSEEN:
+    unseen = _facts(c, "surface").get("unseen_light")
+    if isinstance(unseen, float) and unseen > UNSEEN:
         lines.append(
-            f"How bright it is where no photograph looked was found from the object's shading alone ({100 * unseen:.0f} % of"
-            " the light), and normals are less certain than they say. Turn camera and object about a second axis as"
-            " well, or add views that look up and down."
+            f"{100 * unseen:.0f} % of the light that the surface was solved under comes from where no photograph looked:"
+            " as bright as the object's shading made it (in exported light files: as its surroundings are). Normals are"
+            " less certain than they say. Turn camera and object about a second axis as well, or add views that look"
+            " up and down."
         )
     unknown = [
         what

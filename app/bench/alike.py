@@ -1,7 +1,7 @@
 """What every method beside ours is given, so that rows differ in the method alone: ours' light and distance.
 
-Of a lamp that all photographs show clipped, and of how far away the object stands, only the object's shading tells,
-and reading that is our solver's. The others get its answers (at its defaults, not counted in their seconds):
+Of a lamp that all photographs show clipped, of what none shows, and of how far away the object stands, only the
+object's shading tells, and reading that is our solver's. The others get its answers (at its defaults, not counted in their seconds):
 the light under its gains, and the object at its distance.
 """
 

@@ -18,9 +18,8 @@ from app.relight.files import keep
 from app.relight.lights import coverage_file
 from engine.geometry import inverse, rays, transform
 from engine.light import probes
-from engine.light.coverage import coverage_of
 from engine.light.globes import beside
-from engine.light.grounds import WIDTH, photographed
+from engine.light.grounds import photographed
 from engine.pipeline import artefacts
 from engine.pipeline.work import middle_view
 from engine.types import Masks
@@ -50,12 +49,11 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     origin = transform(inverse(cam_from_world), middle)
     whole = beside(*solved.room.under(solved.gain))
 
-    progress.step(0.2, "what was photographed")
-    shown = coverage_of(masks, solved.poses, WIDTH)
-    progress.step(0.5, "the light at the object")
-    radiance, seen = probes.panorama(whole, origin, cam_from_world[:, :3], ROWS, shown, fill=True)
-    progress.step(0.8, "the light at the object")
-    _, clipped = photographed(whole, origin, cam_from_world[:, :3], ROWS, solved.frames, masks, solved.poses)
-    arrays = {"radiance": radiance, "seen": seen, "clipped": clipped}
+    progress.step(0.2, "the light at the object")
+    turn = cam_from_world[:, :3]
+    radiance, opacity = probes.panorama(whole, origin, turn, ROWS, fill=True)
+    progress.step(0.5, "what was photographed")
+    shown, clipped = photographed(whole, origin, turn, ROWS, solved.frames, masks, solved.poses)
+    arrays = {"radiance": radiance, "seen": opacity * shown, "clipped": clipped}
     keep(to, {**arrays, "view": np.array(solved.frames.names[view])})
     return {"file": str(to)}

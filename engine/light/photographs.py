@@ -43,7 +43,8 @@ class Photographs:
         return self.lens[:2] * cam[:, :2] / z[:, None] + self.lens[2:], cam
 
 
-@njit(**_FLAGS)
+# Inlined: a cached kernel that calls another does not see it change, and may round differently with it.
+@njit(inline="always", **_FLAGS)
 @no_type_check
 def place_of(pose, lens, u, v, z):
     """The world point at depth z of a pixel's middle."""
@@ -57,7 +58,7 @@ def place_of(pose, lens, u, v, z):
     )
 
 
-@njit(**_FLAGS)
+@njit(inline="always", **_FLAGS)
 @no_type_check
 def pixel_of(pose, lens, x, y, z):
     """Where a world point falls in one view (u, v; both -1 behind the camera), and its depth: `image_of` for kernels."""

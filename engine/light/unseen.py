@@ -13,10 +13,11 @@ from engine.geometry import fibonacci_sphere
 from engine.light.fill import fill_energy, fill_smoothly, neighbourhood
 from engine.light.gaussians import even, part
 from engine.light.probes import arriving
+from engine.radiance import luminance
 from engine.types import Gaussians
 
 DIRECTIONS = 600
-"""Patches that would close the whole sphere: six degrees from one to the next."""
+"""Patches that would close the whole sphere: eight degrees from one to the next."""
 OPEN = 0.5
 """Opacity below which a direction needs a patch."""
 LEAST = 0.01
@@ -33,7 +34,7 @@ def patches(gaussians: Gaussians, centre: Float[np.ndarray, " 3"]) -> Gaussians:
     found = arriving(gaussians, here, np.zeros((1, 3)), directions, fill=False)
     seen = found.seen[0, 0].astype(np.float64)
     missing = seen < OPEN
-    if missing.mean() < LEAST or missing.all():
+    if missing.mean() < LEAST or not (luminance(found.energy[0, 0]) * ~missing).any():
         return part(gaussians, slice(0))
     around, area = neighbourhood(directions), 4 * np.pi / DIRECTIONS
     solid = np.full(DIRECTIONS, area)
@@ -41,8 +42,10 @@ def patches(gaussians: Gaussians, centre: Float[np.ndarray, " 3"]) -> Gaussians:
         found.energy[0, 0].astype(np.float64), seen, np.where(missing, 0, seen), solid, around
     )
     away = np.linalg.norm(found.places[0, 0] - centre, axis=1).astype(np.float64)
+    # Where nothing shines, nothing says from where.
+    told = np.where(missing | (away < 1e-3 * away.max()), 0, seen)
     logs = np.log(np.maximum(away, 1e-9))[:, None]
-    distance = np.exp(fill_smoothly(logs, np.where(missing, 0, seen), around))[missing]
+    distance = np.exp(fill_smoothly(logs, told, around))[missing]
     towards = directions[missing]
     scales = WIDE * np.sqrt(area) * distance * [1.0, 1.0, FLAT]
     colours, coefficients = energy[missing] / area, gaussians.radiance.shape[1]

@@ -31,7 +31,7 @@ class ReferenceParams:
     aim_unit: float = 0.0  # length that Eq. (12) takes for 1, scene units; 0: the object's distance
     pixels: int = 0  # object pixels solved, a random part in small tiles; 0: all
     full_diffuse: bool = False  # Disney's diffuse lobe; False is the paper's Lambert (10)
-    held_out: int = 4  # views kept out of the fit and re-rendered
+    held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0: by the fast solver's first look
     start_maps: str = (
         ""  # .npz, .npy or .exr with first normals (roughness, albedo); empty: our global search

@@ -5,7 +5,8 @@ length), the logits of albedo and roughness, and depth in units of the object's 
 paper's photographs. Each step renders every pixel in a batch of views, each epoch makes the mesh anew.
 
 What the paper leaves open: the radiance that counts as 1 in Eq. (14), here that of Eq. (5) in our fits, half the
-median of the background. What no photograph shows is dark: tracing the Gaussians finds nothing there.
+median of the background. What no photograph shows is dark: tracing the Gaussians finds nothing there, unless somebody has put
+some (as `bench` does, which gives all methods one light).
 """
 
 import time

@@ -17,6 +17,7 @@ from engine.progress import Progress
 from engine.reference.params import ReferenceParams
 from engine.surface import newton
 from engine.surface.distance import Distance
+from engine.surface.groups import UNSEEN
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams, depth_of, search, subject
 from engine.surface.rough import DIRECTIONS, TIGHT, first_look
@@ -58,7 +59,7 @@ def begin(
     views = thinned(fitted, ours.rough_views)
     few = frames.views(views)
     who = subject(few, mask, room.poses.camera, np.arange(len(views)), ours)
-    distance = Distance(params.object_distance, 0.0, "given")
+    distance, begun = Distance(params.object_distance, 0.0, "given"), None
     if params.object_distance <= 0:
         begun, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
@@ -67,10 +68,11 @@ def begin(
     else:
         z = distance.value
         lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
-        evenly = np.ones((len(room.kind), 3))
-        light = light_at(
-            lattice, room, evenly, views, DIRECTIONS, ours.probe_face_px, progress.part(0.5, 0.7)
-        )
+        gain = np.ones((len(room.kind), 3))
+        if begun is not None:
+            unseen = room.kind == UNSEEN
+            gain[unseen] = begun.gain[:-1][unseen]
+        light = light_at(lattice, room, gain, views, DIRECTIONS, ours.probe_face_px, progress.part(0.5, 0.7))
         state = search(who, light, who.flat(z), ours, device, progress.part(0.7, 0.9))
     depth = depth_of(who, state, distance.value, progress.part(0.9, 1))
     return Start(state.normals, state.albedo, state.roughness, depth, distance)

@@ -48,7 +48,7 @@ class SurfaceParams:
     relight_groups: int = 12  # groups besides the lamps
     relight_prior: float = 0.02  # how far a group's log brightness may be off before it has to be argued
     model_error: float = 0.02  # relative misfit expected of a good model
-    held_out: int = 4  # views kept out of the fit and re-rendered
+    held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
 
 

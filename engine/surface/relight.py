@@ -8,7 +8,7 @@ speak through the object's own shading in every view.
 Unknown are therefore the log of the object's distance and, for every group of emitters (each lamp its own, the rest
 by neighbourhood, and what no view has seen) and channel, the log of a gain with the background's uncertainty as
 prior. They and a sample of the object's pixels are solved in one Gauss-Newton system whose pixel unknowns are
-eliminated first (Schur complement): a pixel has six, the light a few dozen. The object's own shadows and
+eliminated first (Schur complement): a pixel has six, the light dozens to a hundred. The object's own shadows and
 bounced light, which do not change when the whole object moves along the viewing rays, are those of
 the surface that is already known.
 
@@ -31,7 +31,7 @@ from engine.surface.observations import Observations
 from engine.surface.transport import Incident, Responses, Sight
 
 TOTAL = 0.001
-"""How well the background fixes the sum of the light that is not clipped, per channel (relative): as good as wholly. As
+"""How well the background fixes the sum of the light that is neither clipped nor unseen, per channel (relative): as good as wholly. As
 fitted it is right to 0.3-0.8 %; given 1 %, the pixels, whose model errors are alike, made it 1-2 % too bright and
 the object a hundredth too far away and too dark."""
 CORRELATED = 10.0
@@ -319,7 +319,7 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     system += np.diag(trust)
     slope[:-1] -= (off / spread[:, None]).ravel()
     misfit += float((off**2).sum())
-    # The sum of all light that is not clipped is the background's; only its parts are open to argument, else
+    # The sum of all light that is neither clipped nor unseen is the background's; only its parts are open to argument, else
     # albedo drifts.
     known = parts.levels() * ~(parts.clipped | parts.unseen)[:, None]
     part = known * setting.gain

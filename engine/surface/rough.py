@@ -6,7 +6,7 @@ bounced light that the last one gave; all pixels take one turn at the end. Some 
 model errors, not noise, are what these turns remove.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -108,9 +108,11 @@ def rough(
     free = params.object_distance <= 0
     distance, tried, misfits = params.object_distance, (), ()
     who, begun = levels[0], None
-    if free or (room.kind == UNSEEN).any():
-        begun, tried, misfits = first_look(who, room, views, params, seed, progress.part(0, 0.2))
-        distance = begun.distance
+    open_to_doubt = params.relight and bool((room.kind == UNSEEN).any())
+    if free or open_to_doubt:
+        begun, *curve = first_look(who, room, views, params, seed, progress.part(0, 0.2))
+        if free:
+            distance, (tried, misfits) = begun.distance, curve
 
     def light_within(near_far: tuple[float, float], across: int, deep: int, span: Progress) -> Parts:
         lattice = lattice_around(camera, mask, near_far, (across, across, deep))
@@ -122,7 +124,7 @@ def rough(
     parts = light_within((distance / margin, distance * margin), ACROSS, 2, progress.part(0.2, 0.3))
     setting, sight = untouched(parts, distance), who.flat(distance)
     if begun is not None:
-        setting.gain[parts.unseen] = begun.gain[parts.unseen]
+        setting = replace(setting, gain=np.where(parts.unseen[:, None], begun.gain, setting.gain))
     state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
@@ -139,7 +141,7 @@ def rough(
         if following is not who:
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
             who = following
-        if turn == 1 and parts.unseen.any():  # much light that the first search did not know of
+        if turn == 1 and open_to_doubt:  # much light that the first search did not know of
             state = search(who, light, sight, params, device, span.part(0.2, 0.3))
         state = improve(who, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))

@@ -50,7 +50,7 @@ class SurfaceReport:
     probe_reach: tuple[float, float]  # z of the nearest and the farthest layer of probes
     light_gains: tuple[
         tuple[float, ...], ...
-    ]  # per group of emitters and channel; the belief without refinement
+    ]  # per group of emitters and channel; without refinement the belief
     unseen_light: (
         float  # share of the light on the object from groups that no photograph shows, under their gains
     )

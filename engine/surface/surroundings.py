@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
-from engine.light.gaussians import joined
+from engine.light.gaussians import joined, part
 from engine.light.globes import apart
 from engine.light.probes import arriving
 from engine.light.unseen import DIRECTIONS, patches
@@ -53,6 +53,10 @@ class Room:
         centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
         return float(np.median(np.linalg.norm(self.gaussians.means[None] - centres[:, None], axis=2)))
 
+    def photographed(self) -> Gaussians:
+        """The emitters that photographs show: what may stand before a lamp."""
+        return part(self.gaussians, self.kind[self.group] != UNSEEN)
+
     def under(self, gain: Float[np.ndarray, "g 3"]) -> tuple[Gaussians, Lamps]:
         """The emitters, every group under its gain."""
         count = len(gain) - len(self.lamps.radii)
@@ -77,19 +81,25 @@ def furnished(
     """
     middle = inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
     field = apart(gaussians, lamps)
-    group = group_emitters(field, middle, groups, seed)
-    clipped = clipped_groups(field, group, frames, masks, poses)
+    whole, group, beyond = closed(field, middle, groups, seed)
+    clipped = clipped_groups(field, group[: len(field.means)], frames, masks, poses)
+    unseen = np.full(beyond, UNSEEN)
+    kind = [np.where(clipped, CLIPPED, KNOWN), unseen, np.where(lamps.clipped, CLIPPED, KNOWN)]
+    return Room(whole, lamps, poses, group, np.concatenate(kind).astype(np.uint8), prior)
+
+
+def closed(
+    field: Gaussians, middle: Float[np.ndarray, " 3"], groups: int, seed: int
+) -> tuple[Gaussians, Int[np.ndarray, " k"], int]:
+    """A room with patches where it is open as seen from `middle`, its groups, and how many of them, the last, are the
+    patches'."""
     unseen = patches(field, middle)
-    beyond = group_patches(unseen, middle, DIRECTIONS, seed)
-    kind = np.concatenate(
-        [
-            np.where(clipped, CLIPPED, KNOWN),
-            np.full(beyond.max(initial=-1) + 1, UNSEEN),
-            np.where(lamps.clipped, CLIPPED, KNOWN),
-        ]
-    ).astype(np.uint8)
-    group = np.concatenate([group, len(clipped) + beyond])
-    return Room(joined(field, unseen), lamps, poses, group, kind, prior)
+    group, beyond = (
+        group_emitters(field, middle, groups, seed),
+        group_patches(unseen, middle, DIRECTIONS, seed),
+    )
+    whole = np.concatenate([group, group.max() + 1 + beyond])
+    return joined(field, unseen), whole, int(beyond.max(initial=-1)) + 1
 
 
 def light_at(
@@ -105,7 +115,7 @@ def light_at(
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
     gaussians, lamps = room.under(gain)
     energy = arriving(gaussians, poses, lattice.points(), cells, face_px, True, progress).energy
-    near = near_of(lamps, gaussians, poses, lattice.points().mean(0), directions)
+    near = near_of(lamps, room.photographed(), poses, lattice.points().mean(0), directions)
     return Incident(lattice, cells, sharpened(_stacked(energy), cells), near)
 
 
@@ -125,14 +135,14 @@ def parts_at(
     energy, seen = found.energy, found.seen
     lit = luminance(energy) > 0
     came_from = np.ascontiguousarray(whose(found.places, lit, room.gaussians, room.group).transpose(1, 2, 0))
-    # What no photograph shows is filled in from its surroundings; it keeps its level here.
+    # Small holes are filled in from their surroundings, whose level they keep.
     filled = len(room.kind)
     came_from[(seen.transpose(1, 2, 0) < PHOTOGRAPHED) | (came_from < 0)] = filled
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
-    near = near_of(room.lamps, room.gaussians, poses, points.mean(0), directions)
+    near = near_of(room.lamps, room.photographed(), poses, points.mean(0), directions)
     no_lamps = Near.none(len(views), directions)
     total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
     return Parts(total, came_from, near, np.append(room.kind, np.uint8(FILLED)), room.prior)

@@ -21,8 +21,9 @@ from engine.light.coverage import coverage_of
 from engine.light.globes import apart
 from engine.light.probes import arriving
 from engine.pipeline import artefacts
-from engine.surface.groups import brightened, group_emitters
+from engine.surface.groups import brightened
 from engine.surface.near import near_of
+from engine.surface.surroundings import closed
 from engine.truth import read_truth
 from engine.types import Gaussians, Lamps, Masks, Poses
 from hardware.virtual import sensor
@@ -135,7 +136,7 @@ def lights(s: Set) -> list[Light]:
     # The last gain is that of what was filled in: always 1.
     gain = np.array(json.loads((surface / "report.json").read_bytes())["values"]["light_gains"])[:-1]
     centre = inverse(s.cam_from_world)[..., 3].mean(0)
-    group = group_emitters(field, centre, asked["relight_groups"], asked["seed"])
+    field, group, _ = closed(field, centre, asked["relight_groups"], asked["seed"])
     count = int(group.max()) + 1
     if len(gain) != count + len(s.lamps.radii):
         raise TruthError(
@@ -155,7 +156,8 @@ def our_energy(
     point, poses = _point(s), s.cam_from_world
     found = arriving(light.field, poses, point, directions, FACE)
     energy, opaque = found.energy, found.seen
-    near = near_of(light.lamps, light.field, poses, point[0], len(directions))
+    solid = apart(s.gaussians, s.lamps)  # what no photograph shows hides no lamp
+    near = near_of(light.lamps, solid, poses, point[0], len(directions))
     energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
     return energy[:, 0].astype(np.float64), opaque[:, 0]
 

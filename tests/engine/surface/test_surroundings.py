@@ -1,0 +1,92 @@
+"""A room that is open somewhere: closed, grouped, and the same light however it is asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.bench.alike import brightened
+from app.bench.stored import Stored
+from engine.geometry import inverse
+from engine.light.gaussians import part
+from engine.light.globes import apart, beside
+from engine.progress import Progress
+from engine.surface.groups import KNOWN, UNSEEN
+from engine.surface.pixels import SurfaceParams
+from engine.surface.surroundings import Room, furnished, light_at, parts_at
+from engine.surface.transport import Lattice
+from tests.engine.reference.lit_room import lambert, scene
+
+LATTICE = Lattice(np.array([-0.1, -0.1, 0.9]), np.array([0.1, 0.1, 1.1]), (2, 2, 2))
+VIEWS, CELLS, FACE = np.array([0, 5, 9]), 400, 32
+
+
+def opened() -> Stored:
+    """The lit room without its part within 50 degrees of one direction."""
+    stored = Stored("f00d", *scene(lambert).given)
+    middle = inverse(stored.poses.cam_from_world)[..., 3].mean(0)
+    field = apart(stored.gaussians, stored.lamps)
+    away = field.means - middle
+    kept = away[:, 1] < np.cos(np.radians(50)) * np.linalg.norm(away, axis=1)
+    return replace(stored, gaussians=beside(part(field, kept), stored.lamps))
+
+
+def room_of(stored: Stored) -> Room:
+    return furnished(
+        stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, SurfaceParams().relight_groups,
+        SurfaceParams().relight_prior, 0,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def stored() -> Stored:
+    return opened()
+
+
+def test_groups_come_in_order_the_photographed_the_unseen_the_lamps(stored: Stored):
+    room = room_of(stored)
+    lamps = len(stored.lamps.radii)
+    assert lamps > 0
+    unseen = np.nonzero(room.kind == UNSEEN)[0]
+    assert 5 < len(unseen) < 25
+    assert unseen.tolist() == list(range(len(room.kind) - lamps - len(unseen), len(room.kind) - lamps))
+    assert room.group.max() == unseen[-1]
+    known = len(apart(stored.gaussians, stored.lamps).means)
+    assert (room.group[:known] < unseen[0]).all()
+    assert (room.group[known:] >= unseen[0]).all()
+    assert len(room.photographed().means) == known
+
+
+def test_a_gain_moves_its_own_patches_and_lamp_alone(stored: Stored):
+    room = room_of(stored)
+    gain = np.ones((len(room.kind), 3))
+    one = int(np.nonzero(room.kind == UNSEEN)[0][2])
+    gain[one], gain[-1] = 7.0, 3.0
+    field, lamps = room.under(gain)
+    ratio = field.radiance[:, 0, 0] / room.gaussians.radiance[:, 0, 0]
+    np.testing.assert_allclose(ratio, np.where(room.group == one, 7, 1), rtol=1e-6)
+    np.testing.assert_allclose(lamps.radiance[-1], 3 * stored.lamps.radiance[-1])
+    away = field.means[room.group == one] - field.means[room.group == one].mean(0)
+    assert np.linalg.norm(away, axis=1).max() < 0.5 * np.linalg.norm(field.means, axis=1).max()
+
+
+def test_the_light_is_the_same_by_parts_at_once_and_handed_on(stored: Stored):
+    room = room_of(stored)
+    gain = np.ones((len(room.kind), 3))
+    gain[room.kind == UNSEEN] = [4.0, 3.0, 0.5]
+    by_parts = parts_at(LATTICE, room, VIEWS, CELLS, FACE, Progress())
+    dark = np.append(gain, np.ones((1, 3)), 0)
+    assert 0.1 < by_parts.unseen_share(dark) < 0.95
+    light = by_parts.under(dark).energy.sum(1)
+    at_once = light_at(LATTICE, room, gain, VIEWS, CELLS, FACE, Progress()).energy.sum(1)
+    # A cell counts as one group's, so that at the rim of what shines four times brighter parts are a little off.
+    np.testing.assert_allclose(light, at_once, rtol=0.12)
+    ones = np.ones_like(dark)
+    plain = light_at(LATTICE, room, ones[:-1], VIEWS, CELLS, FACE, Progress()).energy.sum(1)
+    np.testing.assert_allclose(by_parts.under(ones).energy.sum(1), plain, rtol=0.01)
+    handed = room_of(brightened(stored, gain, SurfaceParams(), 0))
+    assert not (handed.kind == UNSEEN).any()
+    assert (handed.kind == KNOWN).all()
+    evenly = np.ones((len(handed.kind), 3))
+    again = light_at(LATTICE, handed, evenly, VIEWS, CELLS, FACE, Progress()).energy.sum(1)
+    np.testing.assert_allclose(again, at_once, rtol=1e-3)
