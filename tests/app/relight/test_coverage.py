@@ -1,11 +1,13 @@
 """What of the object's light was photographed: counted with the engine's own coverage."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.inspect import runs
+from app.inspect.rerendering import open_run
 from app.relight import coverage as light_coverage
 from app.relight import lights as light_files
 from engine.geometry import rays
@@ -50,6 +52,21 @@ def test_directions_that_no_background_shows_are_guessed(
     assert np.median(light.radiance) == pytest.approx(furnace.GLOW, rel=0.02)
     shares = light.shares()
     assert sum(share for share, _ in shares.values()) == pytest.approx(1)
+
+
+def test_what_no_photograph_shows_is_as_bright_as_the_surface_found_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = furnace.finished(tmp_path)
+    solved = open_run(runs.runs_of(session)[0])
+    overhead = int(np.argmin(solved.room.gaussians.means[:, 1]))  # y is down, and no view looks up there
+    report = next((session / "stages" / "surface").glob("*/report.json"))
+    content = json.loads(report.read_bytes())
+    content["values"]["light_gains"][int(solved.room.group[overhead])] = [6.0, 6.0, 6.0]
+    report.write_text(json.dumps(content))
+    light = worked_out(session, monkeypatch)
+    assert light.seen[:4].max() < 0.5
+    assert np.median(light.radiance[:4]) == pytest.approx(6 * furnace.GLOW, rel=0.02)
 
 
 def test_what_is_clipped_in_every_view_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,10 +49,18 @@ def test_patches_are_as_bright_as_their_surroundings():
     assert made.radiance.shape[1:] == room.radiance.shape[1:]
 
 
-@pytest.mark.parametrize("degrees", [0, 8])
+@pytest.mark.parametrize("degrees", [0, 17])
 def test_a_closed_room_and_a_small_hole_need_none(degrees: float):
     assert len(patches(without_cap(degrees), CENTRE).means) == 0
 
 
 def test_nothing_is_made_up_where_nothing_is_known():
     assert len(patches(without_cap(180), CENTRE).means) == 0
+
+
+def test_what_is_black_does_not_draw_patches_to_the_cameras():
+    room = without_cap(50)
+    black = (room.means[:, 1] > 0) & (room.means[:, 0] > 0)
+    room.radiance[black] = 0
+    made = patches(room, CENTRE)
+    np.testing.assert_allclose(np.linalg.norm(made.means, axis=1), RADIUS, rtol=0.08)

@@ -11,8 +11,10 @@ from engine.geometry import inverse
 from engine.light.gaussians import part
 from engine.light.globes import apart, beside
 from engine.progress import Progress
+from engine.surface.distance import Distance
 from engine.surface.groups import KNOWN, UNSEEN
 from engine.surface.pixels import SurfaceParams
+from engine.surface.rough import rough
 from engine.surface.surroundings import Room, furnished, light_at, parts_at
 from engine.surface.transport import Lattice
 from tests.engine.reference.lit_room import lambert, scene
@@ -90,3 +92,15 @@ def test_the_light_is_the_same_by_parts_at_once_and_handed_on(stored: Stored):
     evenly = np.ones((len(handed.kind), 3))
     again = light_at(LATTICE, handed, evenly, VIEWS, CELLS, FACE, Progress()).energy.sum(1)
     np.testing.assert_allclose(again, at_once, rtol=1e-3)
+
+
+@pytest.mark.parametrize("relight", [True, False])
+def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: Stored, relight: bool):
+    params = replace(
+        SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=1.1, relight=relight
+    )
+    room = room_of(stored)
+    found = rough(stored.frames, stored.masks.object, room, np.arange(1, 16), params, "cpu", 0, Progress())
+    assert found.distance == Distance(1.1, 0.0, "given")
+    unseen = np.append(room.kind == UNSEEN, False)
+    assert (found.setting.gain[unseen] == 1).all() != relight
