@@ -107,6 +107,30 @@ class Lamps:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Emitters:
+    """The room's light as bright as the object's shading said: what stage *surface* solved under.
+
+    Of the Gaussians the lamps are the last, and before them come `patches` that close the room where no
+    photograph looked.
+    """
+
+    gaussians: Gaussians
+    lamps: Lamps
+    patches: int
+
+    def field(self) -> Gaussians:
+        """Everything but the lamps."""
+        return self._first(len(self.gaussians.means) - len(self.lamps.radii))
+
+    def shown(self) -> Gaussians:
+        """The field as photographs show it: what may stand before a lamp."""
+        return self._first(len(self.gaussians.means) - len(self.lamps.radii) - self.patches)
+
+    def _first(self, count: int) -> Gaussians:
+        return Gaussians(*(getattr(self.gaussians, name)[:count] for name in Gaussians.__slots__))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Stage *surface*'s answer, on the pixel grid of the photographs, camera frame.
 

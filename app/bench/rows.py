@@ -123,7 +123,7 @@ def by_reference(
     from engine.reference.solver import solve as solve_by_reference
 
     params = replace(params, object_distance=distance)
-    surface, _, _, report = solve_by_reference(*given.inputs, params, device, seed, progress)
+    surface, *_, report = solve_by_reference(*given.inputs, params, device, seed, progress)
     whole = report.seconds_per_pixel * report.object_pixels if params.epochs else math.nan
     return Answer(surface, whole, report.pixels < report.object_pixels, report.held_out_error)
 

@@ -23,9 +23,9 @@ from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
 from engine.surface.pixels import SurfaceParams, as_photographed, rerender, sight_of, subject
-from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.surroundings import light_at
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, lattice_around
-from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Surface
+from engine.types import Emitters, Frames, Horizons, Poses, Surface
 
 if TYPE_CHECKING:
     from app.work.worker import Link
@@ -44,8 +44,7 @@ class Solved:
     frames: Frames
     poses: Poses
     surface: Surface
-    room: Room
-    gain: Float[np.ndarray, "g 3"]  # of the room's groups, as the surface's shading settled them
+    emitters: Emitters
     reach: tuple[float, float]  # z of the nearest and the farthest probes, scene units
 
 
@@ -106,27 +105,16 @@ def open_run(run: Run) -> Solved:
             f"{run.session}: the reference solver made this result, and its views are not rendered anew here; look at"
             " a result of the transport solver"
         )
-    if not (run.folder("light") / "lamps.json").is_file() or "probe_reach" not in report:
+    if not (run.folder("surface") / "emitters.json").is_file() or "probe_reach" not in report:
         raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
     frames = artefacts.load(run.folder("hdr"), "frames", Frames)
-    masks = artefacts.load(run.folder("segment"), "masks", Masks)
     poses = artefacts.load(run.folder("poses"), "poses", Poses)
-    gaussians = artefacts.load(run.folder("light"), "gaussians", Gaussians)
-    lamps = artefacts.load(run.folder("light"), "lamps", Lamps)
     surface = artefacts.load(run.folder("surface"), "surface", Surface)
-    seed = record["params"].get("seed", 0)
-    room = furnished(
-        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
-    )
-    gain = np.array(report["light_gains"], float)
-    if len(gain) != len(room.kind) + 1:
-        raise SessionError(
-            f"{run.session}: the light's groups are no longer those of this result; process it again"
-        )
+    emitters = artefacts.load(run.folder("surface"), "emitters", Emitters)
     near, far = map(float, report["probe_reach"])
-    return Solved(run, params, frames, poses, surface, room, gain[:-1], (near, far))
+    return Solved(run, params, frames, poses, surface, emitters, (near, far))
 
 
 class Scene:
@@ -160,15 +148,9 @@ class Scene:
     def light(self, views: Sequence[int], progress: "Progress") -> Incident:
         """What arrives around the object in some views."""
         s = self._solved
-        return light_at(
-            self.lattice,
-            s.room,
-            s.gain,
-            np.array(views),
-            s.params.directions,
-            s.params.probe_face_px,
-            progress,
-        )
+        cam_from_world = s.poses.cam_from_world[np.array(views)]
+        face_px = s.params.probe_face_px
+        return light_at(self.lattice, s.emitters, cam_from_world, s.params.directions, face_px, progress)
 
     def rendered(self, views: Sequence[int], progress: "Progress") -> Float[np.ndarray, "n p 3"]:
         """Radiance of the mask's pixels in some views, float32."""

@@ -16,12 +16,8 @@ import numpy as np
 from app.inspect.rerendering import POLITE, find, open_run
 from app.relight.files import keep
 from app.relight.lights import coverage_file
-from engine.geometry import inverse, rays, transform
-from engine.light import probes
-from engine.light.globes import beside
-from engine.light.grounds import photographed
 from engine.pipeline import artefacts
-from engine.pipeline.work import middle_view
+from engine.pipeline.work import middle_view, panorama
 from engine.types import Masks
 
 if TYPE_CHECKING:
@@ -42,18 +38,15 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     solved = open_run(run)
     masks = artefacts.load(run.folder("segment"), "masks", Masks)
     view = middle_view(solved.poses)
-    cam_from_world = solved.poses.cam_from_world[view]
-    known = solved.surface.mask & (solved.surface.depth > 0)
-    ray = rays(solved.poses.camera)[known]
-    middle = np.median(ray / ray[:, 2:] * solved.surface.depth[known][:, None], axis=0)
-    origin = transform(inverse(cam_from_world), middle)
-    whole = beside(*solved.room.under(solved.gain))
-
     progress.step(0.2, "the light at the object")
-    turn = cam_from_world[:, :3]
-    radiance, opacity = probes.panorama(whole, origin, turn, ROWS, fill=True)
-    progress.step(0.5, "what was photographed")
-    shown, clipped = photographed(whole, origin, turn, ROWS, solved.frames, masks, solved.poses)
-    arrays = {"radiance": radiance, "seen": opacity * shown, "clipped": clipped}
-    keep(to, {**arrays, "view": np.array(solved.frames.names[view])})
+    light, clipped = panorama(
+        solved.surface, solved.emitters.gaussians, solved.poses, view, solved.frames, masks, ROWS
+    )
+    arrays = {
+        "radiance": light.radiance,
+        "seen": light.seen,
+        "clipped": clipped,
+        "view": np.array(light.view),
+    }
+    keep(to, arrays)
     return {"file": str(to)}

@@ -46,12 +46,12 @@ def serve_panorama(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any
 
 def recovered(solved: Solved, view: int, middle: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
     """The arrays of a `relighting.Light`: what arrived at the object in a view, its lamps apart."""
-    gaussians, lamps = solved.room.under(solved.gain)
+    lamps = solved.emitters.lamps
     pose = solved.poses.cam_from_world[view]
     origin = transform(inverse(pose), middle)
-    room, _ = probes.panorama(gaussians, origin, pose[:, :3], ROWS, fill=True)
+    room, _ = probes.panorama(solved.emitters.field(), origin, pose[:, :3], ROWS, fill=True)
     centres = transform(pose, lamps.centres.reshape(-1, 3))
-    through = passing(lamps, gaussians, pose[None], middle)[0]
+    through = passing(lamps, solved.emitters.shown(), pose[None], middle)[0]
     distance = np.linalg.norm(centres - middle, axis=1)
     power = lamps.radiance.sum(1) * (lamps.radii / np.maximum(distance, 1e-9)) ** 2 * through
     first = np.argsort(-power, kind="stable")

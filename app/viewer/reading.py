@@ -10,7 +10,7 @@ from pathlib import Path
 from app.inspect import runs
 from engine import session as sessions
 from engine.pipeline import artefacts
-from engine.types import Gaussians, Lamps, Poses, Surface
+from engine.types import Emitters, Gaussians, Lamps, Poses, Surface
 
 CHAIN = ("hdr", "poses", "light", "surface")
 
@@ -40,11 +40,15 @@ def read(folder: Path) -> Results:
             return None
         return artefacts.load(place, record, kind)
 
+    gaussians, lamps = there("light", "gaussians", Gaussians), there("light", "lamps", Lamps)
+    settled = there("surface", "emitters", Emitters)
+    if settled is not None:
+        gaussians, lamps = settled.gaussians, settled.lamps
     return Results(
         _names(places["hdr"]) if "hdr" in places else tuple(shot.name for shot in sessions.shots(session)),
         there("poses", "poses", Poses),
-        there("light", "gaussians", Gaussians),
-        there("light", "lamps", Lamps),
+        gaussians,
+        lamps,
         there("surface", "surface", Surface),
     )
 

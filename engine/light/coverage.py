@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from engine.light.photographs import partly, pinhole_of, shown_background
+from engine.light.photographs import partly, pinhole_of, pixel_of, shown_background
 from engine.types import Masks, Poses
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
@@ -48,17 +48,8 @@ def _covered(cam_from_world, lens, shown, points, out):
         out[p] = 0.0
         for turn in range(views):
             i = (recent + turn) % views
-            pose = cam_from_world[i]
-            z = pose[2, 0] * points[p, 0] + pose[2, 1] * points[p, 1] + pose[2, 2] * points[p, 2] + pose[2, 3]
-            if z <= 0:
-                continue
-            x = pose[0, 0] * points[p, 0] + pose[0, 1] * points[p, 1] + pose[0, 2] * points[p, 2] + pose[0, 3]
-            u = lens[0] * x / z + lens[2]
-            if u < 0 or u >= width:
-                continue
-            y = pose[1, 0] * points[p, 0] + pose[1, 1] * points[p, 1] + pose[1, 2] * points[p, 2] + pose[1, 3]
-            v = lens[1] * y / z + lens[3]
-            if v < 0 or v >= height:
+            u, v, _ = pixel_of(cam_from_world[i], lens, points[p, 0], points[p, 1], points[p, 2])
+            if u < 0 or u >= width or v < 0 or v >= height:
                 continue
             if shown[i, int(v), int(u)]:
                 out[p] = 1.0

@@ -1,9 +1,10 @@
 """Records of engine/types.py and reports as files: equal records give equal bytes.
 
-A record becomes `<name>.json` (numbers, names, nested records) and one `<name>.<field>.npy` per array, so
-large arrays are memory-mapped when read; booleans are packed to bits. Arrays come back read-only. No time
-stamps anywhere: "identical results" is checked by hashing these files. JSON has no NaN, so numbers that are
-not finite are written as the strings "NaN", "Infinity" and "-Infinity".
+A record becomes `<name>.json` (numbers, names, nested reports) and one `<name>.<field>.npy` per array, so
+large arrays are memory-mapped when read; a record of arrays in it becomes `<name>.<field>.json` and so on.
+Booleans are packed to bits. Arrays come back read-only. No time stamps anywhere: "identical results" is checked
+by hashing these files. JSON has no NaN, so numbers that are not finite are written as the strings "NaN",
+"Infinity" and "-Infinity".
 """
 
 import dataclasses
@@ -29,15 +30,25 @@ def save(folder: Path, name: str, record: Any) -> None:
     Raises:
         SessionError: the disk refuses.
     """
-    arrays, values = {}, {}
+    arrays, values, records = {}, {}, []
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
-        if isinstance(value, np.ndarray):
+        if _holds_arrays(value):
+            save(folder, f"{name}.{field.name}", value)
+            records.append(field.name)
+        elif isinstance(value, np.ndarray):
             file = f"{name}.{field.name}.npy"
             arrays[field.name] = _save_array(folder / file, value) | {"file": file}
         else:
             values[field.name] = plain(value)
-    save_json(folder / f"{name}.json", {"arrays": arrays, "values": values})
+    content = {"arrays": arrays, "values": values} | ({"records": records} if records else {})
+    save_json(folder / f"{name}.json", content)
+
+
+def _holds_arrays(value: Any) -> bool:
+    return dataclasses.is_dataclass(value) and any(
+        isinstance(getattr(value, field.name), np.ndarray) for field in dataclasses.fields(value)
+    )
 
 
 def load(folder: Path, name: str, kind: type[Record]) -> Record:
@@ -52,7 +63,8 @@ def load(folder: Path, name: str, kind: type[Record]) -> Record:
         hints = typing.get_type_hints(kind)
         arrays = {key: _load_array(folder, entry) for key, entry in content["arrays"].items()}
         values = {key: revive(value, hints[key]) for key, value in content["values"].items()}
-        return kind(**arrays, **values)
+        records = {key: load(folder, f"{name}.{key}", hints[key]) for key in content.get("records", ())}
+        return kind(**arrays, **values, **records)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SessionError(
             f"{path}: cannot be read back ({error}); remove the folder {folder} and process again"

@@ -38,7 +38,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 3, ExportParams(), ("hdr", "segment", "poses", "light", "surface"), work.export,
+            "export", 4, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 19, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 20, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"),
     )  # fmt: skip
 
@@ -58,7 +58,7 @@ def _reference() -> Stage:
     from engine.reference.params import ReferenceParams
 
     return Stage(
-        "surface", 2, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
+        "surface", 3, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
         files=("start_maps",),
     )  # fmt: skip
 

@@ -23,9 +23,9 @@ from engine.pipeline.stages import Work
 from engine.session import Session, shots, verify
 from engine.types import (
     Camera,
+    Emitters,
     Frames,
     Gaussians,
-    Grounds,
     Horizons,
     Lamps,
     Masks,
@@ -172,7 +172,7 @@ def light(work: Work) -> Records:
 
 
 def surface(work: Work) -> Records:
-    """surface, renders of the views kept out, horizons that further renders need, report."""
+    """surface, renders of the views kept out, report; horizons and the light it was solved under, for further renders."""
     from engine.surface.solve import solve
 
     return _solved(work, solve)
@@ -185,26 +185,30 @@ def reference(work: Work) -> Records:
     return _solved(work, solve)
 
 
-def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Horizons, Any]]) -> Records:
-    found, renders, horizons, report = solve(
+def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Horizons, Emitters, Any]]) -> Records:
+    found, renders, horizons, emitters, report = solve(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
         work.load("light", "lamps", Lamps), work.params, work.device, work.seed, work.progress,
     )  # fmt: skip
-    return {"surface": found, "renders": renders, "horizons": horizons, "report": report}
+    return {
+        "surface": found, "renders": renders, "horizons": horizons, "emitters": emitters, "report": report,
+    }  # fmt: skip
 
 
 def export(work: Work) -> Records:
     """The files other programs read, and for the report the panorama and what its light rests on."""
     from engine.export import write_files
+    from engine.light.grounds import grounds_of
 
     frames, placed = work.load("hdr", "frames", Frames), work.load("poses", "poses", Poses)
-    found, gaussians = work.load("surface", "surface", Surface), work.load("light", "gaussians", Gaussians)
-    lamps, masks = work.load("light", "lamps", Lamps), work.load("segment", "masks", Masks)
-    view = middle_view(placed)
-    seen, grounds = panorama(found, gaussians, placed, view, frames, masks)
+    found, emitters = work.load("surface", "surface", Surface), work.load("surface", "emitters", Emitters)
+    view, whole = middle_view(placed), emitters.gaussians
+    masks = work.load("segment", "masks", Masks)
+    seen, clipped = panorama(found, whole, placed, view, frames, masks, PANORAMA_ROWS)
+    grounds = grounds_of(seen, clipped, found.normal[found.mask])
     write_files(
-        work.folder, found, gaussians, lamps, placed, frames.names, seen, grounds,
+        work.folder, found, whole, emitters.lamps, placed, frames.names, seen, grounds,
         np.asarray(frames.radiance[view]), work.params, work.progress,
     )  # fmt: skip
     return {"panorama": seen, "grounds": grounds}
@@ -218,11 +222,18 @@ def middle_view(placed: Poses) -> int:
 
 
 def panorama(
-    found: Surface, gaussians: Gaussians, placed: Poses, view: int, frames: Frames, masks: Masks
-) -> tuple[Panorama, Grounds]:
-    """What arrives at the middle of the object in one view, unseen directions filled, and what it rests on."""
+    found: Surface,
+    gaussians: Gaussians,
+    placed: Poses,
+    view: int,
+    frames: Frames,
+    masks: Masks,
+    rows: int,
+) -> tuple[Panorama, Bool[np.ndarray, "h w"]]:
+    """What arrives at the middle of the object in one view, small holes filled; and which directions are clipped in
+    every view that shows them."""
     from engine.light import probes
-    from engine.light.grounds import grounds_of, photographed
+    from engine.light.grounds import photographed
 
     known = found.mask & (found.depth > 0)
     if not known.any():
@@ -234,7 +245,6 @@ def panorama(
     cam_from_world = placed.cam_from_world[view]
     origin = transform(inverse(cam_from_world), middle)
     turn = cam_from_world[:, :3]
-    radiance, opacity = probes.panorama(gaussians, origin, turn, PANORAMA_ROWS, fill=True)
-    shown, clipped = photographed(gaussians, origin, turn, PANORAMA_ROWS, frames, masks, placed)
-    light = Panorama(frames.names[view], radiance, opacity * shown)
-    return light, grounds_of(light, clipped, found.normal[found.mask])
+    radiance, opacity = probes.panorama(gaussians, origin, turn, rows, fill=True)
+    shown, clipped = photographed(gaussians, origin, turn, rows, frames, masks, placed)
+    return Panorama(frames.names[view], radiance, opacity * shown), clipped

@@ -16,8 +16,8 @@ from engine.light.gaussians import sh_basis
 from engine.light.probes import arriving
 from engine.progress import Progress
 from engine.surface.near import Near, near_of
-from engine.surface.surroundings import Room
 from engine.surface.transport import Block, Incident, Lattice, Sight, direction_cells
+from engine.types import Emitters, Poses
 
 HARMONICS = 9
 COSINE_LOBE = np.pi * np.repeat([1, 2 / 3, 1 / 4], [1, 3, 5])  # A_l of each of the nine
@@ -25,7 +25,8 @@ EVERYWHERE = Lattice(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
 
 
 def panoramas(
-    room: Room,
+    emitters: Emitters,
+    poses: Poses,
     views: Int[np.ndarray, " n"],
     point: Float[np.ndarray, " 3"] | None,
     directions: int,
@@ -37,16 +38,15 @@ def panoramas(
     It is what arrives at `point` of the camera frame, anew in each view. None: what arrives in the middle of all
     cameras, so that from view to view the panorama only turns.
     """
-    poses = room.poses
     from_world = poses.cam_from_world[views]
     if point is None:
         middle = inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
         turn = from_world[..., :3]
         from_world, point = np.concatenate([turn, -turn @ middle[:, None]], axis=2), np.zeros(3)
     cells = direction_cells(directions)
-    energy = arriving(room.gaussians, from_world, point[None], cells, face_px, True, progress).energy
+    energy = arriving(emitters.field(), from_world, point[None], cells, face_px, True, progress).energy
     shared = energy[:, 0].transpose(1, 0, 2).reshape(directions, -1)
-    shared = shared + near_of(room.lamps, room.gaussians, from_world, point, directions).spread(point)
+    shared = shared + near_of(emitters.lamps, emitters.shown(), from_world, point, directions).spread(point)
     shared = sharpened(shared[None].astype(np.float32), cells)
     return Incident(EVERYWHERE, cells, shared, Near.none(len(views), directions))
 

@@ -2,17 +2,16 @@
 
 They take the light as the stage *light* found it: how bright its parts are is not refined by the object's shading,
 which is our solver's; of a lamp that every photograph shows clipped they know the lower bound. Where a row is to
-differ from ours in nothing else, give them the `light_gains` and the distance that ours found. All registered views
-are fitted. Camera frame.
+differ from ours in nothing else, give them the light and the distance that ours found. All registered views are
+fitted. Camera frame.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.reference.flat import HarmonicRows, panoramas, projected
 from engine.reference.matt import Matt, answered, matt_start, refined, seen_object
@@ -26,10 +25,10 @@ from engine.surface.pixels import (
     sight_of,
 )
 from engine.surface.rough import first_look
-from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.surroundings import furnished, light_at
 from engine.surface.transport import Sight, lattice_around
 from engine.surface.turn import improve, relief
-from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
+from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 DEPTH_MARGIN = 0.2
 """How much nearer and farther than the object's distance the probes reach, its depth not being known."""
@@ -47,7 +46,6 @@ class KnownLightParams:
     rounds: int = 3  # solve, integrate, see: how often; nothing is hidden in the first
     visibility: bool = True  # let the object shadow and light itself; second order knows no shadows
     model_error: float = 0.02  # relative misfit expected of a good model
-    light_gains: tuple[tuple[float, ...], ...] = ()  # `SurfaceReport.light_gains` of our solver, same seed
 
     def ours(self, full_diffuse: bool) -> SurfaceParams:
         """The same for the parts of our solver, with nothing refined of the light."""
@@ -73,7 +71,8 @@ class Scene:
 
     who: Subject
     views: Int[np.ndarray, " n"]
-    room: Room
+    emitters: Emitters
+    poses: Poses
     distance: float
 
 
@@ -126,7 +125,8 @@ def harmonics(
     Runs on the CPU whatever the device: its rows are nine numbers long.
     """
     light = panoramas(
-        scene.room,
+        scene.emitters,
+        scene.poses,
         scene.views,
         _place(scene),
         params.directions,
@@ -152,8 +152,8 @@ def lambert(
         (ours.probes_across, ours.probes_across, ours.probes_deep),
     )  # fmt: skip
     light = light_at(
-        lattice, scene.room, np.ones((len(scene.room.kind), 3)), scene.views, params.directions,
-        params.probe_face_px, progress.part(0, 0.25),
+        lattice, scene.emitters, scene.poses.cam_from_world[scene.views], params.directions, params.probe_face_px,
+        progress.part(0, 0.25),
     )  # fmt: skip
     rows = Matt(who.responses(light, ours, device))
     state = matt_start(who, rows, who.flat(z), params.candidates, progress.part(0.25, 0.4))
@@ -171,19 +171,10 @@ def lambert(
 def _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress) -> Scene:
     who, views = seen_object(frames, masks, poses, ours)
     room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
-    if params.light_gains:
-        gain = np.array(params.light_gains)[:-1]  # the last is that of what was filled in
-        if gain.shape != (len(room.kind), 3):
-            raise SurfaceError(
-                f"{len(gain)} light gains for {len(room.kind)} groups of emitters; give those of a solve with"
-                " the same light and seed"
-            )
-        brighter, lit = room.under(gain)
-        room = replace(room, gaussians=brighter, lamps=lit)
     distance = params.object_distance
     if distance <= 0:
         distance = first_look(who, room, views, ours, seed, progress)[0].distance
-    return Scene(who, views, room, distance)
+    return Scene(who, views, room.emitters, poses, distance)
 
 
 def _place(scene: Scene) -> Float[np.ndarray, " 3"]:
@@ -194,7 +185,13 @@ def _place(scene: Scene) -> Float[np.ndarray, " 3"]:
 def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
     who = scene.who
     light = panoramas(
-        scene.room, scene.views, point, params.directions, params.probe_face_px, progress.part(0, 0.2)
+        scene.emitters,
+        scene.poses,
+        scene.views,
+        point,
+        params.directions,
+        params.probe_face_px,
+        progress.part(0, 0.2),
     )
     state = search(who, light, who.flat(scene.distance), ours, device, progress.part(0.2, 0.3))
 

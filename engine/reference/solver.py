@@ -32,7 +32,7 @@ from engine.surface.pixels import SurfaceParams, image
 from engine.surface.solve import held_out, rerendering_error
 from engine.surface.surroundings import furnished
 from engine.surface.visibility import SECTORS
-from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 TILE = 4
 """Side of the tiles in which a part of the pixels is taken: each has neighbours for Eq. (15) and (16), and a few hundred
@@ -44,7 +44,7 @@ INSIDE = 0.01
 def solve(
     frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps, params: ReferenceParams,
     device: str, seed: int, progress: Progress,
-) -> tuple[Surface, Renders, Horizons, ReferenceReport]:  # fmt: skip
+) -> tuple[Surface, Renders, Horizons, Emitters, ReferenceReport]:  # fmt: skip
     """The surface of the pixels solved (its mask), and the pictures of the views kept out.
 
     `gaussians` hold the lamps and are all the light. Of its errors the paper's method knows nothing: the standard
@@ -111,7 +111,8 @@ def solve(
         unit, told, begun - clock, seconds,
     )  # fmt: skip
     no_horizons = Horizons(np.zeros((count, SECTORS), np.int8))
-    return _surface(solved, unknowns, depth, told), Renders(kept_out, pictures), no_horizons, report
+    as_given = Emitters(gaussians, lamps, 0)
+    return _surface(solved, unknowns, depth, told), Renders(kept_out, pictures), no_horizons, as_given, report
 
 
 def part_of(mask: Bool[np.ndarray, "h w"], count: int, seed: int) -> Bool[np.ndarray, "h w"]:

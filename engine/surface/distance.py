@@ -9,6 +9,7 @@ not matter.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from engine.progress import Progress
 from engine.surface import newton
@@ -24,6 +25,9 @@ LEVELS = (1.0, 5.0)
 ceiling all look up to it, and no gain leads away from there."""
 AGAIN, FALLEN = 4, 0.98
 """Where there is any, normals are sought so often once more under the best gains so far, as long as the misfit falls so far."""
+
+
+_misfit = attrgetter("misfit")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +94,3 @@ def _settled(
 
 def _better(some: Sequence[Setting], others: Sequence[Setting]) -> list[Setting]:
     return [min(pair, key=_misfit) for pair in zip(some, others, strict=True)] if some else list(others)
-
-
-def _misfit(setting: Setting) -> float:
-    return setting.misfit

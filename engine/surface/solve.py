@@ -27,10 +27,10 @@ from engine.surface.pixels import (
     subject,
 )
 from engine.surface.rough import Rough, reach, rough
-from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.surroundings import furnished, light_at
 from engine.surface.transport import Incident, blocks, lattice_around
 from engine.surface.turn import improve, relief
-from engine.types import Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 LEAST_VIEWS = 8
 SPARE = 8
@@ -48,12 +48,8 @@ class SurfaceReport:
     residual: float  # median weighted residual spread
     distance: Distance
     probe_reach: tuple[float, float]  # z of the nearest and the farthest layer of probes
-    light_gains: tuple[
-        tuple[float, ...], ...
-    ]  # per group of emitters and channel; without refinement the belief
-    unseen_light: (
-        float  # share of the light on the object from groups that no photograph shows, under their gains
-    )
+    light_gains: tuple[tuple[float, ...], ...]  # per group and channel; without refinement the belief
+    unseen_light: float  # share of the light on the object that no photograph shows, under those gains
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
     rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
     stderr_normal_deg: float  # median
@@ -82,7 +78,7 @@ def solve(
     device: str,
     seed: int,
     progress: Progress,
-) -> tuple[Surface, Renders, Horizons, SurfaceReport]:
+) -> tuple[Surface, Renders, Horizons, Emitters, SurfaceReport]:
     """Solve the surface; `seed` picks the pixels that vote on the light.
 
     Raises:
@@ -102,8 +98,9 @@ def solve(
     state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
+    emitters = room.under(first.setting.gain[:-1])
     views = np.concatenate([fitted, np.array(kept_out, int)])
-    light = whole_light(first, mask, room, views, params, progress.part(0.5, 0.67))
+    light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.5, 0.67))
     here = light.views(np.arange(len(fitted)))
     for turn in range(params.rounds):
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
@@ -141,28 +138,29 @@ def solve(
         },
     )
     surface = surface_of(mask, state, depth, certainty, params.model_error)
-    return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), report
+    return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), emitters, report
 
 
 def whole_light(
     first: Rough,
     mask: Bool[np.ndarray, "h w"],
-    room: Room,
+    emitters: Emitters,
+    poses: Poses,
     views: Int[np.ndarray, " n"],
     params: SurfaceParams,
     progress: Progress,
 ) -> Incident:
     """The light that the rough turns have settled, at some views: what they have gathered already, and the rest."""
-    gain, camera = first.setting.gain, room.poses.camera
     if first.alike(params.directions) and first.around:
         lattice, known = first.parts.incident.lattice, first.views
     else:
         layout = (params.probes_across, params.probes_across, params.probes_deep)
-        lattice, known = lattice_around(camera, mask, reach(first.depth[mask]), layout), views[:0]
+        lattice, known = lattice_around(poses.camera, mask, reach(first.depth[mask]), layout), views[:0]
     rest = np.setdiff1d(views, known)
-    light = light_at(lattice, room, gain[:-1], rest, params.directions, params.probe_face_px, progress)
+    there = poses.cam_from_world[rest]
+    light = light_at(lattice, emitters, there, params.directions, params.probe_face_px, progress)
     if len(known):
-        light, rest = first.parts.under(gain).beside(light), np.concatenate([known, rest])
+        light, rest = first.parts.under(first.setting.gain).beside(light), np.concatenate([known, rest])
     order = np.argsort(rest)
     return light.views(order[np.searchsorted(rest[order], views)])
 

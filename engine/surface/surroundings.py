@@ -11,8 +11,8 @@ from jaxtyping import Float, Int, UInt8
 from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
-from engine.light.gaussians import joined, part
-from engine.light.globes import apart
+from engine.light.gaussians import joined
+from engine.light.globes import apart, beside
 from engine.light.probes import arriving
 from engine.light.unseen import DIRECTIONS, patches
 from engine.progress import Progress
@@ -31,7 +31,7 @@ from engine.surface.groups import (
 from engine.surface.near import Near, near_of
 from engine.surface.relight import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
-from engine.types import Frames, Gaussians, Lamps, Masks, Poses
+from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
 
 PHOTOGRAPHED = 0.5
 """Share of a cell that was photographed, at least, for its light to count as somebody's."""
@@ -41,27 +41,24 @@ PHOTOGRAPHED = 0.5
 class Room:
     """The room's light, how its emitters are grouped, and where the camera stood."""
 
-    gaussians: Gaussians  # without the lamps, and with patches where no photograph looked
-    lamps: Lamps
+    emitters: Emitters  # as the photographs have them
     poses: Poses
-    group: Int[np.ndarray, " k"]  # of every Gaussian; the lamps are the groups after these
+    group: Int[np.ndarray, " k"]  # of every Gaussian of the field; the lamps are the groups after these
     kind: UInt8[np.ndarray, " g"]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`groups.py`)
     prior: float  # spread of a known group's log gain
 
     def size(self) -> float:
         """Median distance from the cameras to the Gaussians."""
         centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
-        return float(np.median(np.linalg.norm(self.gaussians.means[None] - centres[:, None], axis=2)))
+        return float(np.median(np.linalg.norm(self.emitters.field().means[None] - centres[:, None], axis=2)))
 
-    def photographed(self) -> Gaussians:
-        """The emitters that photographs show: what may stand before a lamp."""
-        return part(self.gaussians, self.kind[self.group] != UNSEEN)
-
-    def under(self, gain: Float[np.ndarray, "g 3"]) -> tuple[Gaussians, Lamps]:
+    def under(self, gain: Float[np.ndarray, "g 3"]) -> Emitters:
         """The emitters, every group under its gain."""
-        count = len(gain) - len(self.lamps.radii)
-        lamps = replace(self.lamps, radiance=self.lamps.radiance * gain[count:])
-        return brightened(self.gaussians, self.group, gain[:count]), lamps
+        lamps = self.emitters.lamps
+        count = len(gain) - len(lamps.radii)
+        field = brightened(self.emitters.field(), self.group, gain[:count])
+        lamps = replace(lamps, radiance=lamps.radiance * gain[count:])
+        return replace(self.emitters, gaussians=beside(field, lamps), lamps=lamps)
 
 
 def furnished(
@@ -81,41 +78,31 @@ def furnished(
     """
     middle = inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
     field = apart(gaussians, lamps)
-    whole, group, beyond = closed(field, middle, groups, seed)
-    clipped = clipped_groups(field, group[: len(field.means)], frames, masks, poses)
-    unseen = np.full(beyond, UNSEEN)
-    kind = [np.where(clipped, CLIPPED, KNOWN), unseen, np.where(lamps.clipped, CLIPPED, KNOWN)]
-    return Room(whole, lamps, poses, group, np.concatenate(kind).astype(np.uint8), prior)
-
-
-def closed(
-    field: Gaussians, middle: Float[np.ndarray, " 3"], groups: int, seed: int
-) -> tuple[Gaussians, Int[np.ndarray, " k"], int]:
-    """A room with patches where it is open as seen from `middle`, its groups, and how many of them, the last, are the
-    patches'."""
-    unseen = patches(field, middle)
-    group, beyond = (
-        group_emitters(field, middle, groups, seed),
-        group_patches(unseen, middle, DIRECTIONS, seed),
-    )
-    whole = np.concatenate([group, group.max() + 1 + beyond])
-    return joined(field, unseen), whole, int(beyond.max(initial=-1)) + 1
+    unseen, group = patches(field, middle), group_emitters(field, middle, groups, seed)
+    beyond = group_patches(unseen, middle, DIRECTIONS, seed)
+    clipped = clipped_groups(field, group, frames, masks, poses)
+    kind = [
+        np.where(clipped, CLIPPED, KNOWN),
+        np.full(beyond.max(initial=-1) + 1, UNSEEN),
+        np.where(lamps.clipped, CLIPPED, KNOWN),
+    ]
+    emitters = Emitters(beside(joined(field, unseen), lamps), lamps, len(unseen.means))
+    every = np.concatenate([group, len(clipped) + beyond])
+    return Room(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior)
 
 
 def light_at(
     lattice: Lattice,
-    room: Room,
-    gain: Float[np.ndarray, "g 3"],
-    views: Int[np.ndarray, " n"],
+    emitters: Emitters,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
     directions: int,
     face_px: int,
     progress: Progress,
 ) -> Incident:
-    """The energy at the lattice for some views under the groups' gains, unseen directions filled."""
-    cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
-    gaussians, lamps = room.under(gain)
-    energy = arriving(gaussians, poses, lattice.points(), cells, face_px, True, progress).energy
-    near = near_of(lamps, room.photographed(), poses, lattice.points().mean(0), directions)
+    """The energy at the lattice for some views, small holes of the room filled."""
+    cells, points = direction_cells(directions), lattice.points()
+    energy = arriving(emitters.field(), cam_from_world, points, cells, face_px, True, progress).energy
+    near = near_of(emitters.lamps, emitters.shown(), cam_from_world, points.mean(0), directions)
     return Incident(lattice, cells, sharpened(_stacked(energy), cells), near)
 
 
@@ -129,12 +116,11 @@ def parts_at(
 ) -> Parts:
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
-
-    points = lattice.points()
-    found = arriving(room.gaussians, poses, points, cells, face_px, False, progress)
+    points, field = lattice.points(), room.emitters.field()
+    found = arriving(field, poses, points, cells, face_px, False, progress)
     energy, seen = found.energy, found.seen
     lit = luminance(energy) > 0
-    came_from = np.ascontiguousarray(whose(found.places, lit, room.gaussians, room.group).transpose(1, 2, 0))
+    came_from = np.ascontiguousarray(whose(found.places, lit, field, room.group).transpose(1, 2, 0))
     # Small holes are filled in from their surroundings, whose level they keep.
     filled = len(room.kind)
     came_from[(seen.transpose(1, 2, 0) < PHOTOGRAPHED) | (came_from < 0)] = filled
@@ -142,7 +128,7 @@ def parts_at(
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
-    near = near_of(room.lamps, room.photographed(), poses, points.mean(0), directions)
+    near = near_of(room.emitters.lamps, room.emitters.shown(), poses, points.mean(0), directions)
     no_lamps = Near.none(len(views), directions)
     total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
     return Parts(total, came_from, near, np.append(room.kind, np.uint8(FILLED)), room.prior)

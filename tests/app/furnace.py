@@ -14,7 +14,7 @@ from engine.geometry import fibonacci_sphere
 from engine.light.gaussians import Y00
 from engine.pipeline import artefacts
 from engine.surface.visibility import SECTORS
-from engine.types import Camera, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Camera, Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 from tests.engine.ball import ball
 
 CAMERA = Camera(40, 30, 44.0, 44.0, 19.5, 15.5)
@@ -22,7 +22,6 @@ VIEWS = 9
 HELD_OUT = (2, 6)
 GLOW = 0.8  # radiance of the room
 ROOM = 3.0  # its radius, scene units
-GAINS = 3  # groups of emitters the solver makes of it, and what was filled in
 PARAMS = {
     "directions": 600, "probes_across": 1, "probes_deep": 1, "probe_face_px": 24, "full_diffuse": False,
     "relight_groups": 2, "horizons": False, "seed": 0,
@@ -99,6 +98,7 @@ def finished(
         surface=shape,
         renders=Renders(HELD_OUT, made),
         horizons=Horizons(np.full((int(shape.mask.sum()), SECTORS), level, np.int8)),
+        emitters=Emitters(gaussians, lamps, 0),
     )
     report = {
         "held_out_error": 0.1,
@@ -106,7 +106,6 @@ def finished(
         "stderr_normal_deg": 1.1,
         "rough_residuals": [3.0, 1.5],
         "distance": {"value": 0.8, "stderr": 0.01, "source": "light", "tried": [0.4, 0.8, 1.6], "misfit": [9.0, 2.0, 7.0]},
-        "light_gains": [[1.0, 1.0, 1.0]] * GAINS,
         "probe_reach": [0.7, 0.9],
     }  # fmt: skip
     artefacts.save_json(folder / "report.json", {"arrays": {}, "values": report})

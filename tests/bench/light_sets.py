@@ -7,7 +7,7 @@ ROOM-OBJECT. Session and truth share each view's camera frame, and differ in wor
 
 import functools
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +21,9 @@ from engine.light.coverage import coverage_of
 from engine.light.globes import apart
 from engine.light.probes import arriving
 from engine.pipeline import artefacts
-from engine.surface.groups import brightened
 from engine.surface.near import near_of
-from engine.surface.surroundings import closed
 from engine.truth import read_truth
-from engine.types import Gaussians, Lamps, Masks, Poses
+from engine.types import Emitters, Gaussians, Lamps, Masks, Poses
 from hardware.virtual import sensor
 from hardware.virtual.studio import objects, rooms
 from tests.bench import incident
@@ -132,18 +130,8 @@ def lights(s: Set) -> list[Light]:
     surface = _newest(s.light.parent.parent / "surface", s.light.name)
     if surface is None:
         return [fitted]
-    asked = _record(surface)["params"]
-    # The last gain is that of what was filled in: always 1.
-    gain = np.array(json.loads((surface / "report.json").read_bytes())["values"]["light_gains"])[:-1]
-    centre = inverse(s.cam_from_world)[..., 3].mean(0)
-    field, group, _ = closed(field, centre, asked["relight_groups"], asked["seed"])
-    count = int(group.max()) + 1
-    if len(gain) != count + len(s.lamps.radii):
-        raise TruthError(
-            f"{surface}: {len(gain)} gains for {count} groups and {len(s.lamps.radii)} lamps; process again"
-        )
-    lamps = replace(s.lamps, radiance=s.lamps.radiance * gain[count:])
-    return [fitted, Light(True, brightened(field, group, gain[:count]), lamps)]
+    settled = artefacts.load(surface, "emitters", Emitters)
+    return [fitted, Light(True, settled.field(), settled.lamps)]
 
 
 def our_energy(

@@ -11,8 +11,9 @@ from engine import hdr
 from engine.geometry import compose, fibonacci_sphere
 from engine.light.gaussians import Y00
 from engine.light.probes import panorama_directions
+from engine.pipeline import artefacts
 from engine.progress import Progress
-from engine.types import Camera, Gaussians, Lamps, Masks, Poses
+from engine.types import Camera, Emitters, Gaussians, Lamps, Masks, Poses
 from hardware.virtual.studio.objects import Body
 from hardware.virtual.studio.rooms import Globe, Room
 from hardware.virtual.studio.solids import Solid
@@ -217,11 +218,11 @@ def test_a_lamp_that_is_dim_and_off_is_told_by_how_much() -> None:
 def test_a_refined_light_takes_the_gains_of_the_surface_that_was_solved_with_it(tmp_path: Path) -> None:
     lamp = np.array([0.5, -0.4, 1.6])
     s = replace(set_of(lamp, lamp, 40.0), light=tmp_path / "light" / "mine")
-    params = {"relight_groups": 2, "seed": 0}
-    finish(tmp_path / "surface" / "other", 9.0, params=params, inputs={"light": "another"})
-    made = finish(tmp_path / "surface" / "made", 1.0, params=params, inputs={"light": "mine"})
-    gains = [[2.0] * 3, [2.0] * 3, [3.0] * 3, [1.0] * 3]
-    (made / "report.json").write_text(json.dumps({"values": {"light_gains": gains}}))
+    finish(tmp_path / "surface" / "other", 9.0, inputs={"light": "another"})
+    made = finish(tmp_path / "surface" / "made", 1.0, inputs={"light": "mine"})
+    brighter = replace(s.gaussians, radiance=2 * s.gaussians.radiance)
+    lamps = replace(s.lamps, radiance=3 * s.lamps.radiance)
+    artefacts.save(made, "emitters", Emitters(brighter, lamps, 0))
     fitted, refined = light_sets.lights(s)
     np.testing.assert_allclose(refined.field.radiance, 2 * fitted.field.radiance)
     np.testing.assert_allclose(refined.lamps.radiance, 3 * fitted.lamps.radiance)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from app.bench import rows
-from app.bench.alike import Alike, brightened
+from app.bench.alike import Alike, under
 from app.bench.sizes import SIZES, Size
 from app.bench.stored import Stored
 from engine.light.gaussians import Y00
 from engine.progress import Progress
 from engine.reference.baselines import BASELINES
 from engine.reference.params import ReferenceParams, scaled
-from engine.surface.pixels import SurfaceParams
 from engine.surface.surroundings import furnished
 from tests.engine.reference.lit_room import DISTANCE, lambert, scene
 
@@ -26,22 +25,11 @@ def lit() -> Stored:
 
 
 def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Stored):
-    params = SurfaceParams()
-    room = furnished(
-        lit.gaussians,
-        lit.lamps,
-        lit.frames,
-        lit.masks,
-        lit.poses,
-        params.relight_groups,
-        params.relight_prior,
-        0,
-    )
-    count, lamps = len(room.kind), len(lit.lamps.radii)
-    assert lamps > 0
-    gain = np.ones((count, 3))
+    room = furnished(lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0)
+    assert len(lit.lamps.radii) > 0
+    gain = np.ones((len(room.kind), 3))
     gain[-1] = [3.0, 2.0, 1.0]
-    bright = brightened(lit, gain, params, 0)
+    bright = under(lit, room.under(gain))
     np.testing.assert_allclose(bright.lamps.radiance[-1], lit.lamps.radiance[-1] * [3, 2, 1])
     np.testing.assert_allclose(bright.gaussians.radiance[-1, 0] * Y00, bright.lamps.radiance[-1], rtol=1e-6)
     np.testing.assert_allclose(bright.gaussians.radiance[:-1], lit.gaussians.radiance[:-1], rtol=1e-6)

@@ -7,7 +7,7 @@ from engine.geometry import fibonacci_sphere
 from engine.light.cells import nearest_cells, pixel_solid_angles, shared_cells
 from engine.light.coverage import Coverage
 from engine.light.fill import fill_smoothly, neighbourhood
-from engine.light.gaussians import Y00
+from engine.light.gaussians import even, joined, part
 from engine.light.probes import arriving, panorama, panorama_directions
 from engine.types import Gaussians
 from tests.engine.light import clouds
@@ -20,14 +20,7 @@ PLACES = np.array([[0.0, 0, 0], [0.5, -0.3, 0.8]])
 def holed() -> Gaussians:
     """The shell without its part within 50 degrees of -z."""
     whole = clouds.shell(RADIANCE)
-    kept = whole.means[:, 2] > -3 * np.cos(np.radians(50))
-    return Gaussians(
-        whole.means[kept],
-        whole.quaternions[kept],
-        whole.scales[kept],
-        whole.density[kept],
-        whole.radiance[kept],
-    )
+    return part(whole, whole.means[:, 2] > -3 * np.cos(np.radians(50)))
 
 
 @pytest.mark.parametrize("cells", ["nearest", "shared"])
@@ -45,9 +38,7 @@ def test_inside_a_shell_of_one_radiance_every_direction_and_the_irradiance_have_
 def test_light_comes_from_where_its_gaussians_are_the_bright_ones_above_all() -> None:
     directions = fibonacci_sphere(400)
     room = clouds.shell(RADIANCE)
-    lamp = Gaussians(
-        *(np.concatenate([getattr(room, name), getattr(room, name)[:1]]) for name in Gaussians.__slots__)
-    )
+    lamp = joined(room, part(room, slice(1)))
     lamp.means[-1], lamp.scales[-1], lamp.density[-1] = (0, 0, 1.5), 0.1, 20.0
     lamp.radiance[-1] *= 300
     turned = np.column_stack([np.diag([-1.0, 1, -1]), [0.3, 0.2, -0.1]])[None]
@@ -105,13 +96,8 @@ def test_a_cone_that_no_photograph_shows_is_not_seen_though_gaussians_fill_it() 
 def test_a_small_lamp_keeps_its_energy_between_the_pixels() -> None:
     room = clouds.shell(0.01)
     lamp = np.array([0.31, -0.44, 2.0])
-    bright = Gaussians(
-        np.concatenate([room.means, lamp[None]]),
-        np.concatenate([room.quaternions, room.quaternions[:1]]),
-        np.concatenate([room.scales, np.full((1, 3), 0.03)]),
-        np.append(room.density, 5.0),
-        np.concatenate([room.radiance, np.full((1, 1, 3), 1000.0 / Y00)]),
-    )
+    one = even(lamp[None], room.quaternions[:1], np.full((1, 3), 0.03), 5.0, np.full((1, 3), 1000.0), 1)
+    bright = joined(room, one)
     directions = fibonacci_sphere(600)
     sums = []
     for face in (48, 128):

@@ -9,7 +9,7 @@ import pytest
 
 from engine.errors import SessionError
 from engine.pipeline import artefacts
-from engine.types import Camera, Frames, Poses
+from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Poses
 
 CAMERA = Camera(8, 6, 10.0, 10.0, 4.0, 3.0)
 
@@ -53,6 +53,22 @@ def test_nested_records_empty_arrays_and_nan_come_back(tmp_path: Path) -> None:
     assert after.points.shape == (0, 3)
     assert np.isnan(after.reprojection_px)
     np.testing.assert_array_equal(after.cam_from_world, poses().cam_from_world)
+
+
+def test_a_record_of_records_of_arrays_comes_back(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    gaussians = Gaussians(*(rng.random(shape) for shape in ((5, 3), (5, 4), (5, 3), (5,), (5, 1, 3))))
+    lamps = Lamps(rng.random((1, 3)), rng.random(1), rng.random((1, 3)), np.array([True]))
+    artefacts.save(tmp_path, "emitters", Emitters(gaussians, lamps, 2))
+    after = artefacts.load(tmp_path, "emitters", Emitters)
+    assert after.patches == 2
+    np.testing.assert_array_equal(after.gaussians.means, gaussians.means)
+    np.testing.assert_array_equal(after.shown().radiance, gaussians.radiance[:2])
+    np.testing.assert_array_equal(after.field().density, gaussians.density[:4])
+    assert after.lamps.clipped.tolist() == [True]
+    (tmp_path / "emitters.lamps.json").unlink()
+    with pytest.raises(SessionError, match=r"emitters\.lamps\.json"):
+        artefacts.load(tmp_path, "emitters", Emitters)
 
 
 def test_equal_records_give_equal_bytes_whatever_the_memory_layout(tmp_path: Path) -> None:

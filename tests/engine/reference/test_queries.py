@@ -8,7 +8,7 @@ import torch
 
 from engine.geometry import fibonacci_sphere
 from engine.light import trace
-from engine.light.gaussians import radiance_towards
+from engine.light.gaussians import joined, radiance_towards
 from engine.light.rasterise import workers
 from engine.reference import queries
 from engine.types import Gaussians
@@ -53,10 +53,7 @@ def test_every_ray_finds_what_the_plain_tracer_finds(degree: int) -> None:
 
 def test_what_stands_behind_opaque_gaussians_adds_nothing() -> None:
     inner, outer = clouds.shell(1.0, 1.0, 400), clouds.shell(50.0, 3.0, 400)
-    both = Gaussians(
-        *(np.concatenate([getattr(inner, name), getattr(outer, name)]) for name in Gaussians.__slots__)
-    )
-    both = replace(both, density=np.full(800, 30.0))
+    both = replace(joined(inner, outer), density=np.full(800, 30.0))
     directions = fibonacci_sphere(50)[None]
     found = traced(both, np.zeros((1, 3)), directions, np.ones((1, 50), bool))
     np.testing.assert_allclose(found, 1.0, rtol=2e-3)

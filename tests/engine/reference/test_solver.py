@@ -113,8 +113,8 @@ def errors(found: Surface) -> tuple[float, float]:
 
 
 def test_errors_fall_on_pictures_that_another_model_made(session, maps: str) -> None:
-    before, _, _, _ = run(session, few(maps, epochs=0))
-    after, renders, horizons, report = run(session, few(maps))
+    before, *_ = run(session, few(maps, epochs=0))
+    after, renders, horizons, emitters, report = run(session, few(maps))
     (angle, albedo), (angle_now, albedo_now) = errors(before), errors(after)
     assert angle > 8
     assert angle_now < 0.7 * angle
@@ -123,6 +123,8 @@ def test_errors_fall_on_pictures_that_another_model_made(session, maps: str) -> 
     assert renders.views == report.held_out_views
     assert report.held_out_error < 0.25
     np.testing.assert_allclose(np.linalg.norm(after.normal[after.mask], axis=1), 1, atol=1e-5)
+    assert len(emitters.gaussians.means) == len(light().means)
+    assert emitters.patches == 0
     assert horizons.level.shape[0] == report.pixels == report.object_pixels == after.mask.sum()
     drawn = report.pixels * report.fitted_views * report.samples * report.epochs
     assert report.seconds_per_sample == pytest.approx(report.seconds / drawn)
@@ -139,7 +141,7 @@ def test_the_same_seed_repeats_and_another_draws_otherwise(session, maps: str) -
 
 
 def test_the_ablation_finds_its_way_too(session, maps: str) -> None:
-    found, _, _, report = run(session, few(maps, emitter_sampling=False, epochs=12, pixels=24))
+    found, *_, report = run(session, few(maps, emitter_sampling=False, epochs=12, pixels=24))
     assert report.colour_loss[-1] < 0.7 * report.colour_loss[0]
     assert report.title == "reference at 48 samples, 12 epochs, without emitter sampling"
 

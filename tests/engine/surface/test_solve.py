@@ -48,10 +48,10 @@ def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_t
     first = rough(frames, masks.object, room, np.arange(1, 16), params, "cpu", 0, Progress())
     assert first.around
     views = np.array([15, *range(1, 15), 0])
-    light = whole_light(first, masks.object, room, views, params, Progress())
-    anew = light_at(
-        light.lattice, room, first.setting.gain[:-1], views, directions, params.probe_face_px, Progress()
-    )
+    emitters = room.under(first.setting.gain[:-1])
+    light = whole_light(first, masks.object, emitters, poses, views, params, Progress())
+    there = poses.cam_from_world[views]
+    anew = light_at(light.lattice, emitters, there, directions, params.probe_face_px, Progress())
     assert light.energy.shape == (18, directions, 48)
     np.testing.assert_allclose(light.near.centres, anew.near.centres)
     np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)

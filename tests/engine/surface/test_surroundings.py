@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.bench.alike import brightened
+from app.bench.alike import under
 from app.bench.stored import Stored
 from engine.geometry import inverse
 from engine.light.gaussians import part
@@ -56,7 +56,7 @@ def test_groups_come_in_order_the_photographed_the_unseen_the_lamps(stored: Stor
     known = len(apart(stored.gaussians, stored.lamps).means)
     assert (room.group[:known] < unseen[0]).all()
     assert (room.group[known:] >= unseen[0]).all()
-    assert len(room.photographed().means) == known
+    assert len(room.emitters.shown().means) == known
 
 
 def test_a_gain_moves_its_own_patches_and_lamp_alone(stored: Stored):
@@ -64,10 +64,12 @@ def test_a_gain_moves_its_own_patches_and_lamp_alone(stored: Stored):
     gain = np.ones((len(room.kind), 3))
     one = int(np.nonzero(room.kind == UNSEEN)[0][2])
     gain[one], gain[-1] = 7.0, 3.0
-    field, lamps = room.under(gain)
-    ratio = field.radiance[:, 0, 0] / room.gaussians.radiance[:, 0, 0]
+    lit = room.under(gain)
+    field = lit.field()
+    ratio = field.radiance[:, 0, 0] / room.emitters.field().radiance[:, 0, 0]
     np.testing.assert_allclose(ratio, np.where(room.group == one, 7, 1), rtol=1e-6)
-    np.testing.assert_allclose(lamps.radiance[-1], 3 * stored.lamps.radiance[-1])
+    np.testing.assert_allclose(lit.lamps.radiance[-1], 3 * stored.lamps.radiance[-1])
+    np.testing.assert_allclose(lit.gaussians.radiance[-1], 3 * stored.gaussians.radiance[-1], rtol=1e-6)
     away = field.means[room.group == one] - field.means[room.group == one].mean(0)
     assert np.linalg.norm(away, axis=1).max() < 0.5 * np.linalg.norm(field.means, axis=1).max()
 
@@ -76,21 +78,21 @@ def test_the_light_is_the_same_by_parts_at_once_and_handed_on(stored: Stored):
     room = room_of(stored)
     gain = np.ones((len(room.kind), 3))
     gain[room.kind == UNSEEN] = [4.0, 3.0, 0.5]
+    there = stored.poses.cam_from_world[VIEWS]
     by_parts = parts_at(LATTICE, room, VIEWS, CELLS, FACE, Progress())
     dark = np.append(gain, np.ones((1, 3)), 0)
     assert 0.1 < by_parts.unseen_share(dark) < 0.95
     light = by_parts.under(dark).energy.sum(1)
-    at_once = light_at(LATTICE, room, gain, VIEWS, CELLS, FACE, Progress()).energy.sum(1)
+    at_once = light_at(LATTICE, room.under(gain), there, CELLS, FACE, Progress()).energy.sum(1)
     # A cell counts as one group's, so that at the rim of what shines four times brighter parts are a little off.
     np.testing.assert_allclose(light, at_once, rtol=0.12)
     ones = np.ones_like(dark)
-    plain = light_at(LATTICE, room, ones[:-1], VIEWS, CELLS, FACE, Progress()).energy.sum(1)
+    plain = light_at(LATTICE, room.emitters, there, CELLS, FACE, Progress()).energy.sum(1)
     np.testing.assert_allclose(by_parts.under(ones).energy.sum(1), plain, rtol=0.01)
-    handed = room_of(brightened(stored, gain, SurfaceParams(), 0))
+    handed = room_of(under(stored, room.under(gain)))
     assert not (handed.kind == UNSEEN).any()
     assert (handed.kind == KNOWN).all()
-    evenly = np.ones((len(handed.kind), 3))
-    again = light_at(LATTICE, handed, evenly, VIEWS, CELLS, FACE, Progress()).energy.sum(1)
+    again = light_at(LATTICE, handed.emitters, there, CELLS, FACE, Progress()).energy.sum(1)
     np.testing.assert_allclose(again, at_once, rtol=1e-3)
 
 

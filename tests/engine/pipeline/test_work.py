@@ -1,0 +1,45 @@
+"""The stages' own work beyond their rooms': what export takes from which stage."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import plyfile
+
+from engine import session as sessions
+from engine.export import ExportParams
+from engine.light.gaussians import from_3dgs
+from engine.light.globes import beside
+from engine.pipeline import artefacts, work
+from engine.pipeline.stages import Work
+from engine.progress import Progress
+from engine.types import Emitters, Lamps
+from tests.app import furnace
+
+
+def test_an_export_holds_the_light_as_the_surface_found_it(tmp_path: Path) -> None:
+    session = furnace.finished(tmp_path / "session")
+    sessions.create(tmp_path / "empty", "linear", {"make": "", "model": "", "width": 40, "height": 30})
+    gaussians, _ = furnace.room()
+    overhead = gaussians.means[:, 1] < -0.7 * furnace.ROOM  # y is down
+    gaussians.radiance[overhead] *= 6
+    lamp = Lamps(np.array([[0, 0, 2.5]]), np.array([0.1]), np.full((1, 3), 9.0), np.array([True]))
+    whole = beside(gaussians, lamp)
+    artefacts.save(session / "stages" / "surface" / "aaaa", "emitters", Emitters(whole, lamp, 0))
+    places = {"hdr": "hhhh", "segment": "ssss", "poses": "pppp", "surface": "aaaa"}
+
+    def load(stage: str, name: str, kind: type):
+        return artefacts.load(session / "stages" / stage / places[stage], name, kind)
+
+    to = tmp_path / "made"
+    to.mkdir()
+    opened = sessions.open_session(tmp_path / "empty")
+    records = work.export(Work(opened, ExportParams(), 0, "cpu", to, False, load, Progress()))
+    top = records["panorama"].radiance[:8]
+    assert 5.7 * furnace.GLOW < np.median(top) < 6.3 * furnace.GLOW
+    (written,) = to.rglob("light.ply")
+    vertices = plyfile.PlyData.read(str(written))["vertex"]
+    back = from_3dgs({item.name: vertices[item.name] for item in vertices.properties})
+    np.testing.assert_allclose(back.radiance, whole.radiance, rtol=1e-4)
+    (listed,) = to.rglob("lamps.json")
+    assert json.loads(listed.read_text())["lamps"][0]["radiance"] == [9.0] * 3
