@@ -244,7 +244,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         0, 100000, nothing=QT_TRANSLATE_NOOP("parameters", "all"))),
     ("surface.rounds", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Full rounds"), "",
-        QT_TRANSLATE_NOOP("parameters", "On all pixels: solve, integrate, see; how often."),
+        QT_TRANSLATE_NOOP("parameters", "On all pixels, until they stand still: solve, integrate, see; how often at most."),
         1, 50, advanced=False)),
     ("surface.passes", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Passes of a round"), "",

@@ -211,5 +211,5 @@ def switch_rows() -> tuple[Method, ...]:
             replace(usual, probes_across=1, probes_deep=1), unlit_by_lamps,
         ),
         without("half_directions", "half the directions", directions=usual.directions // 2),
-        without("two_rounds", "another round on all pixels", rounds=2),
+        without("one_round", "one round on all pixels, however they move", rounds=1),
     )  # fmt: skip

@@ -13,6 +13,7 @@ def draft() -> Preset:
         "rough_views": 16,
         "full_turn": False,
         "views": 32,
+        "rounds": 1,
         "probes_across": 2,
         "ask": False,
     }
@@ -26,7 +27,7 @@ def standard() -> Preset:
 
 def fine() -> Preset:
     """As far as the data carry."""
-    return {"surface": {"directions": 2048, "rounds": 2, "passes": 6}}
+    return {"surface": {"directions": 2048, "rounds": 4, "passes": 6}}
 
 
 def of_stage(stage: str) -> dict[str, Mapping[str, Any]]:

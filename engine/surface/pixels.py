@@ -33,7 +33,9 @@ class SurfaceParams:
     rough_views: int = 48  # that serve in these rounds
     full_turn: bool = True  # one turn more with all pixels before the last look at the light
     views: int = 0  # that serve after them, spread evenly; 0: all
-    rounds: int = 1  # on all pixels, once more under the whole light: solve, integrate, see: how often
+    rounds: int = (
+        3  # on all pixels under the whole light, until they stand still: solve, integrate, see: at most
+    )
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.errors import SurfaceError
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.accord import accord
 from engine.surface.confidence import Confidence, confidence, jackknifed
@@ -35,6 +36,9 @@ from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Po
 LEAST_VIEWS = 8
 SPARE = 8
 """At most one of so many views is kept out of the fit."""
+STILL = np.radians(1.0)
+"""Mean turn of the normals in a round from which on another follows. What hides and lights whom is told by the shape, so that
+recesses deepen from round to round, while what is convex stands still at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,7 @@ class SurfaceReport:
     """Facts of one solve, fit for JSON."""
 
     pixels: int
+    rounds: int  # on all pixels
     fitted_views: int
     held_out_views: tuple[int, ...]
     held_out_error: float  # median relative error of the re-rendered radiance
@@ -102,12 +107,16 @@ def solve(
     views = np.concatenate([fitted, np.array(kept_out, int)])
     light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.5, 0.67))
     here = light.views(np.arange(len(fitted)))
-    for turn in range(params.rounds):
+    turn, moving = 0, True
+    while moving:
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
         if turn or not first.alike(params.directions):
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
+        before = state.normals
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.85))
-        if turn + 1 == params.rounds and params.accord:
+        turn += 1
+        moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
+        if not moving and params.accord:
             state = accord(state, mask)
         state, depth = relief(who, state, here, sight, z, params, span.part(0.85, 1))
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
@@ -121,6 +130,7 @@ def solve(
     pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)
     report = SurfaceReport(
         int(mask.sum()),
+        turn,
         len(fitted),
         kept_out,
         rerendering_error(frames, kept_out, pictures, mask),

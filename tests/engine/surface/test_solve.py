@@ -1,4 +1,4 @@
-"""Which views serve a solve, and what it refuses."""
+"""Which views serve a solve, how many rounds it takes, and what it refuses."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import pytest
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
+from engine.surface import solve as solving
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams
 from engine.surface.rough import rough
@@ -57,3 +58,15 @@ def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_t
     np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
     assert (light.lattice is first.parts.incident.lattice) == (directions == 400)
+
+
+@pytest.mark.parametrize(("still", "expected"), [(np.pi, 1), (0.0, 3)])
+def test_rounds_end_as_soon_as_the_surface_stands_still(
+    monkeypatch: pytest.MonkeyPatch, still: float, expected: int
+):
+    monkeypatch.setattr(solving, "STILL", still)
+    params = replace(
+        SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=1.1, rounds=3
+    )
+    *_, report = solve(*scene(lambert).given, params, "cpu", 0, Progress())
+    assert report.rounds == expected
