@@ -92,9 +92,13 @@ def solve(
     mask = masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
-    for name, asked in (("rough_views", params.rough_views), ("views", params.views or LEAST_VIEWS)):
-        if asked < LEAST_VIEWS:
-            raise SurfaceError(f"surface.{name} is {asked}; give {LEAST_VIEWS} or more")
+    for name, asked, least in (
+        ("rough_views", params.rough_views, LEAST_VIEWS),
+        ("views", params.views or LEAST_VIEWS, LEAST_VIEWS),
+        ("rounds", params.rounds, 1),
+    ):
+        if asked < least:
+            raise SurfaceError(f"surface.{name} is {asked}; give {least} or more")
     fitted, kept_out = held_out(poses.registered, params.held_out)
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed

@@ -31,11 +31,14 @@ def test_few_views_all_serve_the_fit(views: int, expected: int):
     assert sorted([*fitted, *kept_out]) == np.nonzero(registered)[0].tolist()
 
 
-@pytest.mark.parametrize("changes", [{"rough_views": 7}, {"rough_views": 0}, {"views": 3}])
-def test_too_few_views_are_refused(changes: dict[str, int]):
+@pytest.mark.parametrize("changes", [{"rough_views": 7}, {"rough_views": 0}, {"views": 3}, {"rounds": 0}])
+def test_too_few_views_or_rounds_are_refused(changes: dict[str, int]):
     (name,) = changes
     params = replace(SurfaceParams(), **changes)
-    with pytest.raises(SurfaceError, match=rf"surface\.{name} is {changes[name]}; give 8 or more"):
+    with pytest.raises(
+        SurfaceError,
+        match=rf"surface\.{name} is {changes[name]}; give {1 if name == 'rounds' else 8} or more",
+    ):
         solve(*scene(lambert).given, params, "cpu", 0, Progress())
 
 
