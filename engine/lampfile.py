@@ -12,7 +12,8 @@ def lamps_json(lamps: Lamps, unit: str) -> bytes:
         "unit_of_length": unit,
         "shape": "spheres of even radiance",
         "radiance": "linear Rec.709, the session's scale",
-        "clipped": "true where every photograph is saturated: the radiance is what the object's shading told",
+        "clipped": "true where every photograph is saturated: the radiance is what the object's shading told"
+        " (of the reference solver's result: a lower bound)",
         "lamps": [
             {
                 "centre": centre.tolist(),

@@ -108,7 +108,8 @@ class Lamps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Emitters:
-    """The room's light as bright as the object's shading said: what stage *surface* solved under.
+    """The room's light with its lamps apart. Stage *surface* keeps the one it solved under: as bright as the
+    object's shading told, or as it was given.
 
     Of the Gaussians the lamps are the last, and before them come `patches` that close the room where no
     photograph looked.
@@ -187,4 +188,6 @@ class Grounds:
 
     kind: UInt8[np.ndarray, "h w"]  # 0 photographed, 1 clipped in every photograph that shows it, 2 guessed
     guessed: float
-    lower_bound: float  # share that comes from clipped directions, whose radiance is at least what it is here
+    lower_bound: (
+        float  # share that comes from clipped directions, of which photographs tell the least and no more
+    )

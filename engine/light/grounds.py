@@ -1,7 +1,7 @@
 """What the light at the object rests on: photographs, photographs that were clipped, or guesses.
 
 A direction is photographed if Gaussians stand there and the place its light comes from lies on some view's
-background; clipped if every view that shows the place is saturated there, so that its radiance is a lower bound;
+background; clipped if every view that shows the place is saturated there, so that photographs tell the least and no more;
 guessed otherwise, whether it was filled in or left to Gaussians that no photograph shows. World frame.
 """
 

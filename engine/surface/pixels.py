@@ -33,9 +33,7 @@ class SurfaceParams:
     rough_views: int = 48  # that serve in these rounds
     full_turn: bool = True  # one turn more with all pixels before the last look at the light
     views: int = 0  # that serve after them, spread evenly; 0: all
-    rounds: int = (
-        3  # on all pixels under the whole light, until they stand still: solve, integrate, see: at most
-    )
+    rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself

@@ -25,6 +25,7 @@ def test_lamps_read_back_are_the_lamps_of_the_record(count: int, kind: type):
     assert "world" in content["frame"]
     assert "Rec.709" in content["radiance"]
     assert "shading told" in content["clipped"]
+    assert "lower bound" in content["clipped"]
     assert len(content["lamps"]) == count
     for name, field in (
         ("centre", "centres"),

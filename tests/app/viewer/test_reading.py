@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.viewer.reading import read, stages_of
 from engine.errors import SessionError
+from engine.pipeline import artefacts
+from engine.types import Emitters
 from tests.app.viewer import made
 
 
@@ -13,6 +16,15 @@ def test_a_whole_run_is_read(tmp_path: Path) -> None:
     results = read(made.session(tmp_path / "s"))
     assert results.names == tuple(f"view{k:04d}" for k in range(5))
     assert None not in (results.poses, results.gaussians, results.lamps, results.surface)
+
+
+def test_the_light_is_the_one_that_the_surface_was_solved_under(tmp_path: Path) -> None:
+    folder = made.session(tmp_path / "s")
+    (surface,) = (folder / "stages" / "surface").iterdir()
+    artefacts.save(surface, "emitters", Emitters(made.gaussians(30), made.lamps(), 5))
+    results = read(folder)
+    assert results.gaussians is not None
+    np.testing.assert_array_equal(results.gaussians.means, made.gaussians(30).means)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
