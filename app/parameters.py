@@ -282,11 +282,11 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.relight_prior", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Trust in the light"), QT_TRANSLATE_NOOP("parameters", "log brightness"),
         QT_TRANSLATE_NOOP("parameters", "How far a group's log brightness may be off before the photographs have to argue it."),
-        0, 10)),
+        0.001, 10)),
     ("surface.model_error", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Misfit of a good model"), SHARE,
         QT_TRANSLATE_NOOP("parameters", "Relative misfit expected even where everything is right; it bounds how sharply a pixel is judged."),
-        0, 1)),
+        0.001, 1)),
     ("surface.probes_across", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Probes across"), "",
         QT_TRANSLATE_NOOP("parameters", "Points along each image axis of the object's box at which the light is gathered."),

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import distance_transform_edt, mean
 
+from engine.errors import SurfaceError
 from engine.geometry import rays, resized
 from engine.progress import Progress
 from engine.surface import horizons, newton
@@ -19,10 +20,22 @@ from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
 from engine.types import Camera, Frames
 
+LEAST_VIEWS = 8
+LEAST = {
+    "directions": 64, "probes_across": 1, "probes_deep": 1, "probe_face_px": 8, "candidates": 10, "rough_rounds": 0,
+    "rough_views": LEAST_VIEWS, "rounds": 1, "passes": 1, "relight_groups": 0, "relight_prior": 0.001, "model_error": 0.001,
+    "held_out": 0, "object_distance": 0.0,
+}  # fmt: skip
+"""What each number that may be asked must be at least; `views` also 0."""
+
 
 @dataclass(frozen=True, slots=True)
 class SurfaceParams:
-    """What the person may ask of the surface solve."""
+    """What the person may ask of the surface solve.
+
+    Raises:
+        SurfaceError: too little is asked.
+    """
 
     directions: int = 512  # cells on the sphere of incident directions
     probes_across: int = 3  # probe points along each image axis of the object's box
@@ -50,6 +63,11 @@ class SurfaceParams:
     model_error: float = 0.02  # relative misfit expected of a good model
     held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
+
+    def __post_init__(self) -> None:
+        for name, least in {**LEAST, "views": LEAST_VIEWS if self.views else 0}.items():
+            if not getattr(self, name) >= least:
+                raise SurfaceError(f"surface.{name} is {getattr(self, name)}; give {least} or more")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

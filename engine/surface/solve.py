@@ -20,6 +20,7 @@ from engine.surface.groups import CLIPPED
 from engine.surface.newton import State, respread
 from engine.surface.observations import thinned
 from engine.surface.pixels import (
+    LEAST_VIEWS,
     SurfaceParams,
     as_photographed,
     image,
@@ -33,7 +34,6 @@ from engine.surface.transport import Incident, blocks, lattice_around
 from engine.surface.turn import improve, relief
 from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
-LEAST_VIEWS = 8
 SPARE = 8
 """At most one of so many views is kept out of the fit."""
 STILL = np.radians(1.0)
@@ -92,13 +92,6 @@ def solve(
     mask = masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
-    for name, asked, least in (
-        ("rough_views", params.rough_views, LEAST_VIEWS),
-        ("views", params.views or LEAST_VIEWS, LEAST_VIEWS),
-        ("rounds", params.rounds, 1),
-    ):
-        if asked < least:
-            raise SurfaceError(f"surface.{name} is {asked}; give {least} or more")
     fitted, kept_out = held_out(poses.registered, params.held_out)
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed

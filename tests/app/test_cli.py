@@ -131,6 +131,7 @@ def test_a_session_of_a_newer_schema_is_left_alone(
     [
         (("--set", "surface.direction=5"), "did you mean 'directions'"),
         (("--set", "surface.directions=many"), "takes int"),
+        (("--set", "surface.rounds=0"), "surface.rounds is 0; give 1 or more"),
         (("--until", "surfaces"), "there is no stage 'surfaces'"),
         (("--seed", "-1"), "seed must be a whole number"),
     ],

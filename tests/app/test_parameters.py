@@ -9,6 +9,7 @@ import pytest
 from app.parameters import MEANINGS, STAGES
 from engine.pipeline import presets, table
 from engine.pipeline import settings as asked
+from engine.surface.pixels import LEAST
 
 
 def parameters(path: str, params: Any) -> Iterator[tuple[str, Any]]:
@@ -51,3 +52,8 @@ def test_defaults_and_presets_lie_within_what_the_window_offers(preset: str) -> 
                 assert MEANINGS[name].low <= value <= MEANINGS[name].high, name
             if MEANINGS[name].choices:
                 assert value in MEANINGS[name].choices, name
+
+
+def test_the_window_offers_no_less_of_the_surface_than_the_engine_takes() -> None:
+    for name, least in LEAST.items():
+        assert MEANINGS[f"surface.{name}"].low == least, name

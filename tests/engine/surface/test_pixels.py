@@ -4,15 +4,19 @@ Own pictures test the machinery only (search, steps, visibility, bounce); accura
 sets elsewhere.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from engine.errors import SurfaceError
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.asking import ask
 from engine.surface.near import Near
 from engine.surface.pixels import (
+    LEAST,
     SurfaceParams,
     depth_of,
     doubled,
@@ -38,6 +42,16 @@ from engine.surface.visibility import occlusion
 from engine.types import Camera, Frames
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+
+
+@pytest.mark.parametrize(("name", "least"), [*LEAST.items(), ("views", 8)])
+def test_less_than_a_solve_needs_is_refused_as_it_is_asked(name: str, least: float) -> None:
+    params = SurfaceParams()
+    assert getattr(replace(params, **{name: least}), name) == least
+    less = least - 1
+    with pytest.raises(SurfaceError, match=rf"^surface\.{name} is {less}; give {least} or more$"):
+        replace(params, **{name: less})
+    assert replace(params, views=0).views == 0
 
 
 def light_of_lamps(rng: np.random.Generator, views: int, d: int) -> Incident:
