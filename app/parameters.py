@@ -222,7 +222,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.directions", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Directions of light"), "",
         QT_TRANSLATE_NOOP("parameters", "Cells on the sphere of incident directions: more resolve smaller lights, and take time in proportion."),
-        64, 65536, advanced=False)),
+        0, 65536, nothing=QT_TRANSLATE_NOOP("parameters", "as the gloss asks"), advanced=False)),
     ("surface.object_distance", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Distance of the object"), SCENE,
         QT_TRANSLATE_NOOP("parameters", "From camera to object along the optical axis, where it is known. 0: found from the near light."),
@@ -290,11 +290,11 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.probes_across", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Probes across"), "",
         QT_TRANSLATE_NOOP("parameters", "Points along each image axis of the object's box at which the light is gathered."),
-        1, 20)),
+        0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "as the light asks"))),
     ("surface.probes_deep", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Probes deep"), "",
         QT_TRANSLATE_NOOP("parameters", "The same along the viewing axis."),
-        1, 20)),
+        0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "as the light asks"))),
     ("surface.probe_face_px", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Face of a probe"), PX,
         QT_TRANSLATE_NOOP("parameters", "Resolution of one face of each probe's cube."),

@@ -23,6 +23,7 @@ from engine.reference.emitter import train
 from engine.reference.params import ReferenceParams, scaled, title
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
+from engine.surface.spacing import MOST_CELLS
 from engine.types import Surface
 
 
@@ -210,6 +211,6 @@ def switch_rows() -> tuple[Method, ...]:
             "far_light", "w/o near light: one probe, lamps far away",
             replace(usual, probes_across=1, probes_deep=1), unlit_by_lamps,
         ),
-        without("half_directions", "half the directions", directions=usual.directions // 2),
+        without("half_directions", "half the directions that gloss asks for", directions=MOST_CELLS // 2),
         without("one_round", "one round on all pixels, however they move", rounds=1),
     )  # fmt: skip

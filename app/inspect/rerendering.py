@@ -46,6 +46,8 @@ class Solved:
     surface: Surface
     emitters: Emitters
     reach: tuple[float, float]  # z of the nearest and the farthest probes, scene units
+    probes: tuple[int, int, int]  # along each axis of their lattice
+    directions: int  # of light
 
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
@@ -105,7 +107,7 @@ def open_run(run: Run) -> Solved:
             f"{run.session}: the reference solver made this result, and its views are not rendered anew here; look at"
             " a result of the transport solver"
         )
-    if not (run.folder("surface") / "emitters.json").is_file() or "probe_reach" not in report:
+    if not (run.folder("surface") / "emitters.json").is_file() or "probes" not in report:
         raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
@@ -114,7 +116,18 @@ def open_run(run: Run) -> Solved:
     surface = artefacts.load(run.folder("surface"), "surface", Surface)
     emitters = artefacts.load(run.folder("surface"), "emitters", Emitters)
     near, far = map(float, report["probe_reach"])
-    return Solved(run, params, frames, poses, surface, emitters, (near, far))
+    across, down, deep = map(int, report["probes"])
+    return Solved(
+        run,
+        params,
+        frames,
+        poses,
+        surface,
+        emitters,
+        (near, far),
+        (across, down, deep),
+        int(report["directions"]),
+    )
 
 
 class Scene:
@@ -127,10 +140,7 @@ class Scene:
         """
         s, surface = solved, solved.surface
         self._solved = solved
-        self.lattice: Lattice = lattice_around(
-            s.poses.camera, surface.mask, s.reach,
-            (s.params.probes_across, s.params.probes_across, s.params.probes_deep),
-        )  # fmt: skip
+        self.lattice: Lattice = lattice_around(s.poses.camera, surface.mask, s.reach, s.probes)
         mask = surface.mask
         if not (s.run.folder("surface") / "horizons.json").is_file():
             raise _older(s.run)
@@ -141,7 +151,7 @@ class Scene:
         )  # fmt: skip
         one = np.nonzero(s.poses.registered)[0][:1]
         who = subject(s.frames, mask, s.poses.camera, one, s.params)
-        cells = direction_cells(s.params.directions)
+        cells = direction_cells(s.directions)
         by_depth = sight_of(who, self._state, surface.depth, cells, s.params, progress)
         self.sight: Sight = as_photographed(who, self._state, by_depth, cells)
 
@@ -150,7 +160,7 @@ class Scene:
         s = self._solved
         cam_from_world = s.poses.cam_from_world[np.array(views)]
         face_px = s.params.probe_face_px
-        return light_at(self.lattice, s.emitters, cam_from_world, s.params.directions, face_px, progress)
+        return light_at(self.lattice, s.emitters, cam_from_world, s.directions, face_px, progress)
 
     def rendered(self, views: Sequence[int], progress: "Progress") -> Float[np.ndarray, "n p 3"]:
         """Radiance of the mask's pixels in some views, float32."""

@@ -15,6 +15,8 @@ def draft() -> Preset:
         "views": 32,
         "rounds": 1,
         "probes_across": 2,
+        "probes_deep": 2,
+        "directions": 512,
         "ask": False,
     }
     return {"surface": fewer}
@@ -27,7 +29,7 @@ def standard() -> Preset:
 
 def fine() -> Preset:
     """As far as the data carry."""
-    return {"surface": {"directions": 2048, "rounds": 4, "passes": 6}}
+    return {"surface": {"directions": 4096, "rounds": 4, "passes": 6}}
 
 
 def of_stage(stage: str) -> dict[str, Mapping[str, Any]]:

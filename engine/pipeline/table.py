@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 21, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 22, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"),
     )  # fmt: skip
 
@@ -58,7 +58,7 @@ def _reference() -> Stage:
     from engine.reference.params import ReferenceParams
 
     return Stage(
-        "surface", 3, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
+        "surface", 4, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
         files=("start_maps",),
     )  # fmt: skip
 

@@ -25,8 +25,9 @@ from engine.surface.pixels import (
     sight_of,
 )
 from engine.surface.rough import first_look
+from engine.surface.spacing import spaced
 from engine.surface.surroundings import furnished, light_at
-from engine.surface.transport import Sight, lattice_around
+from engine.surface.transport import Sight
 from engine.surface.turn import improve, relief
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
@@ -147,14 +148,14 @@ def lambert(
 ) -> Surface:
     """Lambert under our near-field light, with shadows and bounced light but without highlights."""
     who, z = scene.who, scene.distance
-    lattice = lattice_around(
-        who.camera, who.mask, (z * (1 - DEPTH_MARGIN), z * (1 + DEPTH_MARGIN)),
-        (ours.probes_across, ours.probes_across, ours.probes_deep),
-    )  # fmt: skip
+    near_far, there = (
+        (z * (1 - DEPTH_MARGIN), z * (1 + DEPTH_MARGIN)),
+        scene.poses.cam_from_world[scene.views],
+    )
+    lattice = spaced(who.camera, who.mask, near_far, scene.emitters, there, ours, progress.part(0, 0.05))
     light = light_at(
-        lattice, scene.emitters, scene.poses.cam_from_world[scene.views], params.directions, params.probe_face_px,
-        progress.part(0, 0.25),
-    )  # fmt: skip
+        lattice, scene.emitters, there, params.directions, params.probe_face_px, progress.part(0.05, 0.25)
+    )
     rows = Matt(who.responses(light, ours, device))
     state = matt_start(who, rows, who.flat(z), params.candidates, progress.part(0.25, 0.4))
 

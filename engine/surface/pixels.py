@@ -22,11 +22,13 @@ from engine.types import Camera, Frames
 
 LEAST_VIEWS = 8
 LEAST = {
-    "directions": 64, "probes_across": 1, "probes_deep": 1, "probe_face_px": 8, "candidates": 10, "rough_rounds": 0,
+    "probes_across": 0, "probes_deep": 0, "probe_face_px": 8, "candidates": 10, "rough_rounds": 0,
     "rough_views": LEAST_VIEWS, "rounds": 1, "passes": 1, "relight_groups": 0, "relight_prior": 0.001, "model_error": 0.001,
     "held_out": 0, "object_distance": 0.0,
 }  # fmt: skip
-"""What each number that may be asked must be at least; `views` also 0."""
+"""What each number that may be asked must be at least."""
+LEAST_OR_NONE = {"directions": 64, "views": LEAST_VIEWS}
+"""The same of those that may also be 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +39,13 @@ class SurfaceParams:
         SurfaceError: too little is asked.
     """
 
-    directions: int = 512  # cells on the sphere of incident directions
-    probes_across: int = 3  # probe points along each image axis of the object's box
-    probes_deep: int = 2  # probe points along the viewing axis
+    directions: int = 0  # cells on the sphere of incident directions; 0: as the gloss asks
+    probes_across: int = 0  # probe points along each image axis of the object's box; 0: as the parallax asks
+    probes_deep: int = 0  # the same along the viewing axis
     probe_face_px: int = 48  # resolution of one face of each probe's cube
     candidates: int = 300  # normals tried by the global search
     rough_rounds: int = 4  # on pixels of half the size: solve, integrate, see, refine the light: how often
-    rough_views: int = 48  # that serve in these rounds
+    rough_views: int = 32  # that serve in these rounds
     full_turn: bool = True  # one turn more with all pixels before the last look at the light
     views: int = 0  # that serve after them, spread evenly; 0: all
     rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see
@@ -65,8 +67,9 @@ class SurfaceParams:
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
 
     def __post_init__(self) -> None:
-        for name, least in {**LEAST, "views": LEAST_VIEWS if self.views else 0}.items():
-            if not getattr(self, name) >= least:
+        for name, least in {**LEAST, **LEAST_OR_NONE}.items():
+            asked = getattr(self, name)
+            if not (asked >= least or (asked == 0 and name in LEAST_OR_NONE)):
                 raise SurfaceError(f"surface.{name} is {getattr(self, name)}; give {least} or more")
 
 

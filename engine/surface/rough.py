@@ -29,15 +29,17 @@ from engine.surface.pixels import (
     subject,
 )
 from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
+from engine.surface.spacing import spaced
 from engine.surface.surroundings import Room, parts_at
-from engine.surface.transport import Sight, lattice_around
+from engine.surface.transport import Lattice, Sight, lattice_around
 from engine.surface.turn import improve, relief
 from engine.types import Frames
 
 HALVED_FROM = 6000
 """Object pixels from which on half the size is worth a look."""
-DIRECTIONS = 1024
-"""At most: never more than the full solve takes."""
+DIRECTIONS = 512
+"""At most: never more than the full solve takes. With twice as many these turns find the same surface and take half as
+long again; it is the last one that a highlight asks for more."""
 NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
 """Reach of the first look, in units of the room's size, and the distances tried."""
 LOOKS = 12
@@ -114,14 +116,13 @@ def rough(
         if free:
             distance, (tried, misfits) = begun.distance, curve
 
-    def light_within(near_far: tuple[float, float], across: int, deep: int, span: Progress) -> Parts:
-        lattice = lattice_around(camera, mask, near_far, (across, across, deep))
-        directions = min(DIRECTIONS, params.directions)
-        return parts_at(lattice, room, views, directions, params.probe_face_px, span)
+    def light_around(lattice: Lattice, span: Progress) -> Parts:
+        return parts_at(lattice, room, views, _directions(params), params.probe_face_px, span)
 
     margin = WIDE if free else TIGHT
     middle, stderr = distance, 0.0
-    parts = light_within((distance / margin, distance * margin), ACROSS, 2, progress.part(0.2, 0.3))
+    wide = lattice_around(camera, mask, (distance / margin, distance * margin), (ACROSS, ACROSS, 2))
+    parts = light_around(wide, progress.part(0.2, 0.3))
     setting, sight = untouched(parts, distance), who.flat(distance)
     if begun is not None:
         setting = replace(setting, gain=np.where(parts.unseen[:, None], begun.gain, setting.gain))
@@ -136,7 +137,16 @@ def rough(
             middle = distance
             nearest, farthest = reach(sight.points[:, 2])
             near_far = min(nearest, middle / TIGHT), max(farthest, middle * TIGHT)
-            parts = light_within(near_far, params.probes_across, params.probes_deep, span.part(0, 0.2))
+            tight = spaced(
+                camera,
+                mask,
+                near_far,
+                room.emitters,
+                room.poses.cam_from_world[views],
+                params,
+                span.part(0, 0.02),
+            )
+            parts = light_around(tight, span.part(0.02, 0.2))
         light = parts.under(setting.gain)
         if following is not who:
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
@@ -195,10 +205,15 @@ def first_look(
     if params.object_distance > 0:
         near_far, layers = (params.object_distance, params.object_distance), 1
     lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, layers))
-    directions = min(DIRECTIONS, params.directions)
-    parts = parts_at(lattice, room, views[every], directions, params.probe_face_px, progress.part(0, 0.5))
+    face_px, span = params.probe_face_px, progress.part(0, 0.5)
+    parts = parts_at(lattice, room, views[every], _directions(params), face_px, span)
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
     return find_distance(parts, sample, params, progress.part(0.5, 1))
+
+
+def _directions(params: SurfaceParams) -> int:
+    """Of the rough turns."""
+    return min(DIRECTIONS, params.directions or DIRECTIONS)
 
 
 def voters(

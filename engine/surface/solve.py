@@ -5,7 +5,7 @@ parts; under that light, now in all views and many directions, every pixel is so
 shadows and bounced light of the last round. Some views are kept out of the fit and re-rendered.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,8 +29,9 @@ from engine.surface.pixels import (
     subject,
 )
 from engine.surface.rough import Rough, reach, rough
+from engine.surface.spacing import enough, spaced
 from engine.surface.surroundings import furnished, light_at
-from engine.surface.transport import Incident, blocks, lattice_around
+from engine.surface.transport import Incident, blocks
 from engine.surface.turn import improve, relief
 from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
@@ -53,6 +54,8 @@ class SurfaceReport:
     residual: float  # median weighted residual spread
     distance: Distance
     probe_reach: tuple[float, float]  # z of the nearest and the farthest layer of probes
+    probes: tuple[int, int, int]  # along each axis of their lattice
+    directions: int  # of light
     light_gains: tuple[tuple[float, ...], ...]  # per group and channel; without refinement the belief
     unseen_light: float  # share of the light on the object that no photograph shows, under those gains
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
@@ -102,7 +105,12 @@ def solve(
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
     emitters = room.under(first.setting.gain[:-1])
     views = np.concatenate([fitted, np.array(kept_out, int)])
-    light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.5, 0.67))
+    if not params.directions:
+        there = poses.cam_from_world[views]
+        params = replace(
+            params, directions=enough(state, sight, emitters, there, params, progress.part(0.5, 0.52))
+        )
+    light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.52, 0.67))
     here = light.views(np.arange(len(fitted)))
     turn, moving = 0, True
     while moving:
@@ -134,6 +142,8 @@ def solve(
         float(np.median(state.spread)),
         first.distance,
         (float(light.lattice.low[2]), float(light.lattice.high[2])),
+        light.lattice.shape,
+        len(light.directions),
         tuple(tuple(map(float, gain)) for gain in first.setting.gain),
         first.parts.unseen_share(first.setting.gain),
         tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
@@ -161,8 +171,9 @@ def whole_light(
     if first.alike(params.directions) and first.around:
         lattice, known = first.parts.incident.lattice, first.views
     else:
-        layout = (params.probes_across, params.probes_across, params.probes_deep)
-        lattice, known = lattice_around(poses.camera, mask, reach(first.depth[mask]), layout), views[:0]
+        near_far, everywhere = reach(first.depth[mask]), poses.cam_from_world[views]
+        lattice = spaced(poses.camera, mask, near_far, emitters, everywhere, params, progress.part(0, 0.1))
+        known = views[:0]
     rest = np.setdiff1d(views, known)
     there = poses.cam_from_world[rest]
     light = light_at(lattice, emitters, there, params.directions, params.probe_face_px, progress)

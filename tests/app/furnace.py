@@ -107,6 +107,8 @@ def finished(
         "rough_residuals": [3.0, 1.5],
         "distance": {"value": 0.8, "stderr": 0.01, "source": "light", "tried": [0.4, 0.8, 1.6], "misfit": [9.0, 2.0, 7.0]},
         "probe_reach": [0.7, 0.9],
+        "probes": [1, 1, 1],
+        "directions": PARAMS["directions"],
     }  # fmt: skip
     artefacts.save_json(folder / "report.json", {"arrays": {}, "values": report})
     if with_export:
