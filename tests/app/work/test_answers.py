@@ -48,7 +48,7 @@ def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
     assert [row.given for row in plan.rows] == [False, True, False, False, False, False]
     directions = plan.parameter("surface.directions")
     assert directions is not None
-    assert (directions.value, directions.default, directions.kind) == (512, 512, "int")
+    assert (directions.value, directions.default, directions.kind) == (0, 0, "int")
     kinds = {p.name: p.kind for row in plan.rows for p in row.parameters}
     assert kinds["light.keep_out"] == "float?"
     assert kinds["light.passes"] == "list"
