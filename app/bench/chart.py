@@ -26,7 +26,8 @@ KINDS = {
 }
 SIDES = (
     ("left", "bottom", 3, 2), ("right", "top", -3, -3), ("left", "top", 3, -3), ("right", "bottom", -3, 2),
-    ("center", "bottom", 0, 8), ("center", "top", 0, -8),
+    ("center", "bottom", 0, 8), ("center", "top", 0, -8), ("left", "bottom", 6, 10), ("left", "top", 6, -10),
+    ("right", "bottom", -6, 10), ("right", "top", -6, -10),
 )  # fmt: skip
 """Where a name may stand beside its point: alignments, and offsets in points."""
 
@@ -152,24 +153,30 @@ def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
 
 
 def _name(axes, panel: Panel, points: Sequence[Scored]) -> None:
-    """Name the points of the front, each on the side where its name covers the fewest points and names."""
+    """Name the points of the front and the published reference, where each name covers the fewest others."""
     from matplotlib.transforms import Bbox
 
     drawn = [(one.seconds, panel.error(one)) for one in points if math.isfinite(one.seconds)]
     marks = axes.transData.transform([at for at in drawn if math.isfinite(at[1])])
     around = 3 * DPI / 72  # a mark's half width
     taken = [Bbox.from_extents(x - around, y - around, x + around, y + around) for x, y in marks]
-    for i in front(points, panel):
-        one = points[i]
-        name = one.title.removeprefix("ours, ").removeprefix("reference at ")
+    best = set(front(points, panel))
+    for i, one in enumerate(points):
+        if i not in best and one.title != "reference as published":
+            continue
+        name = one.title.removeprefix("ours, ").removeprefix("reference ").removeprefix("at ")
         text = axes.annotate(
             name, (one.seconds, panel.error(one)), (0, 0), textcoords="offset points", fontsize=5.5, color="0.25",
         )  # fmt: skip
-        taken.append(_stand(text, axes.bbox, taken))
+        x, y = axes.transData.transform((one.seconds, panel.error(one)))
+        taken.append(_stand(text, axes.bbox, taken, [box for box in taken if not box.contains(x, y)]))
 
 
-def _stand(text, within, taken):
-    """Put a name on the side where it covers the fewest of the boxes `taken` and stays `within`; its own box."""
+def _stand(text, within, taken, others):
+    """Put a name on the side where it covers the fewest of the boxes `taken` and stays `within`; its own box.
+
+    Of sides alike one away from the `others`, or the name seems to be another point's.
+    """
 
     def put(side: tuple[str, str, int, int]):
         across, up, x, y = side
@@ -177,10 +184,10 @@ def _stand(text, within, taken):
         text.set_position((x, y))
         return text.get_window_extent()
 
-    def cost(side: tuple[str, str, int, int]) -> int:
+    def cost(side: tuple[str, str, int, int]) -> tuple[int, int]:
         box = put(side)
         outside = not all(within.contains(*corner) for corner in box.corners())
-        return box.count_overlaps(taken) + outside
+        return box.count_overlaps(taken) + outside, box.padded(2 * DPI / 72).count_overlaps(others)
 
     return put(min(SIDES, key=cost))
 

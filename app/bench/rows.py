@@ -170,7 +170,7 @@ def switched(size: Size) -> tuple[Method, ...]:
 
 def trained(one_stage: bool, size: Size) -> Method:
     """The reference at its dearest, under the light of the paper's own training instead of ours."""
-    emitter = replace(scaled_training(size.training), one_stage=one_stage)
+    emitter = replace(scaled_training(size.training), one_stage=one_stage, most=size.emitters)
     params, usual = dearest(size), reference(dearest(size), size, MANY)
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
@@ -186,6 +186,7 @@ def trained(one_stage: bool, size: Size) -> Method:
     stages = "one stage" if one_stage else "two stages"
     key = f"{usual.key}_{'one' if one_stage else 'two'}_stage_light"
     title = f"{usual.title}, the paper's light in {stages}, {size.training:.3g} of the iterations"
+    title += f", {size.emitters:,} Gaussians at most"
     return Method(key, title, "reference", run, dict(usual.facts) | dataclasses.asdict(emitter))
 
 

@@ -27,6 +27,7 @@ class Size:
     epochs: tuple[int, ...]
     reference_work: int  # pixels x views x samples x epochs of one row of it: 5 microseconds each, about
     training: float  # share of the published iterations that the paper's own light is trained for
+    emitters: int  # Gaussians that it may have: so few iterations would make millions, and fit none of them
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
     # How the studio carries camera and object: every way up, so that most of the room is seen even in few views.
     motion: str = "gimbal"
@@ -45,16 +46,16 @@ class Size:
 SIZES = {
     "quick": Size(
         "quick", 40, 128, 96, ("window",), ("blob",), True, (20, 40), (512, 1024, 2048), (16, 64), (10, 25), 4_000_000,
-        0.001,
+        0.001, 100_000,
         # The machinery is what is tried: a light of few Gaussians does.
         {"light": {"budget": 6000}},
     ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),
-        *PUBLISHED, 20_000_000, 0.02,
+        *PUBLISHED, 20_000_000, 0.02, 150_000,
     ),
     "standard": Size(
         "standard", 96, 512, 384, ROOMS, ("blob", "relief", "duo"), False, (10, 20, 40, 80, 150),
-        (512, 1024, 2048, 4096), *PUBLISHED, 60_000_000, 0.02,
+        (512, 1024, 2048, 4096), *PUBLISHED, 60_000_000, 0.02, 150_000,
     ),
 }  # fmt: skip

@@ -61,6 +61,20 @@ def test_a_ratio_is_taken_within_one_run_only():
     assert [m.value for m in scores.as_metrics([usual, slow]) if m.unit == "x"] == [3.0]
 
 
+def test_the_reference_is_gated_loosely_and_its_extrapolated_times_not_at_all():
+    usual = scored("blob", "standard", 3.0, 10.0)
+    slow = replace(scored("blob", "slow", 3.0, 90.0), kind="reference", extrapolated=True)
+    allowed = {m.key: m.tolerance for m in scores.as_metrics([usual, slow])}
+    assert allowed["study-blob/slow/normal"] == pytest.approx(
+        scores.WANDERING * allowed["study-blob/standard/normal"]
+    )
+    assert allowed["study-blob/slow/seconds_to_standard"] is None
+    measured = replace(slow, extrapolated=False)
+    assert {m.key: m.tolerance for m in scores.as_metrics([usual, measured])}[
+        "study-blob/slow/seconds_to_standard"
+    ]
+
+
 def test_a_mean_of_several_runs_belongs_to_none():
     assert scores.mean([scored("a", "fine", 1, 1, "r1"), scored("b", "fine", 1, 3, "r1")]).run == "r1"
     both = scores.mean([scored("a", "fine", 1, 1, "r1"), scored("b", "fine", 3, 3, "r2")])
