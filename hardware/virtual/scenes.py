@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hardware.interfaces import Angles, Geometry
-from hardware.virtual.studio import bake, motion, objects, render, rooms, truth
+from hardware.virtual.studio import bake, mirror, motion, objects, render, rooms, truth
 
 Progress = Callable[[float, str], None]
 Picture = Float[np.ndarray, "h w 3"]
@@ -51,7 +51,7 @@ class Studio:
         self.geometry = motion.geometry_of(rig)
         furnished, self.body = rooms.furnish(room), objects.model(thing)
         cache.mkdir(parents=True, exist_ok=True)
-        atlas = bake.bake(furnished, cache, device, progress)
+        furnished, atlas = mirror.reflected(furnished, bake.bake(furnished, cache, device, progress))
         self._centre = furnished.centre
         self._touched = truth.touched(self.body, *size)
         self._back = render.Backdrop(furnished, atlas, device)

@@ -100,6 +100,9 @@ CASES = (
     Case(f"somebody in every {PASSES_EVERY}th view", "study", "gimbal", passer_by),
     Case("turned about one axis only", "study", "turntable", untouched),
     Case("walls without texture", "plain", "gimbal", untouched),
+    Case("a floor like a mirror", "polished", "gimbal", untouched),
+    Case("a lamp behind leaves", "leafy", "gimbal", untouched),
+    Case("a chink 10,000 times brighter than the walls", "chink", "gimbal", untouched),
 )
 
 

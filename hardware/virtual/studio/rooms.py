@@ -66,6 +66,7 @@ class Room:
     globes: tuple[Globe, ...]
     sheets: tuple[Sheet, ...]
     centre: Float[np.ndarray, "3"]
+    polish: float = 0.0  # of the floor: what it mirrors of the light that falls on it
 
 
 Vector = tuple[float, float, float]
@@ -223,9 +224,22 @@ class _Builder:
             x, y, _ = middle + along * a - axis * 0.015
             self.box((x, y, low_m + z), (w_m, 0.04, h_m), bar, yaw)
 
-    def room(self, name: str) -> Room:
+    def twig(self, middle: np.ndarray, count: int, spread_m: float) -> None:
+        """Thin leaves turned every way about `middle`."""
+        for _ in range(count):
+            at = middle + self.rng.normal(0, spread_m, 3)
+            normal = self.rng.normal(size=3)
+            normal /= np.linalg.norm(normal)
+            up = np.cross(normal, self.rng.normal(size=3))
+            up /= np.linalg.norm(up)
+            wide, tall = self.rng.uniform(0.02, 0.045), self.rng.uniform(0.05, 0.1)
+            green = paint.paint_of(tuple(self.rng.uniform(0.5, 1.0) * np.array([0.2, 0.42, 0.1])))
+            for side in (normal, -normal):
+                self.face(at + 0.0005 * side, side, up, wide, tall, green)
+
+    def room(self, name: str, polish: float = 0.0) -> Room:
         centre = np.array([0.0, 0.0, 1.35])
-        return Room(name, tuple(self.panels), tuple(self.globes), tuple(self.sheets), centre)
+        return Room(name, tuple(self.panels), tuple(self.globes), tuple(self.sheets), centre, polish)
 
 
 def _ceiling_light(
@@ -332,6 +346,58 @@ def plain() -> Room:
     return build.room("plain")
 
 
+def polished() -> Room:
+    """Lamps over a floor of polished stone, which mirrors the room."""
+    build = _Builder((4.0, 3.3, 2.7), seed=67)
+    walls = [paint.plaster((0.62, 0.55, 0.47)), paint.wallpaper((0.6, 0.56, 0.5)),
+             paint.stones((0.55, 0.48, 0.42)), paint.wallpaper((0.52, 0.56, 0.58))]  # fmt: skip
+    build.shell(walls, paint.stones((0.3, 0.28, 0.26), 0.4), paint.planks((0.7, 0.62, 0.5), 0.2))
+    for wall, count in ((0, 5), (1, 5), (2, 6), (3, 5)):
+        build.pictures(wall, count, 0.5, 2.4)
+    build.table((1.45, -0.5), (0.8, 1.3, 0.72), paint.planks((0.5, 0.36, 0.24)))
+    build.clutter((1.3, 1.6), (-0.9, -0.1), 0.72, 5, (0.08, 0.24))
+    build.clutter((-1.5, 1.0), (-1.3, 1.3), 0.0, 10, (0.1, 0.32))
+    _ceiling_light(build, (0.2, -0.3), (1.2, 0.4), (26.0, 25.0, 23.0))
+    build.standing_lamp((-0.9, 0.95, 1.5), 0.066, (44.0, 36.0, 26.0))
+    return build.room("polished", polish=0.4)
+
+
+def leafy() -> Room:
+    """One lamp close by, behind a plant with thin leaves, and a window."""
+    build = _Builder((4.0, 3.4, 2.7), seed=71)
+    walls = [paint.wallpaper((0.6, 0.57, 0.5)), paint.plaster((0.62, 0.58, 0.52)),
+             paint.planks((0.56, 0.42, 0.3)), paint.stones((0.55, 0.5, 0.45))]  # fmt: skip
+    build.shell(walls, paint.planks((0.45, 0.32, 0.2)), paint.stones((0.68, 0.65, 0.6), 0.35))
+    _beams(build, 3, paint.planks((0.5, 0.38, 0.26)))
+    build.window(2, 0.3, 0.95, 1.0, 1.0, sky=12.0)
+    for wall, count in ((0, 6), (1, 5), (3, 5)):
+        build.pictures(wall, count, 0.5, 2.4)
+    build.box((0.0, 0.1, 0.0), (2.0, 1.6, 0.012), paint.rug(), 10.0, top=paint.rug())
+    build.clutter((-1.4, 1.2), (-1.3, 1.3), 0.012, 12, (0.1, 0.32))
+    lamp = np.array([1.25, -0.8, 1.75])
+    build.standing_lamp((lamp[0], lamp[1], lamp[2]), 0.07, (70.0, 60.0, 46.0))
+    to_centre = np.array([0.0, 0.0, 1.35]) - lamp
+    build.twig(lamp + 0.27 * to_centre / np.linalg.norm(to_centre), 40, 0.07)
+    return build.room("leafy")
+
+
+def chink() -> Room:
+    """Shutters closed on a sunny day: all light comes through a chink ten thousand times brighter than the walls."""
+    build = _Builder((4.0, 3.4, 2.7), seed=73)
+    walls = [paint.wallpaper((0.66, 0.62, 0.55)), paint.planks((0.5, 0.38, 0.26)),
+             paint.stones((0.62, 0.57, 0.52)), paint.plaster((0.68, 0.64, 0.58))]  # fmt: skip
+    build.shell(walls, paint.planks((0.5, 0.36, 0.24)), paint.plaster((0.7, 0.67, 0.62)))
+    _beams(build, 3, paint.planks((0.6, 0.46, 0.32)))
+    glow = np.broadcast_to(np.float32([2900.0, 3000.0, 3200.0]), (4, 4, 3))
+    build.sheet(np.array([-0.3, 1.69, 1.7]), -Y, Z, glow, 0.05, 0.07)
+    for wall, count in ((0, 6), (2, 6), (3, 6)):
+        build.pictures(wall, count, 0.5, 2.4)
+    build.shelf(3, 0.4, 1.4, [0.25, 0.6], 0.28)
+    build.box((0.0, -0.1, 0.0), (2.0, 1.7, 0.012), paint.rug(), -7.0, top=paint.rug())
+    build.clutter((-1.5, 1.3), (-1.2, 1.3), 0.012, 14, (0.1, 0.34))
+    return build.room("chink")
+
+
 def booth() -> Room:
     """Six mottled walls of few texels, a glowing sheet and a globe: built in seconds, for trials of the machinery."""
     rng, side = np.random.default_rng(61), 2.8
@@ -348,7 +414,8 @@ def booth() -> Room:
 
 
 ROOMS: dict[str, Callable[[], Room]] = {
-    "study": study, "lamps": lamps, "window": window, "plain": plain, "booth": booth,
+    "study": study, "lamps": lamps, "window": window, "plain": plain, "polished": polished, "leafy": leafy,
+    "chink": chink, "booth": booth,
 }  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from hardware.errors import StudioError
 from hardware.virtual.studio import (
     bake,
+    mirror,
     motion,
     objects,
     relight,
@@ -172,5 +173,5 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
     furnished, body = rooms.furnish(order.room), objects.model(order.thing)
     journey = motion.travel(order.motion, order.views, furnished.centre, order.seed)
     cache.mkdir(parents=True, exist_ok=True)
-    atlas = bake.bake(furnished, cache, order.device, progress)
-    return Studio(order, body, journey, furnished, atlas, cache)
+    room, atlas = mirror.reflected(furnished, bake.bake(furnished, cache, order.device, progress))
+    return Studio(order, body, journey, room, atlas, cache)

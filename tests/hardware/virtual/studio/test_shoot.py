@@ -6,10 +6,11 @@ import pytest
 from engine.geometry import inverse
 from engine.rig import RigLog, angle_between, logged_poses
 from hardware.errors import StudioError
-from hardware.virtual.studio import bake, motion, objects, rooms, truth
+from hardware.virtual.studio import bake, mirror, motion, objects, rooms, truth
 
 CENTRE = np.array([0.0, 0.0, 1.35])
 SIZE = (160, 120)
+FURNISHED = ("study", "lamps", "window", "polished", "leafy", "chink")
 
 
 def coarse(name: str) -> rooms.Room:
@@ -20,7 +21,7 @@ def coarse(name: str) -> rooms.Room:
 
 @pytest.fixture(scope="module")
 def furnished():
-    return {name: coarse(name) for name in ("study", "lamps", "window")}
+    return {name: coarse(name) for name in FURNISHED}
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def bodies():
     return {name: objects.model(name) for name in objects.OBJECTS}
 
 
-@pytest.mark.parametrize("name", ["study", "lamps", "window"])
+@pytest.mark.parametrize("name", FURNISHED)
 def test_a_room_is_built_the_same_every_time(furnished, name):
     room = furnished[name]
     assert bake.digest(room) == bake.digest(coarse(name))
@@ -50,7 +51,7 @@ def test_rooms_are_lit_as_promised(furnished):
     assert np.linalg.norm(to_object - lamp, axis=1).min() < 1.0
 
 
-@pytest.mark.parametrize("name", ["study", "lamps", "window"])
+@pytest.mark.parametrize("name", FURNISHED)
 def test_nothing_stands_where_the_rig_moves(furnished, name):
     room = furnished[name]
     for quad in (*room.panels, *room.sheets):
@@ -172,3 +173,40 @@ def test_unknown_names_say_what_there_is():
         motion.travel("crane", 3, CENTRE, 0)
     with pytest.raises(StudioError, match="at least 1"):
         motion.travel("gimbal", 0, CENTRE, 0)
+
+
+def test_a_polished_floor_shows_the_room_upside_down():
+    """Every point of a panel has its image below the floor: the same picture there, darker, seen from above."""
+    floor = rooms.Panel(
+        np.array([-2.0, 2.0, 0.0]), np.array([4.0, 0, 0]), np.array([0, -4.0, 0]), np.ones((2, 2, 3))
+    )
+    rng = np.random.default_rng(3)
+    wall = rooms.Panel(
+        np.array([-2.0, 2.0, 2.5]), np.array([4.0, 0, 0]), np.array([0, 0, -2.5]), rng.random((5, 8, 3))
+    )
+    globe = rooms.Globe(np.array([0.5, 1.0, 1.5]), 0.1, np.array([30.0, 20.0, 10.0]))
+    room = rooms.Room("hall", (floor, wall), (globe,), (), CENTRE, polish=0.25)
+    both, atlas = mirror.reflected(room, bake.pack(room.panels, [floor.albedo, wall.albedo]))
+    assert len(both.panels) == 2
+    np.testing.assert_allclose(both.globes[1].centre, [0.5, 1.0, -1.5])
+    np.testing.assert_allclose(both.globes[1].radiance, 0.25 * globe.radiance)
+    image = both.panels[1]
+    np.testing.assert_allclose(
+        np.cross(image.down, image.right), np.cross(wall.down, wall.right) * [1, 1, -1]
+    )
+    size = np.array(atlas.picture.shape[1::-1])
+    (x0, y0), (x1, y1) = np.rint(atlas.low[1] * size).astype(int), np.rint(atlas.high[1] * size).astype(int)
+    picture = atlas.picture[y0:y1, x0:x1]
+    for down, right in ((0.1, 0.3), (0.9, 0.8)):
+        at = wall.corner + right * wall.right + down * wall.down
+        away = at * [1, 1, -1] - image.corner
+        u, v = away @ image.right / (image.right @ image.right), away @ image.down / (image.down @ image.down)
+        np.testing.assert_allclose(
+            picture[int(5 * v), int(8 * u)], 0.25 * wall.albedo[int(5 * down), int(8 * right)], rtol=1e-6
+        )
+
+
+def test_a_floor_without_polish_changes_nothing(furnished):
+    room = furnished["window"]
+    atlas = bake.pack(room.panels, [p.albedo for p in room.panels])
+    assert mirror.reflected(room, atlas) == (room, atlas)
