@@ -27,7 +27,7 @@ class Size:
     epochs: tuple[int, ...]
     reference_work: int  # pixels x views x samples x epochs of one row of it: 5 microseconds each, about
     training: float  # share of the published iterations that the paper's own light is trained for
-    emitters: int  # Gaussians that it may have: so few iterations would make millions, and fit none of them
+    emitters: int  # Gaussians that it may have: so few iterations make no use of millions
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
     # How the studio carries camera and object: every way up, so that most of the room is seen even in few views.
     motion: str = "gimbal"
@@ -52,10 +52,10 @@ SIZES = {
     ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),
-        *PUBLISHED, 20_000_000, 0.02, 150_000,
+        *PUBLISHED, 20_000_000, 0.1, 60_000,
     ),
     "standard": Size(
         "standard", 96, 512, 384, ROOMS, ("blob", "relief", "duo"), False, (10, 20, 40, 80, 150),
-        (512, 1024, 2048, 4096), *PUBLISHED, 60_000_000, 0.02, 150_000,
+        (512, 1024, 2048, 4096), *PUBLISHED, 60_000_000, 0.1, 60_000,
     ),
 }  # fmt: skip

@@ -19,6 +19,7 @@ from engine.light.tiles import FAINT, TILE
 CHANNELS = 5  # radiance, transmittance left, sum of weight * z
 GRADIENTS = 18  # per tile entry: M (9), m (3), density, radiance (3), weight, weight * pixel loss
 OPAQUE = 1e-5  # transmittance below which a ray ends
+DARKEST = 1e-3  # least of knee + photographed, in knees, whose logarithm is taken
 AREA = TILE * TILE
 
 _FLAGS = {
@@ -28,7 +29,8 @@ _FLAGS = {
     "fastmath": {"contract", "nsz", "reassoc"},
 }
 _ONE, _TWO, _ZERO = np.float32(1), np.float32(2), np.float32(0)
-_EIGHTH, _FAINT, _OPAQUE = np.float32(1 / 8), np.float32(FAINT), np.float32(OPAQUE)
+_EIGHTH, _FAINT = np.float32(1 / 8), np.float32(FAINT)
+_OPAQUE, _DARKEST = np.float32(OPAQUE), np.float32(DARKEST)
 DEEP = np.float32(12)  # exp(-12) is 6e-6: opaque
 _S1, _S2, _S3, _S4, _S5 = (np.float32(c) for c in (1 / 16, 1 / 2, 1 / 3, 1 / 4, 1 / 5))
 
@@ -308,12 +310,14 @@ def backward(
                 for c in range(3):
                     m = image[v, u, c]
                     want = target[v, u, c]
+                    # Noise may put a pixel below black by more than the knee.
+                    told = max(knee32 + want, _DARKEST * knee32)
                     if m > want and not floor_only[v, u]:
                         colour_slope[c, i] = share / (knee32 + m)
-                        misfit[i] += share * np.log((knee32 + m) / (knee32 + want))
+                        misfit[i] += share * np.log((knee32 + m) / told)
                     elif m < want:
                         colour_slope[c, i] = -share / (knee32 + m)
-                        misfit[i] += share * np.log((knee32 + want) / (knee32 + m))
+                        misfit[i] += share * np.log(told / (knee32 + m))
             else:
                 behind = share * through
                 for c in range(3):

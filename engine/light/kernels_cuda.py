@@ -28,6 +28,7 @@ AREA = TILE * TILE
 
 _ONE, _TWO, _ZERO = np.float32(1), np.float32(2), np.float32(0)
 _EIGHTH, _FAINT, _OPAQUE = np.float32(1 / 8), np.float32(FAINT), np.float32(kernels_cpu.OPAQUE)
+_DARKEST = np.float32(kernels_cpu.DARKEST)
 _DEEP, _THROUGH = kernels_cpu.DEEP, kernels_cpu.THROUGH
 
 
@@ -127,10 +128,11 @@ def forward(packed, tile_start, members, lens, near, first, alpha, depth, order,
 @no_type_check
 def _misfit(m, want, lower_bound, share, knee):
     """One channel of Eq. (5): its slope by the rendered `m`, and its value."""
+    told = max(knee + want, _DARKEST * knee)  # noise may put a pixel below black by more than the knee
     if m > want and not lower_bound:
-        return share / (knee + m), share * np.float32(math.log((knee + m) / (knee + want)))
+        return share / (knee + m), share * np.float32(math.log((knee + m) / told))
     if m < want:
-        return -share / (knee + m), share * np.float32(math.log((knee + want) / (knee + m)))
+        return -share / (knee + m), share * np.float32(math.log(told / (knee + m)))
     return _ZERO, _ZERO
 
 

@@ -3,7 +3,7 @@
 Source: the paper, Sec. 3.2: stage 1 is Eq. (5) by Adam, coarse to fine, on a fixed budget of Gaussians;
 stage 2 is the colour solve of `bright.py`. World frame, scene units, linear radiance.
 
-Held-out views judge the fit and nothing else: they supervise neither stage.
+Held-out views judge the fit, and whether its light has to change with the direction: they supervise neither stage.
 """
 
 from dataclasses import dataclass, replace
@@ -16,8 +16,9 @@ from engine.errors import LightError
 from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.gaussians import Y00, radiance_towards
+from engine.light.gaussians import Y00, radiance_towards, sh_degree
 from engine.light.globes import measured, put_back, without
+from engine.light.harmonics import grown
 from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
@@ -46,6 +47,7 @@ class LightReport:
     """What the fit reached; held-out numbers are over background pixels of views that did not supervise."""
 
     count: int
+    degree: int  # of the spherical harmonics: 0 unless the kept-out views gain by more
     keep_out: float  # scene units
     knee: float  # radiance that Eq. (5) takes for 1
     heldout_log_l1: float
@@ -99,7 +101,15 @@ def fit(
                 loss = _pass(cloud, photographs, surface, params, knee, rate, rng, run)
                 done, count = done + width * width, count + 1
                 cloud = _settle(cloud, photographs, params, emptiness, count / everything)
-        gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.98), run)
+        gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.96), run)
+        if len(held):
+            progress.step(0.96, "light, whether it changes with the direction")
+            coarse = max(32, widths[-1] // 2)
+            views, kept = room(coarse), without(resample(frames, masks, poses, held, coarse), lamps)
+            gaussians = grown(
+                gaussians, views, surface_of(emptiness, views), knee, params.hollow,
+                lambda tried: judge(tried, kept, knee, run)["heldout_log_l1"], rng, run,
+            )  # fmt: skip
         gaussians = put_back(gaussians, lamps, sightings, sharp)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
@@ -109,6 +119,7 @@ def fit(
         lamps,
         LightReport(
             count=len(gaussians.means),
+            degree=sh_degree(gaussians.radiance.shape[1]),
             keep_out=float(np.median(emptiness.radii)),
             knee=knee,
             **heldout,

@@ -79,8 +79,9 @@ class EmitterReport:
 
 
 def log_l1(photographed: Float[np.ndarray, "p 3"], rendered: Float[np.ndarray, "p 3"]) -> float:
-    """Eq. (5): mean over the pixels, sum over the channels."""
-    return float(np.abs(np.log1p(photographed) - np.log1p(rendered)).sum(1).mean())
+    """Eq. (5): mean over the pixels, sum over the channels; what noise puts below black counts as black."""
+    gap = np.log1p(np.maximum(photographed, 0)) - np.log1p(np.maximum(rendered, 0))
+    return float(np.abs(gap).sum(1).mean())
 
 
 def relative_l1(

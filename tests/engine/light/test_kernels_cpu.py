@@ -152,6 +152,15 @@ def test_gradients_of_the_robust_loss_are_the_finite_differences_too() -> None:
     compare(push(gaussians, view, target, weights, lower, KNEE), differences(gaussians, view, loss))
 
 
+def test_noise_far_below_black_counts_as_black() -> None:
+    gaussians, view = clouds.scattered(10, 3), clouds.view(24, 18)
+    target, weights = np.full((18, 24, 3), 0.2, np.float32), np.ones((18, 24), np.float32)
+    target[9, 12] = -3 * KNEE
+    found = push(gaussians, view, target, weights, np.zeros((18, 24), bool), KNEE)
+    assert np.isfinite(found.blame).all()
+    assert np.isfinite(found.colours).all()
+
+
 def test_what_stands_where_a_view_looks_through_is_charged_for_its_weight() -> None:
     gaussians, view = clouds.scattered(10, 3), clouds.view(24, 18)
     rng = np.random.default_rng(4)
