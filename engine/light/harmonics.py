@@ -109,7 +109,8 @@ def _over_views(
     means: Float[np.ndarray, "k 3"], centres: Float[np.ndarray, "n 3"], degree: int
 ) -> tuple[Float[np.ndarray, "k b"], Float[np.ndarray, "k b"]]:
     """Mean and standard deviation of every harmonic but the constant, over the directions from the cameras."""
-    total, squares = 0.0, 0.0
+    total = np.zeros((len(means), (degree + 1) ** 2 - 1))
+    squares = total.copy()
     for centre in centres:
         towards = means - centre
         basis = sh_basis(towards / np.linalg.norm(towards, axis=1, keepdims=True), degree)[:, 1:]

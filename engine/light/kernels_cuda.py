@@ -128,7 +128,9 @@ def forward(packed, tile_start, members, lens, near, first, alpha, depth, order,
 @no_type_check
 def _misfit(m, want, lower_bound, share, knee):
     """One channel of Eq. (5): its slope by the rendered `m`, and its value."""
-    told = max(knee + want, _DARKEST * knee)  # noise may put a pixel below black by more than the knee
+    told = knee + want
+    if told < _DARKEST * knee:  # noise may put a pixel below black by more than the knee
+        told = _DARKEST * knee
     if m > want and not lower_bound:
         return share / (knee + m), share * np.float32(math.log((knee + m) / told))
     if m < want:

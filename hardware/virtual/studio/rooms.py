@@ -347,18 +347,19 @@ def plain() -> Room:
 
 
 def polished() -> Room:
-    """Lamps over a floor of polished stone, which mirrors the room."""
+    """A window and lamps over a floor of polished stone, which mirrors the room."""
     build = _Builder((4.0, 3.3, 2.7), seed=67)
     walls = [paint.plaster((0.62, 0.55, 0.47)), paint.wallpaper((0.6, 0.56, 0.5)),
              paint.stones((0.55, 0.48, 0.42)), paint.wallpaper((0.52, 0.56, 0.58))]  # fmt: skip
     build.shell(walls, paint.stones((0.3, 0.28, 0.26), 0.4), paint.planks((0.7, 0.62, 0.5), 0.2))
-    for wall, count in ((0, 5), (1, 5), (2, 6), (3, 5)):
+    for wall, count in ((0, 5), (1, 5), (3, 5)):
         build.pictures(wall, count, 0.5, 2.4)
     build.table((1.45, -0.5), (0.8, 1.3, 0.72), paint.planks((0.5, 0.36, 0.24)))
     build.clutter((1.3, 1.6), (-0.9, -0.1), 0.72, 5, (0.08, 0.24))
     build.clutter((-1.5, 1.0), (-1.3, 1.3), 0.0, 10, (0.1, 0.32))
-    _ceiling_light(build, (0.2, -0.3), (1.2, 0.4), (26.0, 25.0, 23.0))
-    build.standing_lamp((-0.9, 0.95, 1.5), 0.066, (44.0, 36.0, 26.0))
+    _ceiling_light(build, (0.2, -0.3), (1.4, 0.4), (26.0, 25.0, 23.0))
+    build.window(2, 0.2, 0.95, 1.3, 1.1, sky=20.0)
+    build.standing_lamp((-0.9, 0.95, 1.5), 0.066, (30.0, 25.0, 18.0))
     return build.room("polished", polish=0.4)
 
 
@@ -369,13 +370,13 @@ def leafy() -> Room:
              paint.planks((0.56, 0.42, 0.3)), paint.stones((0.55, 0.5, 0.45))]  # fmt: skip
     build.shell(walls, paint.planks((0.45, 0.32, 0.2)), paint.stones((0.68, 0.65, 0.6), 0.35))
     _beams(build, 3, paint.planks((0.5, 0.38, 0.26)))
-    build.window(2, 0.3, 0.95, 1.0, 1.0, sky=12.0)
+    build.window(2, 0.3, 0.95, 1.3, 1.1, sky=20.0)
     for wall, count in ((0, 6), (1, 5), (3, 5)):
         build.pictures(wall, count, 0.5, 2.4)
     build.box((0.0, 0.1, 0.0), (2.0, 1.6, 0.012), paint.rug(), 10.0, top=paint.rug())
     build.clutter((-1.4, 1.2), (-1.3, 1.3), 0.012, 12, (0.1, 0.32))
     lamp = np.array([1.25, -0.8, 1.75])
-    build.standing_lamp((lamp[0], lamp[1], lamp[2]), 0.07, (70.0, 60.0, 46.0))
+    build.standing_lamp((lamp[0], lamp[1], lamp[2]), 0.07, (36.0, 31.0, 24.0))
     to_centre = np.array([0.0, 0.0, 1.35]) - lamp
     build.twig(lamp + 0.27 * to_centre / np.linalg.norm(to_centre), 40, 0.07)
     return build.room("leafy")

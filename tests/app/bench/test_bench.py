@@ -220,6 +220,33 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert {"20-views/window-blob/standard/normal", "40-views/window-blob/standard/normal"} <= keys
 
 
+def test_an_ablation_compares_our_switches_over_all_pixels(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    few = method(DEAREST, 4.0, 8e3, "reference", calls)
+    solve = few.solve
+
+    def solve_some(*given) -> rows.Answer:
+        answer = solve(*given)
+        mask = answer.surface.mask & (np.cumsum(answer.surface.mask).reshape(answer.surface.mask.shape) <= 5)
+        return replace(answer, surface=replace(answer.surface, mask=mask))
+
+    monkeypatch.setattr(
+        rows,
+        "switch_rows",
+        lambda: (method("standard", 2.0, 4.0, calls=calls), method("no_bounce", 2.5, 4.0, calls=calls)),
+    )
+    monkeypatch.setattr(rows, "switched", lambda size: (replace(few, solve=solve_some),))
+    words = ["bench", "ablation", "--quick", "--sets", str(tmp_path), "--device", "cpu"]
+    assert main([*words, "--json", str(tmp_path / "m.json")]) == 0
+    assert calls == ["standard", "no_bounce", DEAREST]
+    keys = [metric["key"] for metric in json.loads((tmp_path / "m.json").read_text())["metrics"]]
+    assert "mean/no_bounce/normal" in keys
+    assert f"window-blob 5 pixels/{DEAREST}/normal" in keys
+    assert "window-blob 5 pixels/standard/normal" in keys
+    assert len(keys) == len(set(keys))
+
+
 def test_maps_computed_elsewhere_are_a_row_without_seconds(
     tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
 ):

@@ -1,11 +1,14 @@
 """The shared paths agree with a plain path trace, and the room's lookup with Mitsuba's own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hardware.virtual.studio import (
     bake,
     glow,
+    mirror,
     motion,
     objects,
     relight,
@@ -68,13 +71,26 @@ POSES = np.stack([
 ])  # fmt: skip
 
 
-def test_rays_meet_what_mitsubas_own_room_shows(mi):
+def on_a_polished_floor(room: rooms.Room) -> rooms.Room:
+    """The room standing on z = 0, which mirrors."""
+    raised = {
+        "panels": tuple(replace(panel, corner=panel.corner + Z) for panel in room.panels),
+        "globes": tuple(replace(globe, centre=globe.centre + Z) for globe in room.globes),
+        "sheets": tuple(replace(sheet, corner=sheet.corner + Z) for sheet in room.sheets),
+    }
+    return replace(room, centre=room.centre + Z, polish=0.5, **raised)
+
+
+@pytest.mark.parametrize("polished", [False, True])
+def test_rays_meet_what_mitsubas_own_room_shows(mi, polished: bool):
     room, atlas = nook()
+    room, atlas = mirror.reflected(on_a_polished_floor(room) if polished else room, atlas)
     plain = render.Backdrop(room, atlas, "cpu").scene
     import drjit as dr
 
     noise = mi.PCG32(20000)
     origin = (mi.Vector3f(noise.next_float32(), noise.next_float32(), noise.next_float32()) - 0.5) * 0.8
+    origin += mi.Vector3f(room.centre)
     aim = mi.warp.square_to_uniform_sphere(mi.Point2f(noise.next_float32(), noise.next_float32()))
     dr.eval(origin, aim)
     ray = mi.Ray3f(mi.Point3f(origin), aim)
