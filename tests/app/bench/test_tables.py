@@ -61,7 +61,7 @@ def test_a_ratio_is_taken_within_one_run_only():
     assert [m.value for m in scores.as_metrics([usual, slow]) if m.unit == "x"] == [3.0]
 
 
-def test_the_reference_is_gated_loosely_and_its_extrapolated_times_not_at_all():
+def test_yardsticks_are_gated_loosely_and_extrapolated_times_not_at_all():
     usual = scored("blob", "standard", 3.0, 10.0)
     slow = replace(scored("blob", "slow", 3.0, 90.0), kind="reference", extrapolated=True)
     allowed = {m.key: m.tolerance for m in scores.as_metrics([usual, slow])}
