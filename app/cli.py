@@ -215,6 +215,23 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
         order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
         order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+        if name != "scaling":
+            order.add_argument(
+                "--methods",
+                type=_names,
+                default=(),
+                metavar="KEY,KEY",
+                help="only these rows; all if left out",
+            )
+            order.add_argument(
+                "--reference-pixels", type=int, metavar="N",
+                help="pixels that the reference solves at least, a multiple of 16: its seconds are extrapolated",
+            )  # fmt: skip
+        if name == "table":
+            order.add_argument(
+                "--from", dest="records", type=Path, nargs="+", metavar="RECORD",
+                help="measure nothing: the table of these records of --json, each of other rooms or objects",
+            )  # fmt: skip
         if name in ("table", "chart"):
             order.add_argument(
                 "--maps",

@@ -62,7 +62,7 @@ def table(points: Sequence[Scored]) -> str:
         errors = [f"{panel.error(one):.6g}" for panel in PANELS]
         writer.writerow([
             one.method, one.title, one.kind, f"{one.seconds:.6g}", *errors, f"{one.values['albedo']:.6g}",
-            "yes" if one.extrapolated else "no", one.run or "several", on,
+            "yes" if one.extrapolated else "no", one.runs[0] if len(set(one.runs)) == 1 else "several", on,
         ])  # fmt: skip
     return text.getvalue()
 

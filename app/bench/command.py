@@ -9,13 +9,19 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from app.bench import beside, chart, elsewhere, gate, record, rows, scaling, scores, sets, tables
-from app.bench.measured import Bench
+from app.bench import beside, chart, elsewhere, gate, parts, record, rows, scaling, scores, sets, tables
+from app.bench.measured import Bench, Row
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
 from app.bench.sets import Set
 from app.bench.sizes import SIZES, Size
 from engine.pipeline.run import choose_device
+
+WHOLE, FEW = "whole objects", "the reference's pixels"
+"""Groups of rows: of each, a set's rows are compared over the pixels that all of them answered."""
+TILE = 16  # pixels: the reference is given them in tiles
+
+Groups = dict[str, list[Scored]]
 
 
 class Call:
@@ -32,6 +38,11 @@ class Call:
         sets.check_names(self.rooms, self.objects)
         if args.seed < 0:
             raise BenchError(f"--seed {args.seed}: give a whole number from 0 on")
+        least = getattr(args, "reference_pixels", None)
+        if least is not None and (least <= 0 or least % TILE):
+            raise BenchError(
+                f"--reference-pixels {least}: give a multiple of {TILE}: they are solved in tiles of {TILE}"
+            )
         if self.folder.exists() and not self.folder.is_dir():
             raise BenchError(f"{self.folder}: is no folder; name another with --sets")
         self.maps = [elsewhere.named(said, args.maps_frame) for said in getattr(args, "maps", ())]
@@ -42,6 +53,7 @@ class Call:
         self.device = choose_device(args.device)
         self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
         self.behind = False  # of the reference, where that was looked at
+        self.rows: Groups = {}  # of the table, for the record
 
     def sets(self, views: int | None = None, count: int | None = None) -> list[Set]:
         """Every room and object, of `views` photographs (the size's if None) or `count` of them."""
@@ -60,15 +72,33 @@ class Call:
             for thing in self.objects
         ]
 
-    def scored(self, methods: Sequence[rows.Method], on: Sequence[Set]) -> list[Scored]:
-        """Every method on every set, and the maps computed elsewhere, compared over the same pixels."""
-        return [
-            one
-            for each in on
-            for one in scores.score(
-                self.bench.rows(each, [*(maps.row(each.name) for maps in self.maps), *methods])
-            )
-        ]
+    def least(self, usual: int) -> int:
+        """Pixels at least that the reference solves."""
+        return getattr(self.args, "reference_pixels", None) or usual
+
+    def chosen(self, methods: Sequence[rows.Method]) -> tuple[rows.Method, ...]:
+        """What --methods leaves of them.
+
+        Raises:
+            BenchError: it names what is none.
+        """
+        return rows.chosen(methods, self.args.methods)
+
+    def measured(self, methods: Sequence[rows.Method], on: Set) -> list[Row]:
+        """The maps computed elsewhere and every method on a set."""
+        return self.bench.rows(on, [*(maps.row(on.name) for maps in self.maps), *methods])
+
+    def groups(self, methods: Sequence[rows.Method], on: Sequence[Set]) -> Groups:
+        """All but the reference over whole objects; the reference and ours beside it over the few pixels that it solves."""
+        found: Groups = {WHOLE: [], FEW: []}
+        for each in on:
+            answered = self.measured(methods, each)
+            slow = [row for row in answered if row.method.kind == "reference"]
+            whole = [row for row in answered if row.method.kind != "reference"]
+            found[WHOLE] += scores.score(whole) if whole else []
+            ours = [row for row in whole if row.method.key in rows.BESIDE]
+            found[FEW] += scores.score([*ours, *slow]) if slow else []
+        return {group: held for group, held in found.items() if held}
 
 
 def run(args: Namespace) -> int:
@@ -78,11 +108,14 @@ def run(args: Namespace) -> int:
         RoomlightError: what was asked cannot be measured.
     """
     baseline = record.read(args.gate) if args.gate else None  # before hours of work
+    if getattr(args, "records", None):
+        return _of_records(args)
     call = Call(args)
     metrics = WHAT[args.what](call)
+    held = {group: [parts.row(one) for one in found] for group, found in call.rows.items()}
     measured = Record(
         args.what, call.size.name, call.size.told(), args.seed, record.machine(call.device), record.versions(),
-        tuple(metrics),
+        tuple(metrics), held,
     )  # fmt: skip
     print(f"\n{call.size.told()}\n{record.told(measured)}")
     if args.json:
@@ -96,54 +129,51 @@ def run(args: Namespace) -> int:
 
 
 def table(call: Call) -> list[Metric]:
-    scored = call.scored((*rows.preset_rows(), *rows.others(call.size, rows.FEW)), call.sets())
-    points = scores.means(scored)
-    print(tables.by_object(scored) + "\n")
-    print(tables.by_switch(scored))
-    print("\n" + tables.notes(scored, call.bench.run))
-    _compare(call, points)
-    return scores.as_metrics([*scored, *points])
+    methods = call.chosen((*rows.preset_rows(), *rows.others(call.size, call.least(rows.FEW))))
+    call.rows = call.groups(methods, call.sets())
+    _print_table(call.rows)
+    _compare(call, call.rows)
+    return _metrics(call.rows, scores.object_means)
 
 
 def views(call: Call) -> list[Metric]:
-    usual = tuple(method for method in rows.preset_rows() if method.key == rows.OURS)
-    methods = (*usual, *rows.others(call.size, rows.FEW))
-    counted: list[tuple[int, Scored]] = []
+    usual = tuple(method for method in rows.preset_rows() if method.key in rows.BESIDE)
+    methods = call.chosen((*usual, *rows.others(call.size, call.least(rows.FEW))))
+    counted: dict[int, Groups] = {}
     for count in call.size.counts:
-        on = call.sets(max(call.size.counts), count)
-        counted += [(count, one) for one in call.scored(methods, on)]
+        counted[count] = call.groups(methods, call.sets(max(call.size.counts), count))
     print("the light too is that of so many photographs; true poses and masks given\n")
-    print(tables.by_views(counted))
-    print("\n" + tables.notes([one for _, one in counted], call.bench.run))
-    return scores.as_metrics([replace(one, set=f"{count}-views/{one.set}") for count, one in counted])
+    metrics: list[Metric] = []
+    for group in dict.fromkeys(group for held in counted.values() for group in held):
+        here = [(count, one) for count, held in counted.items() for one in held[group]]
+        print(f"over {group}\n\n{tables.by_views(here)}\n")
+        print(tables.notes([replace(one, set=f"{count} {one.set}") for count, one in here]) + "\n")
+        named = [replace(one, set=f"{count}-views/{one.set}") for count, one in here]
+        metrics += scores.as_metrics(named if group == WHOLE else scores.by_pixels(named))
+    return metrics
 
 
 def ablation(call: Call) -> list[Metric]:
-    on, switches = call.sets(), rows.switch_rows()
-    ours = call.scored(switches, on)
-    # The reference solves few of the pixels: held against those alone, our switches would differ by chance.
-    usual = next(method for method in switches if method.key == rows.OURS)
-    theirs = [
-        replace(one, set=f"{one.set} {one.pixels} pixels")
-        for one in call.scored((usual, *rows.switched(call.size)), on)
-    ]
+    switched = rows.switched(call.size, call.least(rows.MANY))
+    found = call.groups(call.chosen((*rows.switch_rows(), *switched)), call.sets())
     print("light, poses and masks are shared but where another light is named\n")
-    for group in (ours, theirs):
-        print(tables.by_switch(group))
-        print("\n" + tables.notes(group, call.bench.run) + "\n")
-    return scores.as_metrics([*ours, *scores.means(ours), *theirs])
+    _print_switches(found)
+    return _metrics(found)
 
 
 def draw(call: Call) -> list[Metric]:
-    methods = (*rows.preset_rows(), *rows.others(call.size, rows.MANY), *rows.swept(call.size))
-    scored = call.scored(methods, call.sets())
+    least = call.least(rows.MANY)
+    methods = call.chosen(
+        (*rows.preset_rows(), *rows.others(call.size, least), *rows.swept(call.size, least))
+    )
+    scored = [one for each in call.sets() for one in scores.score(call.measured(methods, each))]
     points = scores.means(scored)
     print(tables.by_switch(scored))
-    print("\n" + tables.notes(scored, call.bench.run))
-    _compare(call, points)
+    print("\n" + tables.notes(scored) + "\n")
+    _compare(call, {FEW: scored})
     caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
     caption += f"; {min(one.pixels for one in scored)} pixels compared"
-    caption += "" if len({one.run for one in points}) == 1 else "; seconds of several runs"
+    caption += "" if len({one.runs for one in points}) == 1 else "; seconds of several runs"
     for path in chart.write(points, call.args.out, caption):
         print(path)
     return scores.as_metrics([*scored, *points])
@@ -169,11 +199,67 @@ def scale(call: Call) -> list[Metric]:
     return metrics
 
 
-def _compare(call: Call, points: Sequence[Scored]) -> None:
+def _of_records(args: Namespace) -> int:
+    """Print the table of earlier records; nothing is measured."""
+    if args.json or args.gate or args.write_baseline:
+        raise BenchError(
+            "--from prints what its records hold: --json, --gate and --write-baseline are theirs"
+        )
+    first, groups, lines = parts.merged(args.records, args.what)
+    keys = {one.method for found in groups.values() for one in found}
+    for key in args.methods:
+        if key not in keys:
+            raise BenchError(f"--methods: no record holds {key!r}; choose of {', '.join(sorted(keys))}")
+    wanted = {
+        group: [one for one in found if not args.methods or one.method in args.methods]
+        for group, found in groups.items()
+    }
+    wanted = {group: found for group, found in wanted.items() if found}
+    _print_table(wanted)
+    _told(wanted, SIZES[first.size])
+    print(f"\n{first.inputs}")
+    print("\n".join(lines))
+    return 0
+
+
+def _print_table(found: Groups) -> None:
+    for group, scored in found.items():
+        print(f"over {group}\n\n{tables.by_object(scored)}\n")
+    _print_switches(found)
+
+
+def _print_switches(found: Groups) -> None:
+    for group, scored in found.items():
+        print(f"over {group}\n\n{tables.by_switch(scored)}\n\n{tables.notes(scored)}\n")
+
+
+def _metrics(
+    found: Groups, parted: Callable[[Sequence[Scored]], list[Scored]] = lambda scored: []
+) -> list[Metric]:
+    """Of sets, of their `parted` means, and of all."""
+    metrics: list[Metric] = []
+    for group, scored in found.items():
+        every = [*scored, *parted(scored), *scores.means(scored)]
+        metrics += scores.as_metrics(every if group == WHOLE else scores.by_pixels(every))
+    return metrics
+
+
+def _told(found: Groups, size: Size) -> list[Scored]:
+    """Print ours beside the reference where both were measured, over the same pixels; all means of that group."""
+    points = scores.means(found.get(FEW, []))
+    dearest = rows.reference(rows.dearest(size), size, rows.FEW).key
+    if not any(one.method == dearest for one in points):
+        return []
+    print("\n".join(f"- {line}" for line in beside.told(points, dearest)))
+    return points
+
+
+def _compare(call: Call, found: Groups) -> None:
     """Print ours beside the reference, and note whether it is behind."""
+    points = _told(found, call.size)
     dearest = rows.reference(rows.dearest(call.size), call.size, rows.FEW).key
-    print("\n" + "\n".join(f"- {line}" for line in beside.told(points, dearest)))
-    call.behind = not beside.dominates(points, dearest)
+    if any(one.method == rows.OURS for one in points):
+        call.behind = not beside.dominates(points, dearest)
 
 
 def _judge(measured: Record, baseline: Record) -> int:

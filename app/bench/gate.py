@@ -48,7 +48,7 @@ def check(now: Record, baseline: Record) -> tuple[list[str], list[str]]:
 
 def baseline_of(record: Record) -> Record:
     """What is worth keeping of a measurement: the metrics that a gate compares."""
-    return replace(record, metrics=tuple(m for m in record.metrics if m.tolerance is not None))
+    return replace(record, metrics=tuple(m for m in record.metrics if m.tolerance is not None), rows={})
 
 
 def _good_enough(value: float, asked: Metric) -> bool:

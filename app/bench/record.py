@@ -7,7 +7,7 @@ import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,8 @@ class Record:
     machine: Mapping[str, Any]
     versions: Mapping[str, str]
     metrics: tuple[Metric, ...]
+    # What a table is made of, group by group: a table may be printed of several records.
+    rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
 
 
 def write(record: Record, path: Path) -> None:

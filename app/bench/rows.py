@@ -8,18 +8,17 @@ and what it took; it is given no truth.
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from app.bench.alike import alike
+from app.bench.alike import alike, hand_over
+from app.bench.record import BenchError
 from app.bench.sizes import Size
 from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
 from engine.progress import Progress
 from engine.reference.baselines import BASELINES
-from engine.reference.emitter import scaled as scaled_training
-from engine.reference.emitter import train
 from engine.reference.params import ReferenceParams, scaled, title
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
@@ -56,6 +55,21 @@ class Method:
 
 OURS = "standard"
 """Key of the row that ratios of times refer to."""
+BESIDE = (OURS, "draft")
+"""Our rows that are held against the reference, which solves few of the pixels, over those alone."""
+
+
+def chosen(methods: Sequence[Method], keys: Sequence[str]) -> tuple[Method, ...]:
+    """The methods of those keys, all if none is asked for, in the order in which they stand.
+
+    Raises:
+        BenchError: no method is called so.
+    """
+    known = [method.key for method in methods]
+    for key in keys:
+        if key not in known:
+            raise BenchError(f"--methods: there is no row called {key!r}; choose of {', '.join(known)}")
+    return tuple(method for method in methods if not keys or method.key in keys)
 
 
 def ours(
@@ -66,8 +80,11 @@ def ours(
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         given = change(stored)
         start = time.perf_counter()
-        surface, *_, report = solve(*given.inputs, params, device, seed, progress)
-        return Answer(surface, time.perf_counter() - start, rendered=report.held_out_error)
+        surface, *_, emitters, report = solve(*given.inputs, params, device, seed, progress)
+        seconds = time.perf_counter() - start
+        if params == SurfaceParams() and given is stored:
+            hand_over(stored, device, seed, emitters, report.distance.value)
+        return Answer(surface, seconds, rendered=report.held_out_error)
 
     return Method(key, title, "ours", run, dataclasses.asdict(params))
 
@@ -112,6 +129,7 @@ def reference(params: ReferenceParams, size: Size, least: int) -> Method:
 
     name = f"reference_{params.samples}_{params.epochs}"
     name += "" if params.emitter_sampling else "_cosine_ggx"
+    name += "" if params.emitter == "ours" else f"_{params.emitter}_light"
     facts = dataclasses.asdict(params) | {"work": size.reference_work, "least": least}
     return Method(name, title(params), "reference", run, facts)
 
@@ -119,13 +137,14 @@ def reference(params: ReferenceParams, size: Size, least: int) -> Method:
 def by_reference(
     given: Stored, params: ReferenceParams, distance: float, device: str, seed: int, progress: Progress
 ) -> Answer:
-    """The paper's solver on a part of the pixels, its seconds told for the whole object."""
+    """The paper's solver on a part of the pixels, its seconds told for the whole object and with its own light's training."""
     # Torch takes seconds to load.
     from engine.reference.solver import solve as solve_by_reference
 
     params = replace(params, object_distance=distance)
     surface, *_, report = solve_by_reference(*given.inputs, params, device, seed, progress)
-    whole = report.seconds_per_pixel * report.object_pixels if params.epochs else math.nan
+    whole = report.seconds_per_pixel * report.object_pixels + report.emitter_seconds
+    whole = whole if params.epochs else math.nan
     return Answer(surface, whole, report.pixels < report.object_pixels, report.held_out_error)
 
 
@@ -149,45 +168,25 @@ def others(size: Size, least: int) -> tuple[Method, ...]:
     return (reference(dearest(size), size, least), *baselines())
 
 
-def swept(size: Size) -> tuple[Method, ...]:
+def swept(size: Size, least: int = MANY) -> tuple[Method, ...]:
     """The reference at fewer samples and epochs."""
     pairs = [(samples, epochs) for samples in size.samples for epochs in size.epochs]
-    return tuple(reference(scaled(*pair), size, MANY) for pair in pairs[:-1])
+    return tuple(reference(scaled(*pair), size, least) for pair in pairs[:-1])
 
 
-def switched(size: Size) -> tuple[Method, ...]:
+def switched(size: Size, least: int = MANY) -> tuple[Method, ...]:
     """The paper's ablation: the reference before its first step and after its last, without emitter sampling, and under
     the paper's own light in two stages and in one, trained for a share of the published iterations."""
     last = dearest(size)
-    begun = replace(reference(replace(last, epochs=0), size, MANY), title="reference, as it starts")
-    return (
-        begun,
-        reference(last, size, MANY),
-        reference(replace(last, emitter_sampling=False), size, MANY),
-        *(trained(one_stage, size) for one_stage in (False, True)),
+    begun = replace(reference(replace(last, epochs=0), size, least), title="reference, as it starts")
+    taught = replace(last, emitter_share=size.training, emitter_most=size.emitters)
+    changed = (
+        last,
+        replace(last, emitter_sampling=False),
+        replace(taught, emitter="two_stage"),
+        replace(taught, emitter="one_stage"),
     )
-
-
-def trained(one_stage: bool, size: Size) -> Method:
-    """The reference at its dearest, under the light of the paper's own training instead of ours."""
-    emitter = replace(scaled_training(size.training), one_stage=one_stage, most=size.emitters)
-    params, usual = dearest(size), reference(dearest(size), size, MANY)
-
-    def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
-        start = time.perf_counter()
-        light, _ = train(stored.frames, stored.masks, stored.poses, emitter, seed, progress.part(0, 0.5))
-        seconds = time.perf_counter() - start
-        distance = alike(stored, device, seed).distance
-        given = replace(unlit_by_lamps(stored), gaussians=light)
-        part = replace(params, pixels=affordable(params, size, MANY, len(stored.frames.names)))
-        answer = by_reference(given, part, distance, device, seed, progress.part(0.5, 1))
-        return replace(answer, seconds=answer.seconds + seconds)
-
-    stages = "one stage" if one_stage else "two stages"
-    key = f"{usual.key}_{'one' if one_stage else 'two'}_stage_light"
-    title = f"{usual.title}, the paper's light in {stages}, {size.training:.3g} of the iterations"
-    title += f", {size.emitters:,} Gaussians at most"
-    return Method(key, title, "reference", run, dict(usual.facts) | dataclasses.asdict(emitter))
+    return (begun, *(reference(params, size, least) for params in changed))
 
 
 def switch_rows() -> tuple[Method, ...]:

@@ -46,7 +46,7 @@ QUICKER = 0.75
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One method on one set, or their mean over sets. `earlier`: the seconds are of an earlier run."""
+    """One method on one set, or their mean over sets."""
 
     set: str
     method: str
@@ -56,7 +56,7 @@ class Scored:
     seconds: float
     extrapolated: bool
     pixels: int  # compared
-    run: str  # "" when the seconds are of several
+    runs: tuple[str, ...]  # that measured the seconds, set by set
     rendered: float = math.nan  # median relative error of views kept out, rendered again
 
 
@@ -79,7 +79,7 @@ def score(rows: Sequence[Row]) -> list[Scored]:
         scored.append(
             Scored(
                 row.set.name, row.method.key, row.method.title, row.method.kind, values, row.seconds,
-                row.extrapolated, int(common.sum()), row.run, row.rendered,
+                row.extrapolated, int(common.sum()), (row.run,), row.rendered,
             )
         )  # fmt: skip
     return scored
@@ -88,7 +88,6 @@ def score(rows: Sequence[Row]) -> list[Scored]:
 def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
     """One method's mean over sets."""
     first = scored[0]
-    runs = {s.run for s in scored}
     return replace(
         first,
         set=name,
@@ -96,7 +95,7 @@ def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
         seconds=statistics.fmean(s.seconds for s in scored),
         extrapolated=any(s.extrapolated for s in scored),
         pixels=sum(s.pixels for s in scored),
-        run=runs.pop() if len(runs) == 1 else "",
+        runs=tuple(run for s in scored for run in s.runs),
         rendered=statistics.fmean(s.rendered for s in scored),
     )
 
@@ -115,13 +114,33 @@ def means(scored: Sequence[Scored]) -> list[Scored]:
 
 
 def ratio(one: Scored, other: Scored) -> float | None:
-    """Seconds of one per second of the other; None unless both were measured, in one run."""
+    """Seconds of one per second of the other; None unless both were measured, on every set in one run: sets may differ."""
     measured = not (math.isnan(one.seconds) or math.isnan(other.seconds))
-    return one.seconds / other.seconds if measured and one.run and one.run == other.run else None
+    return one.seconds / other.seconds if measured and one.runs == other.runs else None
+
+
+def object_means(scored: Sequence[Scored]) -> list[Scored]:
+    """Every method's mean over the rooms of each object."""
+    things = dict.fromkeys(thing(one) for one in scored)
+    return [mean(group, f"mean-{name}") for name in things for group in _of(scored, name).values()]
+
+
+def thing(one: Scored) -> str:
+    """The object of a set ROOM-OBJECT."""
+    return one.set.partition("-")[2]
+
+
+def _of(scored: Sequence[Scored], name: str) -> dict[str, list[Scored]]:
+    return by_method(one for one in scored if thing(one) == name)
+
+
+def by_pixels(scored: Sequence[Scored]) -> list[Scored]:
+    """The same, with the number of pixels compared in the set's name: of few pixels it is another number."""
+    return [replace(one, set=f"{one.set} {one.pixels} pixels") for one in scored]
 
 
 def as_metrics(scored: Sequence[Scored]) -> list[Metric]:
-    """Accuracies, seconds, and ratios of seconds to ours at its defaults where one run measured both.
+    """Accuracies, seconds, and ratios of seconds to ours at its defaults where the same runs measured both.
 
     Ratios of extrapolated seconds are told but not gated: what a solve of few pixels takes to begin is multiplied too.
     """

@@ -5,17 +5,16 @@ from collections.abc import Sequence
 
 from app.bench.markdown import markdown, shown
 from app.bench.rows import OURS
-from app.bench.scores import SCORES, Scored, by_method, mean, means, ratio
+from app.bench.scores import SCORES, Scored, by_method, mean, means, object_means, ratio, thing
 
 
 def by_object(scored: Sequence[Scored]) -> str:
     """Table 1: objects as rows, averaged over rooms; methods as groups of columns; an average; seconds."""
     methods = by_method(scored)
-    things = list(dict.fromkeys(_thing(one) for one in scored))
+    found = object_means(scored)
     lines = [["object", *(f"{group[0].title}: {s.title}" for group in methods.values() for s in SCORES)]]
-    for thing in things:
-        means_here = [mean([one for one in group if _thing(one) == thing]) for group in methods.values()]
-        lines.append([thing, *_cells(means_here)])
+    for name in dict.fromkeys(thing(one) for one in found):
+        lines.append([name, *_cells([one for one in found if thing(one) == name])])
     lines.append(["average", *_cells([mean(group) for group in methods.values()])])
     return markdown(lines)
 
@@ -34,46 +33,45 @@ def by_switch(scored: Sequence[Scored]) -> str:
     """Table 3: methods as rows, three scores, the error of views kept out and rendered again, seconds, and how many times
     as long as ours at its defaults."""
     averages = means(scored)
-    usual = next((one for one in averages if one.method == OURS), None)
+    usual = yardstick(averages)
     lines = [["method", *(s.title for s in SCORES), "Kept-out views ↓", "seconds", f"x {OURS}"]]
-    now = latest_run(scored)
     for one in averages:
-        share = ratio(one, usual) if usual is not None else None
-        lines.append([one.title, *_cells([one]), _rendered(one), seconds(one, now), shown(share, 2)])
+        share = ratio(one, usual) if usual.method == OURS else None
+        lines.append([one.title, *_cells([one]), _rendered(one), seconds(one, usual), shown(share, 2)])
     return markdown(lines)
 
 
-def latest_run(scored: Sequence[Scored]) -> str:
-    """The run that the last row was measured in."""
-    return scored[-1].run
+def yardstick(averages: Sequence[Scored]) -> Scored:
+    """The row whose runs the others' times are held against: ours at its defaults, or else the last."""
+    return next((one for one in averages if one.method == OURS), averages[-1])
 
 
-def seconds(one: Scored, run: str) -> str:
-    """With `~` where extrapolated and `*` where another run (or several) measured them; - where nobody did."""
+def seconds(one: Scored, usual: Scored) -> str:
+    """With `~` where extrapolated and `*` where other runs measured them than the yardstick's; - where nobody did."""
     if math.isnan(one.seconds):
         return shown(None, 0)
     digits = shown(one.seconds, 1 if one.seconds < 100 else 0)
-    return f"{'~' if one.extrapolated else ''}{digits}{'' if one.run == run else '*'}"
+    return f"{'~' if one.extrapolated else ''}{digits}{'' if one.runs == usual.runs else '*'}"
 
 
-def notes(scored: Sequence[Scored], run: str) -> str:
+def notes(scored: Sequence[Scored]) -> str:
     """What the marks in a table mean, where it has any; and which pixels were compared."""
+    averages = means(scored)
+    usual = yardstick(averages)
     said = [
         f"{len({one.set for one in scored})} sets, {min(one.pixels for one in scored)} pixels or more each"
     ]
     if any(one.extrapolated for one in scored):
         said.append("~ extrapolated from fewer pixels, views or samples")
-    if any(one.run != run for one in scored if not math.isnan(one.seconds)):
-        said.append("* seconds of an earlier run, in no ratio with others (--fresh measures all again)")
+    if any(one.runs != usual.runs for one in averages if not math.isnan(one.seconds)):
+        said.append(
+            f"* seconds of other runs than those of {usual.title}, in no ratio with it (--fresh measures all again)"
+        )
     return "; ".join(said)
 
 
 def _rendered(one: Scored) -> str:
     return shown(None, 0) if math.isnan(one.rendered) else f"{100 * one.rendered:.1f} %"
-
-
-def _thing(one: Scored) -> str:
-    return one.set.partition("-")[2]
 
 
 def _cells(scored: Sequence[Scored]) -> list[str]:

@@ -1,6 +1,7 @@
 """What draft, standard and fine mean: the parameters in which each differs from the stages' defaults."""
 
 from collections.abc import Mapping
+from dataclasses import fields, replace
 from typing import Any
 
 Preset = Mapping[str, Mapping[str, Any]]
@@ -36,3 +37,16 @@ def of_stage(stage: str) -> dict[str, Mapping[str, Any]]:
     """Preset name -> what it changes in `stage`."""
     presets = {"draft": draft(), "standard": standard(), "fine": fine()}
     return {name: changes.get(stage, {}) for name, changes in presets.items()}
+
+
+def of_reference() -> dict[str, Mapping[str, Any]]:
+    """The same of the paper's solver: standard and fine are its published counts, draft is cut short and says so."""
+    from engine.reference.params import ReferenceParams, scaled
+
+    published, short = ReferenceParams(), replace(scaled(64, 25), emitter_share=0.1)
+    changes = {
+        item.name: getattr(short, item.name)
+        for item in fields(short)
+        if getattr(short, item.name) != getattr(published, item.name)
+    }
+    return {"draft": changes, "standard": {}, "fine": {}}

@@ -54,12 +54,12 @@ def _transport() -> Stage:
 
 
 def _reference() -> Stage:
-    """The paper's solver; every preset is the published one. Its parameters alone tell its results from ours."""
+    """The paper's solver. Its parameters alone tell its results from ours."""
     from engine.reference.params import ReferenceParams
 
     return Stage(
-        "surface", 4, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
-        files=("start_maps",),
+        "surface", 5, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
+        files=("start_maps",), presets=presets.of_reference(),
     )  # fmt: skip
 
 

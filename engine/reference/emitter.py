@@ -25,6 +25,7 @@ from engine.light.train import split_views
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.reference import cloud as clouds
+from engine.reference.params import MOST
 from engine.types import Frames, Gaussians, Masks, Poses
 
 _RATE = 0.1  # of stage 2, for the constant term; the other harmonics' is 20 times smaller, as in 3DGRT
@@ -46,7 +47,7 @@ class EmitterParams:
     densify_every: int = 300
     prune_every: int = 100
     reset_every: int = 3000
-    most: int = 3_000_000  # Gaussians; where they would be more, those pulled hardest go first
+    most: int = MOST  # Gaussians; where they would be more, those pulled hardest go first
     random_points: int = 100_000  # to start from where SfM found next to none
 
 

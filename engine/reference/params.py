@@ -4,10 +4,13 @@ Source: the paper, Sec. 4, "Implementation details": every default is as publish
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 from engine.surface.distance import Distance
 
 SAMPLES, EPOCHS = 256, 100
+MOST = 3_000_000
+"""Gaussians of the paper's own light at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,10 @@ class ReferenceParams:
     start_maps: str = (
         ""  # .npz, .npy or .exr with first normals (roughness, albedo); empty: our global search
     )
+    # The light: the stage before's, or the paper's own training, in two stages as published or in one, its ablation.
+    emitter: Literal["ours", "two_stage", "one_stage"] = "ours"
+    emitter_share: float = 1.0  # of the published iterations of that training
+    emitter_most: int = MOST  # Gaussians that it may end with
 
 
 def scaled(samples: int, epochs: int) -> ReferenceParams:
@@ -58,8 +65,17 @@ def title(params: ReferenceParams) -> str:
     else:
         name = f"reference at {params.samples} samples, {params.epochs} epochs"
     if not params.emitter_sampling:
-        return f"{name}, without emitter sampling"
-    return f"{name}, aimed by emission" if params.aim_by_emission else name
+        name += ", without emitter sampling"
+    elif params.aim_by_emission:
+        name += ", aimed by emission"
+    if params.emitter == "ours":
+        return name
+    name += (
+        f", the paper's light in {params.emitter.replace('_', ' ')}{'s' * (params.emitter == 'two_stage')}"
+    )
+    if params.emitter_share != 1:
+        name += f", {params.emitter_share:.3g} of the iterations"
+    return name if params.emitter_most == MOST else f"{name}, {params.emitter_most:,} Gaussians at most"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +93,9 @@ class ReferenceReport:
     steps: int
     radiance_unit: float  # the 1 of Eq. (14)
     distance: Distance
+    emitter: str  # whose light: "ours" | "two_stage" | "one_stage"
+    gaussians: int  # of that light
+    emitter_seconds: float  # its training; 0 for ours
     colour_loss: tuple[float, ...]  # Eq. (14) per epoch, mean over its steps
     normal_loss: tuple[float, ...]  # Eq. (15)
     smooth_loss: tuple[float, ...]  # Eq. (16), unweighted

@@ -19,12 +19,13 @@ from torch import Tensor
 from engine.errors import SurfaceError
 from engine.geometry import rays
 from engine.light import proposal
-from engine.light.rasterise import workers
+from engine.light.rasterise import Run, workers
 from engine.progress import Progress
 from engine.reference import losses, queries
 from engine.reference.descent import Descent, Told, Unknowns, slices
+from engine.reference.light import Given, light_for
 from engine.reference.params import EPOCHS, SAMPLES, ReferenceParams, ReferenceReport, title
-from engine.reference.rendering import Scene, render
+from engine.reference.rendering import Look, Scene, render
 from engine.reference.shadows import Shadows, shadows_of
 from engine.reference.start import Start, begin
 from engine.surface.observations import aside
@@ -37,6 +38,8 @@ from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Po
 TILE = 4
 """Side of the tiles in which a part of the pixels is taken: each has neighbours for Eq. (15) and (16), and a few hundred
 pixels still come from all over the object."""
+PICTURES = 8
+"""A view kept out is rendered so often, and the mean is its picture: of one, the error would be mostly that of its samples."""
 INSIDE = 0.01
 """First albedo and roughness stay so far from 0 and 1, where a sigmoid has no slope."""
 
@@ -47,20 +50,22 @@ def solve(
 ) -> tuple[Surface, Renders, Horizons, Emitters, ReferenceReport]:  # fmt: skip
     """The surface of the pixels solved (its mask), and the pictures of the views kept out.
 
-    `gaussians` hold the lamps and are all the light. Of its errors the paper's method knows nothing: the standard
-    errors stand at the whole range. `seed` draws pixels, batches and directions.
+    `gaussians` hold the lamps and are all the light, unless the paper's own is to be trained. Of its errors the paper's
+    method knows nothing: the standard errors stand at the whole range. `seed` draws pixels, batches and directions.
 
     Raises:
         SurfaceError: too few views, an empty mask, or maps to start from that do not fit.
+        LightError: a light is to be trained, and nothing shows it.
     """
     mask = masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
-    clock = time.perf_counter()
     fitted, kept_out = held_out(poses.registered, params.held_out)
-    ours = SurfaceParams()
+    light = light_for(frames, masks, poses, gaussians, lamps, params, seed, progress.part(0, 0.05))
+    gaussians, lamps = light.gaussians, light.lamps
+    clock, ours = time.perf_counter(), SurfaceParams()
     room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
-    first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0, 0.1))
+    first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0.05, 0.1))
     solved, distance = part_of(mask, params.pixels, seed), first.distance.value
     unit = radiance_unit(frames, masks, fitted)
     unknowns = unknowns_of(first, mask, solved, device)
@@ -96,23 +101,31 @@ def solve(
             told.append(descent.epoch(epoch, order.permutation(fitted), shadows, draw, run, span))
         seconds = time.perf_counter() - begun
         pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
-        shadows, count = shadows_now(), int(solved.sum())
+        shadows = shadows_now()
         with torch.no_grad():
             for i, view in enumerate(kept_out):
                 progress.step(0.98 + 0.02 * i / len(kept_out), "rendering views kept out")
-                parts = [
-                    render(scene, unknowns.look(), shadows, part, np.array([view]), draw, run)[0]
-                    for part in slices(count, params.samples, device)
-                ]
-                pictures[i, solved] = torch.cat(parts).cpu().numpy()
+                pictures[i, solved] = _picture(scene, unknowns.look(), shadows, view, draw, run)
     report = _report(
-        params, first, count, int(mask.sum()), len(fitted), kept_out,
+        params, first, light, int(solved.sum()), int(mask.sum()), len(fitted), kept_out,
         rerendering_error(frames, kept_out, pictures, solved),
         unit, told, begun - clock, seconds,
     )  # fmt: skip
-    no_horizons = Horizons(np.zeros((count, SECTORS), np.int8))
+    no_horizons = Horizons(np.zeros((int(solved.sum()), SECTORS), np.int8))
     as_given = Emitters(gaussians, lamps, 0)
     return _surface(solved, unknowns, depth, told), Renders(kept_out, pictures), no_horizons, as_given, report
+
+
+def _picture(
+    scene: Scene, look: Look, shadows: Shadows, view: int, draw: torch.Generator, run: Run
+) -> Float[np.ndarray, "p 3"]:
+    """The mean of PICTURES renderings of a view, each from samples of its own."""
+    count, device = len(look.depth), look.depth.device.type
+    total = torch.zeros((count, 3), device=look.depth.device)
+    for part in slices(count, scene.samples, device):
+        for _ in range(PICTURES):
+            total[part] += render(scene, look, shadows, part, np.array([view]), draw, run)[0]
+    return (total / PICTURES).cpu().numpy()
 
 
 def part_of(mask: Bool[np.ndarray, "h w"], count: int, seed: int) -> Bool[np.ndarray, "h w"]:
@@ -208,8 +221,8 @@ def _surface(
 
 
 def _report(
-    params: ReferenceParams, first: Start, pixels: int, object_pixels: int, fitted: int, kept_out: tuple[int, ...],
-    error: float, unit: float, told: list[Told], start_seconds: float, seconds: float,
+    params: ReferenceParams, first: Start, light: Given, pixels: int, object_pixels: int, fitted: int,
+    kept_out: tuple[int, ...], error: float, unit: float, told: list[Told], start_seconds: float, seconds: float,
 ) -> ReferenceReport:  # fmt: skip
     """The facts, and what they say of the published settings."""
     drawn = pixels * fitted * params.samples * params.epochs
@@ -226,6 +239,9 @@ def _report(
         steps=params.epochs * -(-fitted // params.batch_views),
         radiance_unit=unit,
         distance=first.distance,
+        emitter=params.emitter,
+        gaussians=len(light.gaussians.means),
+        emitter_seconds=light.seconds,
         colour_loss=tuple(epoch.colour for epoch in told),
         normal_loss=tuple(epoch.normal for epoch in told),
         smooth_loss=tuple(epoch.smooth for epoch in told),

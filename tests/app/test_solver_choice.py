@@ -1,7 +1,7 @@
 """`roomlight process --solver reference`: the paper's solver on a small session, and all that reads its results."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -17,6 +17,7 @@ from engine.errors import SessionError
 from engine.pipeline import artefacts, stages, table
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
+from engine.reference.params import ReferenceParams, scaled, title
 from engine.types import Surface
 from tests.app import furnace
 from tests.app.calls import refused
@@ -120,6 +121,32 @@ def test_a_preset_of_params_toml_from_before_there_was_a_choice_is_ours() -> Non
     assert asked.from_toml({}).solver == "transport"
     with pytest.raises(SessionError, match="solver 'montecarlo' is unknown"):
         asked.from_toml({"solver": "montecarlo"})
+
+
+def test_a_cut_short_preset_of_the_papers_solver_says_so_and_the_others_are_as_published(
+    session: Path,
+) -> None:
+    asked_for = {
+        preset: next(
+            step.params
+            for step in planned(session, Settings(preset, solver="reference"))
+            if step.stage.name == "surface"
+        )
+        for preset in asked.PRESETS
+    }
+    assert asked_for["standard"] == asked_for["fine"] == ReferenceParams()
+    assert asked_for["draft"] == replace(scaled(64, 25), emitter_share=0.1)
+    assert title(asked_for["draft"]) == "reference at 64 samples, 25 epochs"
+
+
+def test_its_light_may_be_its_own_and_another_is_refused(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["plan", str(session), "--set", "surface.emitter=one_stage"]) == 0
+    assert "params.emitter ours -> one_stage" in capsys.readouterr().out
+    said = refused(capsys, "plan", session, "--set", "surface.emitter=three_stage")
+    assert "choose ours, two_stage, one_stage" in said
 
 
 def test_its_views_are_not_rendered_anew_and_that_is_said(session: Path) -> None:

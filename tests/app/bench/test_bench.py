@@ -21,6 +21,7 @@ from tests.app.calls import refused
 from tests.engine.ball import ball
 
 QUICK = SIZES["quick"]
+PIXELS = int(ball().mask.sum())
 DEAREST = rows.reference(rows.dearest(QUICK), QUICK, rows.FEW).key
 
 
@@ -39,7 +40,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     solvers = (method("draft", 3.0, 1.0, calls=seen), method("standard", 2.0, 4.0, calls=seen))
     monkeypatch.setattr(rows, "preset_rows", lambda: solvers)
     monkeypatch.setattr(rows, "others", lambda size, least: (method(DEAREST, 4.0, 8e3, "reference", seen),))
-    monkeypatch.setattr(rows, "swept", lambda size: ())
+    monkeypatch.setattr(rows, "swept", lambda size, least: ())
     return seen
 
 
@@ -165,12 +166,14 @@ def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
     assert main([*words, *files]) == 0
     out = capsys.readouterr().out
     assert "ours, draft: Normal ↓" in out
+    assert "over whole objects" in out
     assert "~8000" in out
     record = json.loads((tmp_path / "m.json").read_text())
     assert record["command"] == "table"
     assert record["inputs"].startswith("sets of size quick (40 views")
     ratios = {m["key"]: m["value"] for m in record["metrics"] if m["unit"] == "x"}
-    assert ratios[f"mean/{DEAREST}/seconds_to_standard"] == 2000
+    assert ratios[f"mean {PIXELS} pixels/{DEAREST}/seconds_to_standard"] == 2000
+    assert {"mean/standard/normal", "mean-blob/standard/normal"} <= {m["key"] for m in record["metrics"]}
     baseline = json.loads((tmp_path / "base.json").read_text())
     assert {m["unit"] for m in baseline["metrics"]} == {
         "deg",
@@ -236,7 +239,7 @@ def test_an_ablation_compares_our_switches_over_all_pixels(
         "switch_rows",
         lambda: (method("standard", 2.0, 4.0, calls=calls), method("no_bounce", 2.5, 4.0, calls=calls)),
     )
-    monkeypatch.setattr(rows, "switched", lambda size: (replace(few, solve=solve_some),))
+    monkeypatch.setattr(rows, "switched", lambda size, least: (replace(few, solve=solve_some),))
     words = ["bench", "ablation", "--quick", "--sets", str(tmp_path), "--device", "cpu"]
     assert main([*words, "--json", str(tmp_path / "m.json")]) == 0
     assert calls == ["standard", "no_bounce", DEAREST]
@@ -245,6 +248,64 @@ def test_an_ablation_compares_our_switches_over_all_pixels(
     assert f"window-blob 5 pixels/{DEAREST}/normal" in keys
     assert "window-blob 5 pixels/standard/normal" in keys
     assert len(keys) == len(set(keys))
+
+
+def test_a_table_of_parts_is_that_of_one_call(
+    tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
+):
+    words = ["bench", "table", "--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    files = [str(tmp_path / name) for name in ("blob.json", "duo.json")]
+    assert main([*words, "--objects", "blob,duo"]) == 0
+    whole = capsys.readouterr().out
+    for thing, file in zip(("blob", "duo"), files, strict=True):
+        assert main([*words, "--objects", thing, "--json", file]) == 0
+    capsys.readouterr()
+    assert main(["bench", "table", "--from", *files]) == 0
+    out = capsys.readouterr().out
+    assert [line for line in out.splitlines() if line.startswith(("|", "-"))] == [
+        line for line in whole.splitlines() if line.startswith(("|", "-"))
+    ]
+    assert out.count(", engine ") == 2
+    assert "NOT of one engine" not in out
+    assert main(["bench", "table", "--from", *files, "--methods", "standard"]) == 0
+    assert "draft" not in capsys.readouterr().out
+    assert "both hold" in refused(capsys, "bench", "table", "--from", files[0], files[0])
+    record = json.loads(Path(files[1]).read_text())
+    Path(files[1]).write_text(json.dumps(record | {"seed": 7}))
+    assert "its seed is 7" in refused(capsys, "bench", "table", "--from", *files)
+    lacking = {
+        group: [row for row in held if row["method"] != "draft"] for group, held in record["rows"].items()
+    }
+    other = {"rows": lacking, "versions": record["versions"] | {"engine": "another"}}
+    Path(files[1]).write_text(json.dumps(record | other))
+    assert "draft was not measured on window-duo" in refused(capsys, "bench", "table", "--from", *files)
+    Path(files[1]).write_text(json.dumps(record | {"versions": other["versions"]}))
+    assert main(["bench", "table", "--from", *files]) == 0
+    assert "NOT of one engine" in capsys.readouterr().out
+    assert "are theirs" in refused(capsys, "bench", "table", "--from", *files, "--json", tmp_path / "x.json")
+
+
+def test_only_the_methods_asked_for_are_measured(
+    tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
+):
+    words = ["--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu", "--methods"]
+    assert main(["bench", "table", *words, "draft"]) == 0
+    assert calls == ["draft"]
+    assert "reference" not in capsys.readouterr().out
+    said = refused(capsys, "bench", "views", *words, "drat")
+    assert f"'drat'; choose of draft, standard, {DEAREST}" in said
+
+
+def test_the_reference_solves_as_many_pixels_as_asked(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    asked: list[int] = []
+    monkeypatch.setattr(rows, "others", lambda size, least: (asked.append(least), ())[1])
+    words = ["--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    assert main(["bench", "table", *words, "--reference-pixels", "32"]) == 0
+    assert main(["bench", "table", *words]) == 0
+    assert asked == [32, rows.FEW]
+    assert "multiple of 16" in refused(capsys, "bench", "table", *words, "--reference-pixels", "40")
 
 
 def test_maps_computed_elsewhere_are_a_row_without_seconds(

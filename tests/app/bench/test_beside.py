@@ -9,7 +9,7 @@ from app.bench.scores import Scored
 def point(method: str, normal: float, seconds: float, kind: str = "reference", **changes: object) -> Scored:
     values = {"normal": normal, "albedo": 30.0 - normal, "roughness": 0.01 * normal}
     title = f"ours, {method}" if kind == "ours" else method
-    return replace(Scored("s", method, title, kind, values, seconds, False, 9, "now"), **changes)  # pyright: ignore[reportArgumentType]
+    return replace(Scored("s", method, title, kind, values, seconds, False, 9, ("now",)), **changes)  # pyright: ignore[reportArgumentType]
 
 
 USUAL, SLOW = point("standard", 1.0, 10.0, "ours"), point("dear", 2.0, 20_000.0)
@@ -27,7 +27,7 @@ def test_a_setting_as_good_as_ours_is_found_and_the_cheapest_counts():
 
 
 def test_times_of_different_runs_are_not_divided():
-    assert "times of different runs" in beside.told([USUAL, replace(SLOW, run="before")], "dear")[0]
+    assert "times of different runs" in beside.told([USUAL, replace(SLOW, runs=("before",))], "dear")[0]
 
 
 def test_one_worse_error_is_enough_not_to_dominate():

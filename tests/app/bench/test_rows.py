@@ -1,18 +1,21 @@
 """The rows beside ours: the same light and distance for all, and what a part of the pixels stands for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from app.bench import rows
+from app.bench import alike, rows
 from app.bench.alike import Alike, under
+from app.bench.record import BenchError
 from app.bench.sizes import SIZES, Size
 from app.bench.stored import Stored
 from engine.light.gaussians import Y00
 from engine.progress import Progress
 from engine.reference.baselines import BASELINES
 from engine.reference.params import ReferenceParams, scaled
+from engine.surface.pixels import SurfaceParams
 from engine.surface.surroundings import furnished
 from tests.engine.reference.lit_room import DISTANCE, lambert, scene
 
@@ -59,8 +62,9 @@ def test_every_baseline_and_switch_has_a_row_of_its_own(size: Size):
     assert {method.key for method in methods if method.kind == "baseline"} == set(BASELINES)
     begun, last, without, two, one = rows.switched(size)
     assert len({row.key for row in (begun, last, without, two, one)}) == 5
-    assert (two.facts["one_stage"], one.facts["one_stage"]) == (False, True)
-    assert two.facts["iterations"] == round(30_000 * size.training)
+    assert (two.facts["emitter"], one.facts["emitter"]) == ("two_stage", "one_stage")
+    assert two.facts["emitter_share"] == size.training
+    assert "the paper's light in two stages" in two.title
     assert last.key == rows.others(size, rows.MANY)[0].key
     assert without.facts["emitter_sampling"] is False
     assert begun.facts["epochs"] == 0
@@ -81,25 +85,45 @@ def test_the_reference_before_its_first_step_takes_no_time_and_solves_as_many_pi
     np.testing.assert_array_equal(begun.surface.mask, last.surface.mask)
 
 
-def test_the_papers_own_light_takes_the_place_of_ours(lit: Stored, monkeypatch: pytest.MonkeyPatch):
-    seen: list[Stored] = []
+def test_what_our_row_found_is_handed_to_the_rows_beside_it(lit: Stored, monkeypatch: pytest.MonkeyPatch):
+    solved: list[SurfaceParams] = []
+    emitters = furnished(lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0).emitters
 
-    def solved(given: Stored, *_: object) -> rows.Answer:
-        seen.append(given)
-        return rows.Answer(None, 5.0, True)  # pyright: ignore[reportArgumentType]
+    def solve(*given):
+        solved.append(given[5])
+        report = SimpleNamespace(held_out_error=0.1, distance=SimpleNamespace(value=DISTANCE))
+        return None, None, None, emitters, report
 
+    monkeypatch.setattr(rows, "solve", solve)
+    monkeypatch.setattr(alike, "solve", solve)
+    monkeypatch.setattr(alike, "_found", {})
+    draft, standard = (rows.ours(name, name, rows.params_of(name)) for name in ("draft", "standard"))
+    draft.solve(lit, "cpu", 0, Progress())
+    assert alike.alike(lit, "cpu", 0).distance == DISTANCE  # draft's is not ours at its defaults
+    assert len(solved) == 2
+    alike._found.clear()
+    standard.solve(lit, "cpu", 0, Progress())
+    assert alike.alike(lit, "cpu", 0) is alike.alike(lit, "cpu", 0)
+    assert len(solved) == 3
+    alike.alike(lit, "cpu", 1)
+    assert len(solved) == 4  # another seed, another answer
+
+
+def test_the_training_of_the_papers_own_light_counts_in_its_seconds(
+    lit: Stored, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(rows, "alike", lambda stored, device, seed: Alike(stored, DISTANCE))
-    monkeypatch.setattr(rows, "by_reference", solved)
-    # A room to train on: dim, with a bright third.
-    radiance = np.full_like(lit.frames.radiance, 0.2)
-    radiance[:, :, : radiance.shape[2] // 3] = 20.0
-    photographed = replace(lit, frames=replace(lit.frames, radiance=radiance))
-    for one_stage in (True, False):
-        answer = rows.trained(one_stage, replace(QUICK, training=1e-4)).solve(
-            photographed, "cpu", 0, Progress()
-        )
-        assert answer.seconds > 5
-    one, two = (given.gaussians for given in seen)
-    assert not len(seen[0].lamps.radii)
-    np.testing.assert_array_equal(one.means, two.means)  # the second stage is about colours alone
-    assert np.abs(one.radiance - two.radiance).max() > 0
+    report = SimpleNamespace(
+        seconds_per_pixel=2.0, object_pixels=10, emitter_seconds=5.0, pixels=4, held_out_error=0.1
+    )
+    monkeypatch.setattr("engine.reference.solver.solve", lambda *given: (None, None, None, None, report))
+    *_, two, _ = rows.switched(QUICK)
+    assert two.solve(lit, "cpu", 0, Progress()).seconds == 25
+
+
+def test_chosen_rows_keep_their_order_and_another_key_is_refused():
+    methods = rows.preset_rows()
+    assert [m.key for m in rows.chosen(methods, ("fine", "draft"))] == ["draft", "fine"]
+    assert rows.chosen(methods, ()) == methods
+    with pytest.raises(BenchError, match="'lambrt'; choose of draft, standard, fine"):
+        rows.chosen(methods, ("lambrt",))

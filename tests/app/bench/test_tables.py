@@ -20,7 +20,7 @@ def scored(
     thing: str, key: str, normal: float, seconds: float, run: str = "now", room: str = "study"
 ) -> Scored:
     values = {"normal": normal, "albedo": 30.0, "roughness": 0.05}
-    return Scored(f"{room}-{thing}", key, f"ours, {key}", "ours", values, seconds, False, 100, run)
+    return Scored(f"{room}-{thing}", key, f"ours, {key}", "ours", values, seconds, False, 100, (run,))
 
 
 def cells(text: str, first: str) -> list[str]:
@@ -52,10 +52,10 @@ def test_views_are_rows_in_order():
 def test_a_ratio_is_taken_within_one_run_only():
     usual, slow = scored("blob", "standard", 3.0, 10.0), scored("blob", "fine", 2.0, 30.0)
     assert cells(tables.by_switch([usual, slow]), "ours, fine")[-2:] == ["30.0", "3.00"]
-    earlier = replace(slow, run="before")
+    earlier = replace(slow, runs=("before",))
     text = tables.by_switch([earlier, usual])
     assert cells(text, "ours, fine")[-2:] == ["30.0*", "-"]
-    assert "earlier run" in tables.notes([earlier, usual], usual.run)
+    assert "other runs than those of ours, standard" in tables.notes([earlier, usual])
     keys = [m.key for m in scores.as_metrics([usual, earlier])]
     assert not any("seconds_to" in key for key in keys)
     assert [m.value for m in scores.as_metrics([usual, slow]) if m.unit == "x"] == [3.0]
@@ -75,10 +75,31 @@ def test_yardsticks_are_gated_loosely_and_extrapolated_times_not_at_all():
     ]
 
 
-def test_a_mean_of_several_runs_belongs_to_none():
-    assert scores.mean([scored("a", "fine", 1, 1, "r1"), scored("b", "fine", 1, 3, "r1")]).run == "r1"
-    both = scores.mean([scored("a", "fine", 1, 1, "r1"), scored("b", "fine", 3, 3, "r2")])
-    assert (both.run, both.seconds, both.values["normal"]) == ("", 2, 2)
+def test_means_over_resumed_sets_are_divided_where_each_set_was_measured_by_one_run():
+    usual = [scored("a", "standard", 1, 1, "r1"), scored("b", "standard", 3, 3, "r2")]
+    slow = [scored("a", "fine", 1, 6, "r1"), scored("b", "fine", 1, 2, "r2")]
+    assert scores.ratio(scores.mean(slow), scores.mean(usual)) == 2
+    text = tables.by_switch([*usual, *slow])
+    assert cells(text, "ours, fine")[-2:] == ["4.0", "2.00"]
+    assert "*" not in tables.notes([*usual, *slow])
+    # One of the two sets measured again in another run: no ratio, and a mark.
+    mixed = [slow[0], replace(slow[1], runs=("r3",))]
+    assert scores.ratio(scores.mean(mixed), scores.mean(usual)) is None
+    assert cells(tables.by_switch([*usual, *mixed]), "ours, fine")[-2:] == ["4.0*", "-"]
+
+
+def test_an_objects_mean_is_over_its_rooms_and_few_pixels_are_named():
+    some = [
+        scored("blob", "draft", 2.0, 1.0),
+        scored("blob", "draft", 4.0, 1.0, room="lamps"),
+        scored("duo", "draft", 9.0, 1.0),
+    ]
+    means = {one.set: one.values["normal"] for one in scores.object_means(some)}
+    assert means == {"mean-blob": 3.0, "mean-duo": 9.0}
+    assert [one.set for one in scores.by_pixels(scores.object_means(some))] == [
+        "mean-blob 200 pixels",
+        "mean-duo 100 pixels",
+    ]
 
 
 def row(degrees: float, mask=None, what: Method | None = None) -> Row:

@@ -3,9 +3,11 @@
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
+import torch
 
 from engine.errors import Cancelled, SurfaceError
 from engine.geometry import angle_between, rays
@@ -14,6 +16,7 @@ from engine.light.probes import arriving
 from engine.progress import Progress
 from engine.reference import solver
 from engine.reference.descent import rates
+from engine.reference.emitter import EmitterParams, EmitterReport
 from engine.reference.params import ReferenceParams, scaled, title
 from engine.reference.shadows import shadows_of
 from engine.reference.solver import part_of, solve
@@ -144,6 +147,56 @@ def test_the_ablation_finds_its_way_too(session, maps: str) -> None:
     found, *_, report = run(session, few(maps, emitter_sampling=False, epochs=12, pixels=24))
     assert report.colour_loss[-1] < 0.7 * report.colour_loss[0]
     assert report.title == "reference at 48 samples, 12 epochs, without emitter sampling"
+
+
+def test_a_view_kept_out_is_the_mean_of_several_renderings(
+    session, maps: str, monkeypatch: pytest.MonkeyPatch
+):
+    drawn: list[np.ndarray] = []
+    render = solver.render
+
+    def spy(*given):
+        drawn.append(render(*given)[0].cpu().numpy())
+        return drawn[-1][None]
+
+    monkeypatch.setattr(solver, "render", lambda *given: torch.as_tensor(spy(*given)))
+    found, renders, *_ = run(session, few(maps, epochs=0, samples=4, pixels=16, held_out=1))
+    assert len(drawn) == solver.PICTURES > 1
+    assert (drawn[0] != drawn[1]).any()
+    np.testing.assert_allclose(renders.radiance[0][found.mask], np.mean(drawn, axis=0), rtol=1e-5)
+
+
+@pytest.mark.parametrize("stages", ["two_stage", "one_stage"])
+def test_the_papers_own_light_takes_the_place_of_ours(
+    session, maps: str, stages: Literal["two_stage", "one_stage"], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[EmitterParams] = []
+    other = replace(light(), radiance=3 * light().radiance)
+
+    def train(frames, masks, poses, params: EmitterParams, seed: int, progress: Progress):
+        asked.append(params)
+        return other, EmitterReport(len(other.means), 1.0, 0.1, VIEWS)
+
+    monkeypatch.setattr("engine.reference.light.train", train)
+    params = few(maps, epochs=0, samples=4, pixels=16, emitter=stages, emitter_share=0.1, emitter_most=500)
+    *_, emitters, report = run(session, params)
+    assert emitters.gaussians is other
+    assert len(emitters.lamps.radii) == 0
+    assert (report.emitter, report.gaussians) == (stages, 300)
+    assert (asked[0].iterations, asked[0].most) == (3000, 500)
+    assert asked[0].one_stage == (stages == "one_stage")
+    assert report.title.endswith(
+        f"the paper's light in {stages.replace('_', ' ')}{'s' * (stages == 'two_stage')},"
+        " 0.1 of the iterations, 500 Gaussians at most"
+    )
+    run(session, replace(params, emitter="ours"))
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize("counts", [{"emitter_share": 0.0}, {"emitter_most": 0}, {"emitter_share": np.nan}])
+def test_a_training_of_nothing_is_refused(session, maps: str, counts: dict[str, float]) -> None:
+    with pytest.raises(SurfaceError, match="must be above 0"):
+        run(session, few(maps, emitter="two_stage", **counts))
 
 
 def test_a_stop_is_heard_between_steps(session, maps: str) -> None:
