@@ -15,7 +15,7 @@ def told(points: Sequence[Scored], dearest: str) -> list[str]:
     lines = []
     for one in (one for one in points if one.kind == "ours"):
         share = ratio(slow, one)
-        faster = "times of different runs" if share is None else f"{share:,.0f} times faster"
+        faster = "times of different runs" if share is None else f"{_times(share)} faster"
         worse = [kind.key for kind in SCORES if not better(one, slow, kind.key)]
         errors = f"worse in {', '.join(worse)}" if worse else "better in each error"
         lines.append(f"{one.title}, beside {slow.title}: {faster}; {errors}")
@@ -29,7 +29,7 @@ def told(points: Sequence[Scored], dearest: str) -> list[str]:
         return [*lines, f"no setting of the reference reaches the normals of {usual.title}"]
     cheapest = min(rivals, key=lambda one: one.seconds)
     share = ratio(cheapest, usual)
-    faster = "times of different runs" if share is None else f"{usual.title} is {share:,.0f} times faster"
+    faster = "times of different runs" if share is None else f"{usual.title} is {_times(share)} faster"
     return [*lines, f"the cheapest setting that reaches our normals is {cheapest.title}: {faster}"]
 
 
@@ -45,3 +45,8 @@ def better(one: Scored, other: Scored, key: str) -> bool:
     (kind,) = [kind for kind in SCORES if kind.key == key]
     mine, theirs = one.values[key], other.values[key]
     return mine < theirs if kind.direction == "lower" else mine > theirs
+
+
+def _times(share: float) -> str:
+    """Two digits where there are no more before the point: 0.49 times is slower, and not 0 times."""
+    return f"{share:,.0f} times" if share >= 10 else f"{share:.2g} times"

@@ -26,6 +26,11 @@ def test_a_setting_as_good_as_ours_is_found_and_the_cheapest_counts():
     assert "no setting of the reference" in beside.told([USUAL, SLOW], "dear")[-1]
 
 
+def test_a_few_times_are_not_rounded_to_none():
+    quick = replace(SLOW, seconds=4.9)
+    assert "0.49 times faster" in beside.told([USUAL, quick], "dear")[0]
+
+
 def test_times_of_different_runs_are_not_divided():
     assert "times of different runs" in beside.told([USUAL, replace(SLOW, runs=("before",))], "dear")[0]
 
