@@ -189,9 +189,9 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
     for name, text in (
         ("table", "normals, albedo and roughness of every solver, object by object"),
         ("views", "the same with fewer and more photographs"),
-        ("ablation", "the same with one part of the solver taken away after the other"),
+        ("ablation", "the same with one part of the solver taken away after the other; a chart"),
         ("chart", "error against seconds: PNG, SVG, CSV"),
-        ("scaling", "seconds and memory against views, pixels, Gaussians and directions"),
+        ("scaling", "seconds and memory against views, pixels, Gaussians and directions; a chart"),
     ):
         order = add(name, help=text)
         size = order.add_mutually_exclusive_group()
@@ -243,7 +243,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             order.add_argument(
                 "--maps-frame", choices=("opengl", "opencv"), default="opengl", help="axes of their normals"
             )
-        if name == "chart":
+        if name in ("chart", "ablation", "scaling"):
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
 
 

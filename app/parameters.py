@@ -263,12 +263,18 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.steps", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Steps from horizons"), "",
         QT_TRANSLATE_NOOP("parameters", "Let shadows tell how high steps are; normals do not."), advanced=False)),
+    ("surface.follow_depth", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Points follow the depth"), "",
+        QT_TRANSLATE_NOOP("parameters", "Light reaches each point where the depth has it. Off: as if the object were flat."), advanced=False)),
     ("surface.bounce", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),
     ("surface.ask", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Ask neighbours"), "",
         QT_TRANSLATE_NOOP("parameters", "Let pixels look for their horizons, and badly explained ones try neighbours' answers."), advanced=False)),
+    ("surface.robust", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Robust weights"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let views that a pixel's answer explains badly count less. Off: plain least squares."), advanced=False)),
     ("surface.accord", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Neighbours agree"), "",
         QT_TRANSLATE_NOOP("parameters", "Let neighbours decide what a pixel's own photographs leave open."), advanced=False)),
@@ -303,6 +309,16 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Normals tried first"), "",
         QT_TRANSLATE_NOOP("parameters", "Normals tried at each pixel by the global search that starts the solve."),
         10, 10000)),
+    ("surface.start_maps", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Start from normals"), "",
+        QT_TRANSLATE_NOOP("parameters", "A file of normals made elsewhere (.exr, .png, .npy, .npz), in place of the global search. Empty: none."))),
+    ("surface.start_roughness", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Start from roughness"), "",
+        QT_TRANSLATE_NOOP("parameters", "The same for roughness. Empty: what explains the photographs best."))),
+    ("surface.start_frame", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Axes of those normals"), "",
+        QT_TRANSLATE_NOOP("parameters", "opencv: y down, z ahead. opengl: y up, z towards the camera, as most networks write."),
+        choices=("opencv", "opengl"))),
     ("surface.held_out", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Views kept out"), VIEWS,
         QT_TRANSLATE_NOOP("parameters", "Views kept out of the fit and rendered again, to judge it."),

@@ -11,7 +11,7 @@ from html import escape
 import numpy as np
 from jaxtyping import Float
 
-from engine import page, pathplan, plates, report_maps
+from engine import page, pathplan, plates, report_distance, report_maps
 from engine.geometry import rays
 from engine.hdr import HdrReport
 from engine.truth import Truth
@@ -82,6 +82,8 @@ def _head(c: Contents) -> str:
         stderr = np.degrees(c.surface.stderr_normal[c.surface.mask])
         numbers.append((f"{int(c.surface.mask.sum()):,}".replace(",", "\u202f"), "surface pixels"))
         numbers.append((f"± {np.median(stderr):.2g}°", "standard error of the normal, median (estimated)"))
+    scaled = c.poses is not None and c.poses.scale != "unknown"
+    numbers += report_distance.told(_facts(c, "surface").get("distance"), _unit(c.poses), scaled)
     if c.panorama is not None:
         numbers.append(
             (f"{100 * plates.seen_share(c.panorama):.0f} %", "of the light's sphere was photographed")

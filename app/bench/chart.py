@@ -1,8 +1,8 @@
 """The chart of error against seconds: one panel each for normal, albedo and roughness, with the Pareto front.
 
 Log-log; the albedo's PSNR is drawn as the root mean square error that it says, so that down is better in every
-panel. Hollow points are extrapolated; maps computed elsewhere are lines, as their seconds are not known. Colours:
-Okabe and Ito 2008, told apart by the colour-blind; shapes too.
+panel. Hollow points are extrapolated; maps computed elsewhere are lines, as their seconds are not known. Kinds are
+told apart by colour and by shape.
 """
 
 import csv
@@ -12,17 +12,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app import places
+from app.bench import drawing
 from app.bench.front import pareto
-from app.bench.record import BenchError
 from app.bench.scores import Scored, albedo_rmse
 
-WIDTH_IN, HEIGHT_IN = 7.2, 3.0  # across both columns of a paper
-DPI = 300
+HEIGHT_IN = 3.0
 KINDS = {
-    "ours": ("ours", "#0072B2", "o"),
-    "reference": ("reference", "#D55E00", "s"),
-    "baseline": ("baselines", "#009E73", "^"),
+    "ours": ("ours", drawing.BLUE, "o"),
+    "reference": ("reference", drawing.VERMILION, "s"),
+    "baseline": ("baselines", drawing.GREEN, "^"),
 }
 SIDES = (
     ("left", "bottom", 3, 2), ("right", "top", -3, -3), ("left", "top", 3, -3), ("right", "bottom", -3, 2),
@@ -73,36 +71,19 @@ def front(points: Sequence[Scored], panel: Panel) -> list[int]:
 
 
 def write(points: Sequence[Scored], folder: Path, caption: str) -> list[Path]:
-    """chart.png, chart.svg and chart.csv in `folder`; the same points give the same bytes.
+    """chart.png, chart.svg and chart.csv in `folder`.
 
     Raises:
         BenchError: the disk refuses.
     """
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    figure = draw(points, caption)
-    paths = [folder / name for name in ("chart.png", "chart.svg", "chart.csv")]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        FigureCanvasAgg(figure).print_png(paths[0], metadata={"Software": None})
-        # Fixed ids and no date: a chart that says the same is the same file. Letters stay letters.
-        with matplotlib.rc_context({"svg.hashsalt": "roomlight", "svg.fonttype": "none"}):
-            FigureCanvasSVG(figure).print_svg(paths[1], metadata={"Date": None})
-        places.keep(paths[2], table(points))
-    except OSError as error:
-        raise BenchError(
-            f"{folder}: cannot be written ({error.strerror or error}); name another --out"
-        ) from error
-    return paths
+    return drawing.write(draw(points, caption), folder, "chart", table(points))
 
 
 def draw(points: Sequence[Scored], caption: str):
     """A matplotlib figure of the three panels, a legend and a caption under them."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI)
+    figure = Figure(figsize=(drawing.WIDTH_IN, HEIGHT_IN), dpi=drawing.DPI)
     grid = figure.subplots(1, len(PANELS))
     figure.subplots_adjust(left=0.065, right=0.99, top=0.91, bottom=0.3, wspace=0.28)
     for axes, panel in zip(grid, PANELS, strict=True):
@@ -139,17 +120,13 @@ def _panel(axes, panel: Panel, points: Sequence[Scored]) -> None:
                 )  # fmt: skip
     for one in points:
         if one.kind == "maps" and not math.isnan(panel.error(one)):
-            axes.axhline(panel.error(one), color="#CC79A7", lw=1.0, ls=":", zorder=2, label=one.title)
+            axes.axhline(panel.error(one), color=drawing.PURPLE, lw=1.0, ls=":", zorder=2, label=one.title)
     axes.margins(x=0.18, y=0.15)
     axes.set_title(panel.title, fontsize=7.5)
     axes.set_xlabel("seconds", fontsize=7, labelpad=1)
-    _number(axes.xaxis, axes.get_xlim())
-    _number(axes.yaxis, axes.get_ylim())
-    axes.tick_params(labelsize=6.5, length=2.5)
-    axes.grid(True, which="major", lw=0.3, color="0.88")
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    drawing.number(axes.xaxis, axes.get_xlim())
+    drawing.number(axes.yaxis, axes.get_ylim())
+    drawing.plain(axes)
 
 
 def _name(axes, panel: Panel, points: Sequence[Scored]) -> None:
@@ -158,7 +135,7 @@ def _name(axes, panel: Panel, points: Sequence[Scored]) -> None:
 
     drawn = [(one.seconds, panel.error(one)) for one in points if math.isfinite(one.seconds)]
     marks = axes.transData.transform([at for at in drawn if math.isfinite(at[1])])
-    around = 3 * DPI / 72  # a mark's half width
+    around = 3 * drawing.DPI / 72  # a mark's half width
     taken = [Bbox.from_extents(x - around, y - around, x + around, y + around) for x, y in marks]
     best = set(front(points, panel))
     for i, one in enumerate(points):
@@ -187,19 +164,6 @@ def _stand(text, within, taken, others):
     def cost(side: tuple[str, str, int, int]) -> tuple[int, int]:
         box = put(side)
         outside = not all(within.contains(*corner) for corner in box.corners())
-        return box.count_overlaps(taken) + outside, box.padded(2 * DPI / 72).count_overlaps(others)
+        return box.count_overlaps(taken) + outside, box.padded(2 * drawing.DPI / 72).count_overlaps(others)
 
     return put(min(SIDES, key=cost))
-
-
-def _number(axis, limits: tuple[float, float]) -> None:
-    """Plain numbers, some between the decades where there are few of those."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    span = limits[1] / limits[0]
-    between = (1.0, 2.0, 3.0, 5.0, 7.0) if span < 10 else (1.0, 2.0, 5.0) if span < 100 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=between, numticks=20))
-    axis.set_major_formatter(
-        FuncFormatter(lambda value, place: f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k")
-    )
-    axis.set_minor_formatter(NullFormatter())

@@ -9,7 +9,21 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from app.bench import beside, chart, elsewhere, gate, parts, record, rows, scaling, scores, sets, tables
+from app.bench import (
+    ablation_chart,
+    beside,
+    chart,
+    elsewhere,
+    gate,
+    parts,
+    record,
+    rows,
+    scaling,
+    scaling_chart,
+    scores,
+    sets,
+    tables,
+)
 from app.bench.measured import Bench, Row
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
@@ -158,6 +172,10 @@ def ablation(call: Call) -> list[Metric]:
     found = call.groups(call.chosen((*rows.switch_rows(), *switched)), call.sets())
     print("light, poses and masks are shared but where another light is named\n")
     _print_switches(found)
+    drawn = found.get(WHOLE, [])
+    if drawn:
+        for path in ablation_chart.write(scores.means(drawn), call.args.out, _caption(call, drawn)):
+            print(path)
     return _metrics(found)
 
 
@@ -171,16 +189,14 @@ def draw(call: Call) -> list[Metric]:
     print(tables.by_switch(scored))
     print("\n" + tables.notes(scored) + "\n")
     _compare(call, {FEW: scored})
-    caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
-    caption += f"; {min(one.pixels for one in scored)} pixels compared"
-    caption += "" if len({one.runs for one in points}) == 1 else "; seconds of several runs"
-    for path in chart.write(points, call.args.out, caption):
+    for path in chart.write(points, call.args.out, _caption(call, scored)):
         print(path)
     return scores.as_metrics([*scored, *points])
 
 
 def scale(call: Call) -> list[Metric]:
     metrics: list[Metric] = []
+    drawn: list[tuple[str, scaling.Point]] = []
     for on in call.sets():
         points = [
             scaling.measure(
@@ -196,7 +212,20 @@ def scale(call: Call) -> list[Metric]:
                 "\n* seconds of an earlier run; exponents are fitted within one run (--fresh measures all again)"
             )
         metrics += scaling.as_metrics(points, on.name)
+        drawn += [(on.name, point) for point in points]
+    caption = (
+        f"{', '.join(dict.fromkeys(name for name, _ in drawn))}; {call.size.told()}; ours at its defaults"
+    )
+    for path in scaling_chart.write(drawn, call.bench.run, call.args.out, caption):
+        print(path)
     return metrics
+
+
+def _caption(call: Call, scored: Sequence[Scored]) -> str:
+    """What a chart of these is of."""
+    caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
+    caption += f"; {min(one.pixels for one in scored)} pixels compared"
+    return caption + ("" if len({one.runs for one in scored}) == 1 else "; seconds of several runs")
 
 
 def _of_records(args: Namespace) -> int:

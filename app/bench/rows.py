@@ -204,6 +204,8 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_steps", "w/o steps from horizons", steps=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),
         without("no_ask", "w/o asking neighbours, nor horizons from photographs", ask=False),
+        without("no_robust", "w/o robust weights", robust=False),
+        without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),
         without("no_accord", "w/o neighbours that agree", accord=False),
         without("no_relight", "w/o refining the light", relight=False),
         # The turns that find the distance keep their own few probes.

@@ -49,7 +49,7 @@ def _transport() -> Stage:
 
     return Stage(
         "surface", 22, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
-        presets=presets.of_stage("surface"),
+        presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
     )  # fmt: skip
 
 

@@ -36,9 +36,8 @@ class ReferenceParams:
     full_diffuse: bool = False  # Disney's diffuse lobe; False is the paper's Lambert (10)
     held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0: by the fast solver's first look
-    start_maps: str = (
-        ""  # .npz, .npy or .exr with first normals (roughness, albedo); empty: our global search
-    )
+    start_maps: str = ""  # .exr, .png, .npy or .npz with first normals (roughness, albedo); empty: our search
+    start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
     # The light: the stage before's, or the paper's own training, in two stages as published or in one, its ablation.
     emitter: Literal["ours", "two_stage", "one_stage"] = "ours"
     emitter_share: float = 1.0  # of the published iterations of that training

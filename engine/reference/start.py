@@ -11,11 +11,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from engine.errors import SurfaceError
-from engine.images import read_radiance
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams
-from engine.surface import newton
+from engine.surface import newton, start_maps
 from engine.surface.distance import Distance
 from engine.surface.groups import UNSEEN
 from engine.surface.observations import thinned
@@ -64,7 +62,11 @@ def begin(
         begun, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
     if params.start_maps:
-        state = newton.begin(*read_maps(Path(params.start_maps), mask))
+        maps = start_maps.read(Path(params.start_maps), None, params.start_frame, mask, True)
+        count = len(maps.normals)
+        albedo = np.full((count, 3), MIDDLE) if maps.albedo is None else maps.albedo
+        roughness = np.full(count, MIDDLE) if maps.roughness is None else maps.roughness
+        state = newton.begin(maps.normals, albedo, roughness)
     else:
         z = distance.value
         lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
@@ -79,48 +81,3 @@ def begin(
         state = search(who, light, who.flat(z), ours, device, progress.part(0.7, 0.9))
     depth = depth_of(who, state, distance.value, progress.part(0.9, 1))
     return Start(state.normals, state.albedo, state.roughness, depth, distance)
-
-
-def read_maps(
-    path: Path, mask: Bool[np.ndarray, "h w"]
-) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
-    """(normals, albedo, roughness) of the mask's pixels, from maps made elsewhere.
-
-    An .npz holds `normal` and may hold `roughness` and `albedo`; an .npy or the red, green and blue of an .exr are the
-    normals' x, y and z. Camera frame: a normal that faces the camera has z < 0.
-
-    Raises:
-        SurfaceError: no such file, not of the photographs' size, or normals that look away.
-    """
-    try:
-        if path.suffix == ".exr":
-            maps = {"normal": read_radiance(path)}
-        else:
-            content = np.load(path, allow_pickle=False)
-            maps = {"normal": content} if isinstance(content, np.ndarray) else dict(content)
-    except (OSError, ValueError, EOFError) as error:
-        raise SurfaceError(f"{path}: cannot be read as maps ({error}); give an .npz, .npy or .exr") from error
-    maps = {"albedo": np.full((*mask.shape, 3), MIDDLE), "roughness": np.full(mask.shape, MIDDLE)} | maps
-    for name, shape in (
-        ("normal", (*mask.shape, 3)),
-        ("albedo", (*mask.shape, 3)),
-        ("roughness", mask.shape),
-    ):
-        found = maps[name].shape if name in maps else "nothing"
-        if found != shape or not np.isfinite(maps[name][mask]).all():
-            raise SurfaceError(
-                f"{path}: {name} holds {found}, or values that are not finite; it must be {shape}, one for every"
-                " pixel of the photographs as they are processed"
-            )
-    normals = maps["normal"][mask].astype(np.float64)
-    length = np.linalg.norm(normals, axis=1)
-    if (length < 0.5).any() or np.median(normals[:, 2]) > 0:
-        raise SurfaceError(
-            f"{path}: normals are missing on the object or look away from the camera; in the camera's frame (x right,"
-            " y down, z forward) one that faces the camera has z < 0"
-        )
-    return (
-        normals / length[:, None],
-        maps["albedo"][mask].astype(np.float64),
-        maps["roughness"][mask].astype(np.float64),
-    )

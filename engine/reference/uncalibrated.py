@@ -150,5 +150,5 @@ def fitted_light(state: newton.State, seen: Observations) -> Harmonics:
         coefficients = np.linalg.solve(system + ridge, slope[..., None])[..., 0].T
         residual = (albedo * (design @ coefficients) - seen.radiance) * relative * np.sqrt(seen.weight)
         spread = 1.4826 * np.median(np.abs(residual), axis=0)
-        robust = 1 / (1 + (residual / (newton.CAUCHY * np.maximum(spread, 0.3))) ** 2)
+        robust = 1 / (1 + (residual / (seen.cauchy * np.maximum(spread, 0.3))) ** 2)
     return Harmonics(coefficients.astype(np.float32))

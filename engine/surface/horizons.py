@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.light.rasterise import Run
 from engine.surface.brdf import rows
-from engine.surface.newton import ALBEDO, CAUCHY, ROUGHNESS_PRIOR
+from engine.surface.newton import ALBEDO, ROUGHNESS_PRIOR
 from engine.surface.observations import Observations, aside
 from engine.surface.transport import Responses, Sight
 from engine.surface.visibility import SECTORS, Occlusion
@@ -182,7 +182,7 @@ def explain(
     run(_descend, (
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
         energy, responses.cell, start, direction, source, beside[pixels], responses.photographed,
-        responses.bounce, seen.radiance, seen.weight, seen.eps,
+        responses.bounce, seen.radiance, seen.weight, seen.eps, np.float32(seen.cauchy**2),
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
         prices,
     ))  # fmt: skip
@@ -192,13 +192,13 @@ def explain(
 # Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
 @no_type_check
-def _misfit(sent, radiance, weight, eps, square, albedo, limit):
+def _misfit(sent, radiance, weight, eps, wide, square, albedo, limit):
     """Robust misfit of one pixel at the albedo that suits it best, which is left in `albedo`; given up above `limit`.
 
     Ranks what Gauss-Newton will fit: its log residual as a relative difference, its Cauchy weight as Geman and
     McClure's, since neither needs a logarithm.
     """
-    width = np.float32(CAUCHY * CAUCHY) * square
+    width = wide * square
     per = np.float32(1) / width
     count = radiance.shape[0] // 3
     low, high = np.float32(ALBEDO[0]), np.float32(ALBEDO[1])
@@ -239,7 +239,7 @@ def _misfit(sent, radiance, weight, eps, square, albedo, limit):
 @no_type_check
 def _descend(
     diffuse, specular, order, sector, ring, energy, cell, start, direction, source, beside, photographed,
-    bounce, radiance, weight, eps, squares, dearest, away, sweeps, found, misfits, albedos, prices, part, parts,
+    bounce, radiance, weight, eps, wide, squares, dearest, away, sweeps, found, misfits, albedos, prices, part, parts,
 ):  # fmt: skip
     """Every `parts`-th pixel from `part` on; what `found` holds is where it begins."""
     count, across, size = diffuse.shape[0], energy.shape[0], energy.shape[1]
@@ -305,7 +305,7 @@ def _descend(
                 total[1, v] += sends[s, own[s], 1, v]
         trial, a, square = np.empty((2, size), np.float32), np.empty(3, np.float32), squares[p]
         price = min(np.float32(PRICE) * square, dearest)
-        best = _misfit(total, radiance[p], weight[p], eps[p], square, a, np.float32(np.inf))
+        best = _misfit(total, radiance[p], weight[p], eps[p], wide, square, a, np.float32(np.inf))
         best += away[p] * square + price * departures
         albedos[p] = a
         for _ in range(sweeps):
@@ -319,7 +319,9 @@ def _descend(
                         trial[0, v] = total[0, v] + sends[s, l, 0, v] - sends[s, here, 0, v]
                         trial[1, v] = total[1, v] + sends[s, l, 1, v] - sends[s, here, 1, v]
                     known = away[p] * square + price * (departures - (here != 0) + (l != 0))
-                    cost = known + _misfit(trial, radiance[p], weight[p], eps[p], square, a, best - known)
+                    cost = known + _misfit(
+                        trial, radiance[p], weight[p], eps[p], wide, square, a, best - known
+                    )
                     if cost < best:
                         best, chosen = cost, l
                         albedos[p] = a
@@ -335,11 +337,11 @@ def _descend(
         misfits[p] = best
         if not len(prices):
             continue
-        known = _misfit(total, radiance[p], weight[p], eps[p], square, a, np.float32(np.inf))
+        known = _misfit(total, radiance[p], weight[p], eps[p], wide, square, a, np.float32(np.inf))
         for s in range(SECTORS):
             for l in range(LEVELS):
                 for v in range(size):
                     trial[0, v] = total[0, v] + sends[s, l, 0, v] - sends[s, own[s], 0, v]
                     trial[1, v] = total[1, v] + sends[s, l, 1, v] - sends[s, own[s], 1, v]
-                cost = _misfit(trial, radiance[p], weight[p], eps[p], square, a, np.float32(np.inf))
+                cost = _misfit(trial, radiance[p], weight[p], eps[p], wide, square, a, np.float32(np.inf))
                 prices[p, s, l] = (cost - known) * np.float32(PRICE) / price

@@ -25,8 +25,6 @@ STEP = 0.01
 """Forward-difference step: radians of normal, units of roughness."""
 ROUGHNESS = (0.06, 1.0)
 ALBEDO = (0.004, 1.0)
-CAUCHY = 2.0
-"""Width of the Cauchy weight in units of the pixel's own residual spread."""
 ROUGHNESS_PRIOR = (0.5, 0.25)
 """Mean and spread of a weak prior, one observation's worth: it decides only where no highlight was seen."""
 
@@ -142,7 +140,7 @@ def iterate(
             diffuse, specular = responses(block, leaning, rough)
             misfit, system, slope = _normal_equations(
                 diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels],
-                seen.eps[pixels], kept.spread[pixels], r, 1.0,
+                seen.eps[pixels], kept.spread[pixels], seen.cauchy, r, 1.0,
             )  # fmt: skip
             better = misfit <= kept.misfit[pixels]
             won, lost = pixels[better], pixels[~better]
@@ -184,8 +182,9 @@ def by_stretches(
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
             d, s, radiance, weight = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
             _, system[pixels, k], slope[pixels, k] = _normal_equations(
-                d, s, a, inward, radiance, weight, seen.eps[pixels], state.spread[pixels], r, 1 / count
-            )
+                d, s, a, inward, radiance, weight, seen.eps[pixels], state.spread[pixels], seen.cauchy, r,
+                1 / count,
+            )  # fmt: skip
     return system, slope
 
 
@@ -207,13 +206,15 @@ def facing(normals, views):
 
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
 @no_type_check
-def _normal_equations(diffuse, specular, albedo, inward, radiance, weight, eps, spread, roughness, prior):
+def _normal_equations(
+    diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, prior
+):  # fmt: skip
     count, _, channels = diffuse.shape
     misfit = np.zeros(count)
     system = np.zeros((count, 6, 6))
     slope = np.zeros((count, 6))
     for p in numba.prange(count):
-        width = (CAUCHY * spread[p]) ** 2
+        width = (cauchy * spread[p]) ** 2
         tilt_step, rough_step = np.float32(1 / STEP), np.float32(1) / np.float32(inward[p])
         d, s = diffuse[p], specular[p]
         total = 0.0

@@ -14,6 +14,9 @@ from engine.types import Frames
 
 FLOOR_SHARE = 0.02
 """eps as a share of the pixel's median radiance over the views."""
+CAUCHY, PLAIN = 2.0, 1e6
+"""Width of the Cauchy weight in units of the pixel's own residual spread; and one so wide that every residual counts
+in full: plain least squares."""
 
 
 def islands(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, " p"], int]:
@@ -46,6 +49,7 @@ class Observations:
     eps: Float[np.ndarray, " p"]
     saturated: Float[np.ndarray, " p"]  # share of views clipped
     edge: Bool[np.ndarray, " p"]  # the pixel may hold some background
+    cauchy: float = CAUCHY  # width of the weight that residuals are given
 
     def part(
         self, pixels: Int[np.ndarray, " k"], views: Int[np.ndarray, " m"] | None = None
@@ -60,6 +64,7 @@ class Observations:
             self.eps[pixels],
             self.saturated[pixels],
             self.edge[pixels],
+            self.cauchy,
         )
 
 
@@ -68,6 +73,7 @@ def observe(
     mask: Bool[np.ndarray, "h w"],
     views: Int[np.ndarray, " n"],
     model_error: float,
+    cauchy: float = CAUCHY,
 ) -> Observations:
     """Gather the mask's pixels (row order). `model_error` is the relative misfit expected of a good model:
     it keeps a bright, nearly noiseless value from outvoting all others."""
@@ -87,6 +93,7 @@ def observe(
         eps.astype(np.float32),
         frames.clipped[views][:, mask].mean(0).astype(np.float32),
         edge[mask],
+        cauchy,
     )
 
 

@@ -11,10 +11,11 @@ from scipy.ndimage import distance_transform_edt, mean
 
 from engine.errors import SurfaceError
 from engine.geometry import rays, resized
+from engine.mapfiles import FRAMES
 from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.integrate import integrate
-from engine.surface.observations import Observations, islands, numbered, observe
+from engine.surface.observations import CAUCHY, PLAIN, Observations, islands, numbered, observe
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
@@ -54,10 +55,12 @@ class SurfaceParams:
     visibility: bool = True  # let the object shadow itself
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
     steps: bool = True  # let horizons tell how high steps are, which normals do not
+    follow_depth: bool = True  # light reaches points where the depth has them; False: all in one plane
     bounce: bool = True  # let the object light itself with what was photographed
     ask: bool = (
         True  # let pixels that explain badly try their neighbours' answers, and all look for their horizons
     )
+    robust: bool = True  # views that fit badly count less; False: plain least squares
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
     relight_groups: int = 12  # groups besides the lamps
@@ -65,12 +68,21 @@ class SurfaceParams:
     model_error: float = 0.02  # relative misfit expected of a good model
     held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
+    start_maps: str = (
+        ""  # .exr, .png, .npy or .npz with first normals (and roughness); empty: our global search
+    )
+    start_roughness: str = ""  # the same with first roughness, where it is a file of its own
+    start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
 
     def __post_init__(self) -> None:
         for name, least in {**LEAST, **LEAST_OR_NONE}.items():
             asked = getattr(self, name)
             if not (asked >= least or (asked == 0 and name in LEAST_OR_NONE)):
                 raise SurfaceError(f"surface.{name} is {getattr(self, name)}; give {least} or more")
+        if self.start_frame not in FRAMES:
+            raise SurfaceError(f'surface.start_frame is "{self.start_frame}"; give {" or ".join(FRAMES)}')
+        if self.start_roughness and not self.start_maps:
+            raise SurfaceError("surface.start_roughness begins nothing alone; give surface.start_maps too")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +114,11 @@ class Subject:
         directions = self.rays
         return Sight(directions / directions[:, 2:] * z[:, None], -directions, None)
 
+    def standing(self, depth: Float[np.ndarray, "h w"], follow: bool) -> Sight:
+        """The points where a depth puts them, or all at its mean; nothing hidden yet."""
+        z = depth[self.mask]
+        return self.at(z) if follow else replace(self.flat(float(z.mean())), cast_z=z)
+
     def responses(self, light: Incident, params: SurfaceParams, device: str) -> Responses:
         """How the pixels answer a light."""
         return Responses(light, self.seen.radiance, params.full_diffuse, params.bounce, device)
@@ -115,7 +132,8 @@ def subject(
     params: SurfaceParams,
 ) -> Subject:
     """The object in some views, at the photographs' resolution."""
-    return Subject(camera, mask, observe(frames, mask, views, params.model_error))
+    cauchy = CAUCHY if params.robust else PLAIN
+    return Subject(camera, mask, observe(frames, mask, views, params.model_error, cauchy))
 
 
 def halved(
@@ -191,13 +209,13 @@ def sight_of(
     params: SurfaceParams,
     progress: Progress,
 ) -> Sight:
-    """Where the depth puts the points, and what hides the room from them."""
-    q = rays(who.camera)
-    points = q / q[..., 2:] * depth[..., None]
+    """Where the depth puts the points, and what of it hides the room from them."""
     hidden = None
     if params.visibility:
+        q = rays(who.camera)
+        points = q / q[..., 2:] * depth[..., None]
         hidden = occlusion(points, image(who.mask, state.normals), who.mask, directions, progress)
-    return Sight(points[who.mask], -q[who.mask], hidden)
+    return replace(who.standing(depth, params.follow_depth), occlusion=hidden)
 
 
 def doubled(small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
@@ -229,7 +247,7 @@ def finer(
         behind[take] = np.arange(len(take))
         hidden = sight.occlusion.part(take)
         hidden = replace(hidden, source=behind[hidden.source])
-    return state, depth, replace(who.at(depth[who.mask]), occlusion=hidden)
+    return state, depth, replace(who.standing(depth, sight.cast_z is None), occlusion=hidden)
 
 
 def rerender(

@@ -270,9 +270,9 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         base = np.maximum(model[:, 0], 0) + eps
         e = np.log((seen.radiance[pixels] + eps) / base)
         weight = seen.weight[pixels]
-        width = (newton.CAUCHY * SPREAD) ** 2
+        width = (seen.cauchy * SPREAD) ** 2
         misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (SPREAD**2 * CORRELATED)
-        width = (newton.CAUCHY * state.spread[pixels][:, None]) ** 2
+        width = (seen.cauchy * state.spread[pixels][:, None]) ** 2
         weight = weight / (1 + weight * e * e / width) / (state.spread[pixels][:, None] ** 2 * CORRELATED)
         own = np.zeros((*base.shape, 6))
         own[..., 0] = (model[:, 1] - model[:, 0]) / (newton.STEP * base)

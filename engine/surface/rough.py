@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_erosion
 
 from engine.progress import Progress
-from engine.surface import newton
+from engine.surface import newton, start_maps
 from engine.surface.distance import Distance, find_distance
 from engine.surface.groups import UNSEEN
 from engine.surface.observations import numbered, thinned
@@ -31,7 +31,7 @@ from engine.surface.pixels import (
 from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
 from engine.surface.spacing import spaced
 from engine.surface.surroundings import Room, parts_at
-from engine.surface.transport import Lattice, Sight, lattice_around
+from engine.surface.transport import Incident, Lattice, Sight, lattice_around
 from engine.surface.turn import improve, relief
 from engine.types import Frames
 
@@ -93,7 +93,12 @@ def rough(
     seed: int,
     progress: Progress,
 ) -> Rough:
-    """All of it; `seed` picks the pixels that vote on the light."""
+    """All of it; `seed` picks the pixels that vote on the light.
+
+    Raises:
+        SurfaceError: start maps are asked for that cannot be read or do not fit.
+    """
+    maps = start_maps.asked(params, mask)
     views = thinned(fitted, params.rough_views)
     few = frames.views(views)
     camera = room.poses.camera
@@ -119,6 +124,11 @@ def rough(
     def light_around(lattice: Lattice, span: Progress) -> Parts:
         return parts_at(lattice, room, views, _directions(params), params.probe_face_px, span)
 
+    def first_surface(light: Incident, sight: Sight, span: Progress) -> newton.State:
+        if maps is None:
+            return search(who, light, sight, params, device, span)
+        return start_maps.begun(maps, who, light, sight, params, device, span)
+
     margin = WIDE if free else TIGHT
     middle, stderr = distance, 0.0
     wide = lattice_around(camera, mask, (distance / margin, distance * margin), (ACROSS, ACROSS, 2))
@@ -126,7 +136,7 @@ def rough(
     setting, sight = untouched(parts, distance), who.flat(distance)
     if begun is not None:
         setting = replace(setting, gain=np.where(parts.unseen[:, None], begun.gain, setting.gain))
-    state = search(who, parts.under(setting.gain), sight, params, device, progress.part(0.3, 0.35))
+    state = first_surface(parts.under(setting.gain), sight, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
@@ -152,7 +162,7 @@ def rough(
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
             who = following
         if turn == 1 and open_to_doubt:  # much light that the first search did not know of
-            state = search(who, light, sight, params, device, span.part(0.2, 0.3))
+            state = first_surface(light, sight, span.part(0.2, 0.3))
         state = improve(who, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.65, 0.73))

@@ -126,6 +126,7 @@ class Sight:
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
     occlusion: Occlusion | None  # None: nothing hides anything
+    cast_z: Float[np.ndarray, " p"] | None = None  # z of the depth that hides, where points do not follow it
 
     def middle(self, pixels: Int[np.ndarray, " k"]) -> Float[np.ndarray, " 3"]:
         """The mean direction to the camera of a few pixels, unit."""
@@ -134,7 +135,8 @@ class Sight:
 
     def at(self, scale: float) -> "Sight":
         """The same with the object so many times as far away: what hides what does not change."""
-        return Sight(self.points * scale, self.views, self.occlusion)
+        cast_z = None if self.cast_z is None else self.cast_z * scale
+        return Sight(self.points * scale, self.views, self.occlusion, cast_z)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)

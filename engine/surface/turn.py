@@ -54,7 +54,8 @@ def relief(
     speaking = steps.speakers(who.mask)
     cost = prices(who, state, light, sight, speaking, params, progress.part(0.4, 0.7))
     pitch, slant = who.pitch, who.rays[:, 2]
-    before, now = (np.log(z / slant) / pitch for z in (sight.points[:, 2], depth[who.mask]))
+    cast_z = sight.points[:, 2] if sight.cast_z is None else sight.cast_z
+    before, now = (np.log(z / slant) / pitch for z in (cast_z, depth[who.mask]))
     told = steps.tell(state.level, speaking, cost, before, who.mask, pitch)
     lift = pitch * steps.lifts(who.mask, now, told, pitch, believed / pitch, progress.part(0.7, 1))
     return replace(state, lift=lift), lifted(who, depth, lift, distance)

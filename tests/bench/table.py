@@ -37,6 +37,8 @@ COLUMNS = (
     ("depth % of relief", "surface", "depth_relief_median", 100, 2, max),
     ("coverage %", "surface", "coverage", 100, 1, min),
     ("in band %", "surface", "normal_in_band", 100, 0, min),
+    ("albedo in band %", "surface", "albedo_in_band", 100, 0, min),
+    ("roughness in band %", "surface", "roughness_in_band", 100, 0, min),
     ("mask IoU", "mask", "iou", 1, 3, min),
     ("boundary px", "mask", "boundary_mean_px", 1, 2, max),
     ("registered %", "poses", "registered_share", 100, 1, min),

@@ -15,7 +15,7 @@ from tests.engine.test_metrics import ring
 
 def row(name: str, normal: float, albedo: float, registered: float) -> Row:
     scores = {
-        "surface": {"normal_mean_deg": normal, "albedo_psnr_db": albedo},
+        "surface": {"normal_mean_deg": normal, "albedo_psnr_db": albedo, "roughness_in_band": albedo / 40},
         "poses": {"registered_share": registered},
     }
     return Row(name, scores, {"hdr": 10.0, "surface": 20.5}, 2_500_000_000)
@@ -37,6 +37,8 @@ def test_mean_and_worst_are_of_the_right_end():
     assert (mean[at["albedo dB"]], worst[at["albedo dB"]]) == ("28.0", "26.0")
     assert (mean[at["registered %"]], worst[at["registered %"]]) == ("95.0", "90.0")
     assert mean[at["mask IoU"]] == "-"
+    band = heads.index("roughness in band %")
+    assert (mean[band], worst[band], mean[band - 1]) == ("70", "65", "-")
     assert mean[at["s"]] == "30"
     assert len({len(line) for line in text.splitlines()}) == 1
 

@@ -9,8 +9,10 @@ import pytest
 
 from engine import report
 from engine.hdr import HdrReport, Step
+from engine.pipeline.artefacts import plain
 from engine.radiance import relative_error
 from engine.report import Contents, StageRun, cautions
+from engine.surface.distance import Distance
 from engine.truth import Truth
 from engine.types import Poses, Renders
 from tests.engine.ball import CAMERA, ball
@@ -127,6 +129,32 @@ def test_light_that_only_the_shading_told_is_warned_of(share: float):
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
     assert ("56 % of the light that the surface was solved under" in lines) == (share > 0.5)
     assert ("Turn camera and object about a second axis" in lines) == (share > 0.5)
+
+
+@pytest.mark.parametrize(
+    ("stderr", "source", "scale", "number", "why"),
+    [
+        (0.013, "light", "rig", "0.7321 m ± 0.013", "standard error"),
+        (0.013, "light", "given", "0.7321 units of the given poses ± 0.013", "standard error"),
+        (0.013, "light", "unknown", "not known", "scale is unknown (0.7321 ± 0.013 scene units)"),
+        (float("inf"), "light", "rig", "not known", "the light does not tell it"),
+        (float("nan"), "light", "rig", "not known", "the light does not tell it"),
+        (0.0, "given", "rig", "0.7321 m", "(given)"),
+    ],
+)
+def test_the_distance_is_told_with_its_error_or_as_not_known(
+    stderr: float, source: str, scale: str, number: str, why: str
+):
+    found = plain(Distance(0.73214, stderr, source))  # as the stage stores it
+    stage = StageRun("surface", 9.0, "cpu", {}, {"distance": found})
+    text = read(report.html(replace(full(), poses=replace(poses(), scale=scale), stages=(stage,)))).text
+    assert number in text
+    (said,) = [words for words in text if words.startswith("from the camera to the object")]
+    assert why in said
+
+
+def test_no_distance_is_told_before_a_surface_has_found_it():
+    assert "from the camera to the object" not in " ".join(read(report.html(full())).text)
 
 
 def test_what_was_clipped_lost_or_guessed_is_listed():

@@ -241,7 +241,9 @@ def test_an_ablation_compares_our_switches_over_all_pixels(
     )
     monkeypatch.setattr(rows, "switched", lambda size, least: (replace(few, solve=solve_some),))
     words = ["bench", "ablation", "--quick", "--sets", str(tmp_path), "--device", "cpu"]
-    assert main([*words, "--json", str(tmp_path / "m.json")]) == 0
+    drawn = tmp_path / "drawn"
+    assert main([*words, "--json", str(tmp_path / "m.json"), "--out", str(drawn)]) == 0
+    assert sorted(p.name for p in drawn.iterdir()) == ["ablation.csv", "ablation.png", "ablation.svg"]
     assert calls == ["standard", "no_bounce", DEAREST]
     keys = [metric["key"] for metric in json.loads((tmp_path / "m.json").read_text())["metrics"]]
     assert "mean/no_bounce/normal" in keys

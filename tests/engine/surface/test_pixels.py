@@ -118,6 +118,64 @@ def test_solver_undoes_its_own_pictures(device: str):
     assert np.median(np.abs(state.roughness - 0.45)) < 0.02
 
 
+def test_torchs_path_and_the_cpus_agree_to_a_twentieth_of_a_degree():
+    """With shadows and bounced light, from the same search on."""
+    rng = np.random.default_rng(4)
+    light = light_of_lamps(rng, 16, 300)
+    frames, mask = pictures_of_a_ball(rng, 16, light)
+    params = replace(PARAMS, directions=300, visibility=True, bounce=True)
+    who = subject(frames, mask, CAMERA, np.arange(16), params)
+    begun = search(who, light, who.flat(0.5), params, "cpu", Progress())
+    depth = depth_of(who, begun, 0.5, Progress())
+    sight = sight_of(who, begun, depth, light.directions, params, Progress())
+    assert sight.occlusion is not None
+    assert len(sight.occlusion.direction)
+    here, there = (
+        improve(who, begun, light, sight, params, device, Progress()) for device in ("cpu", "cpu:0")
+    )
+    apart = np.degrees(np.arccos(np.clip((here.normals * there.normals).sum(1), -1, 1)))
+    assert apart.mean() < 0.05
+    assert np.median(apart) < 0.005
+
+
+@pytest.mark.parametrize("robust", [True, False])
+def test_robust_weights_forgive_a_few_false_views(robust: bool):
+    rng = np.random.default_rng(5)
+    light = light_of_lamps(rng, 24, 300)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    frames.radiance[:3] *= 3.0  # as if something had shone into three views
+    params = replace(PARAMS, directions=300, ask=False, robust=robust)
+    who = subject(frames, mask, CAMERA, np.arange(24), params)
+    truth = ball()[1][mask]
+    state = newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45))
+    state = improve(who, state, light, who.flat(0.5), params, "cpu", Progress())
+    error = np.degrees(np.arccos(np.clip((state.normals * truth).sum(1), -1, 1)))
+    assert (np.median(error) < 1) == robust
+    assert (np.median(error) > 3) == (not robust)
+
+
+def test_points_that_do_not_follow_the_depth_lie_in_a_plane_and_are_hidden_as_it_says():
+    rng = np.random.default_rng(6)
+    light = light_of_lamps(rng, 8, 300)
+    frames, mask = pictures_of_a_ball(rng, 8, light)
+    who = subject(frames, mask, CAMERA, np.arange(8), PARAMS)
+    _, normals, points = ball()
+    state = newton.begin(normals[mask], np.full((len(normals[mask]), 3), 0.4), np.full(int(mask.sum()), 0.5))
+    depth = np.where(mask, points[..., 2], 0.0)
+    follows, flat = (
+        sight_of(who, state, depth, light.directions, replace(SurfaceParams(), follow_depth=on), Progress())
+        for on in (True, False)
+    )
+    np.testing.assert_allclose(follows.points, points[mask])
+    np.testing.assert_allclose(flat.points[:, 2], depth[mask].mean())
+    assert follows.cast_z is None
+    np.testing.assert_allclose(flat.cast_z, depth[mask])
+    np.testing.assert_allclose(flat.at(1.5).cast_z, 1.5 * depth[mask])
+    assert follows.occlusion is not None
+    assert flat.occlusion is not None
+    np.testing.assert_array_equal(follows.occlusion.direction, flat.occlusion.direction)
+
+
 def test_a_pixel_in_a_wrong_valley_is_led_out_by_its_neighbours():
     rng = np.random.default_rng(1)
     light = light_of_lamps(rng, 24, 400)

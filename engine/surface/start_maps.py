@@ -1,0 +1,139 @@
+"""A first surface from maps that were made elsewhere, by a network say, in place of the global search.
+
+The files' normals, and roughness where there is any, stand for every pixel's first answer; albedo, whose scale such
+maps do not know, is what explains the photographs best under them, and so is roughness where there is none. Gauss-Newton
+goes on from there as from the search. Camera frame.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine import mapfiles
+from engine.errors import ImportFault, SurfaceError
+from engine.progress import Progress
+from engine.surface import newton
+from engine.surface.observations import Observations
+from engine.surface.pixels import Subject, SurfaceParams
+from engine.surface.start import ROUGHNESSES
+from engine.surface.transport import Incident, Sight, blocks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartMaps:
+    """What the files hold of the mask's pixels."""
+
+    mask: Bool[np.ndarray, "h w"]
+    normals: Float[np.ndarray, "p 3"]  # unit
+    roughness: Float[np.ndarray, " p"] | None
+    albedo: Float[np.ndarray, "p 3"] | None  # linear, of a scale of its own
+
+
+def read(
+    path: Path, roughness: Path | None, frame: str, mask: Bool[np.ndarray, "h w"], coloured: bool
+) -> StartMaps:
+    """The maps at the photographs' size as they are processed, see `engine/mapfiles.py`.
+
+    Roughness is `roughness`'s, or what an .npz holds beside its normals; so is albedo where `coloured` asks for it.
+
+    Raises:
+        SurfaceError: a file cannot be read or does not fit, or a pixel of the object has no normal.
+    """
+    try:
+        normal = mapfiles.read_normals(path, mask, frame)[mask]
+        beside = roughness or (path if mapfiles.holds(path, "roughness") else None)
+        rough = mapfiles.read_roughness(beside, mask)[mask] if beside else None
+        coloured = coloured and mapfiles.holds(path, "albedo")
+        albedo = mapfiles.read_albedo(path, mask, "linear")[mask] if coloured else None
+    except ImportFault as fault:
+        raise SurfaceError(f"start maps: {fault}") from fault
+    missing = int((~normal.any(1)).sum())
+    if missing:
+        raise SurfaceError(
+            f"start maps: {path}: {missing} of {len(normal)} object pixels have no normal; make the map with the"
+            " session's mask, or do without it"
+        )
+    return StartMaps(mask, normal, rough, albedo)
+
+
+def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"]) -> StartMaps | None:
+    """The maps that the parameters name; None where they name none.
+
+    Raises:
+        SurfaceError: as `read`.
+    """
+    if not params.start_maps:
+        return None
+    roughness = Path(params.start_roughness) if params.start_roughness else None
+    return read(Path(params.start_maps), roughness, params.start_frame, mask, False)
+
+
+def halved(maps: StartMaps, small: Bool[np.ndarray, "h2 w2"]) -> StartMaps:
+    """Means over the object's pixels of each 2 x 2, as `pixels.halved` has the photographs; `small` is its mask."""
+    v, u = np.nonzero(maps.mask)
+    v, u = v // 2, u // 2
+    height, width = small.shape
+    kept = (v < height) & (u < width)  # an odd last row or column is cut off
+    cell = v[kept] * width + u[kept]
+
+    def mean(values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
+        total = np.bincount(cell, values[kept], height * width)
+        count = np.maximum(np.bincount(cell, minlength=height * width), 1)
+        return (total / count)[small.ravel()]
+
+    normals = np.stack([mean(x) for x in maps.normals.T], 1)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    roughness = None if maps.roughness is None else mean(maps.roughness)
+    albedo = None if maps.albedo is None else np.stack([mean(x) for x in maps.albedo.T], 1)
+    return StartMaps(small, normals / np.maximum(length, 1e-9), roughness, albedo)
+
+
+def begun(
+    maps: StartMaps,
+    who: Subject,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    device: str,
+    progress: Progress,
+) -> newton.State:
+    """The maps as a first surface of the subject's pixels: all of the maps' mask, or `pixels.halved` ones."""
+    if maps.mask.shape != who.mask.shape:
+        maps = halved(maps, who.mask)
+    responses, parts = who.responses(light, params, device), blocks(who.mask)
+    normals = newton.facing(maps.normals, sight.views)
+    tried = np.tile(ROUGHNESSES, (len(normals), 1)) if maps.roughness is None else maps.roughness[:, None]
+    tried = np.clip(tried, *newton.ROUGHNESS)
+    albedo, roughness = np.zeros((len(normals), 3)), np.zeros(len(normals))
+    for i, pixels in enumerate(parts):
+        progress.step(i / len(parts), "beginning from the maps given")
+        leaning = np.repeat(normals[pixels][:, None], tried.shape[1], 1)
+        diffuse, specular = responses(responses.block(sight, pixels), leaning, tried[pixels])
+        best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
+        roughness[pixels] = tried[pixels, best]
+    return newton.begin(normals, albedo, roughness)
+
+
+def _explained(
+    diffuse: Float[np.ndarray, "p k v"],
+    specular: Float[np.ndarray, "p k v"],
+    seen: Observations,
+    pixels: Int[np.ndarray, " p"],
+) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
+    """Which of `k` variants explains each pixel best, and its albedo: the one in the middle of all views."""
+    eps = seen.eps[pixels][:, None, None]
+    radiance, valid = seen.radiance[pixels][:, None], seen.weight[pixels][:, None] > 0
+    share = np.where(valid, (radiance - specular) / np.maximum(diffuse, 1e-6), np.nan)
+    albedo = np.stack([_middle(share[..., c::3]) for c in range(3)], -1)  # p k 3
+    model = np.tile(albedo, diffuse.shape[2] // 3) * diffuse + specular
+    logs = np.log((radiance + eps) / (np.maximum(model, 0) + eps))
+    best = np.where(valid, np.abs(logs), 0).sum(2).argmin(1)
+    return best, albedo[np.arange(len(pixels)), best]
+
+
+def _middle(values: Float[np.ndarray, "p k n"]) -> Float[np.ndarray, "p k"]:
+    """Median of what is known, within what albedo may be; its middle where nothing is."""
+    nothing = np.isnan(values).all(2)
+    return np.clip(np.nanmedian(np.where(nothing[..., None], 0.5, values), 2), *newton.ALBEDO)
