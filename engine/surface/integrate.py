@@ -2,7 +2,9 @@
 
 Source: Cao, Santo, Shi, Okura, Matsushita, "Bilateral Normal Integration", ECCV 2022: each pixel's one-sided
 depth differences carry weights that let one side go where the surface is torn; iteratively reweighted
-least squares on log depth. Camera frame; the answer is depth along z up to one factor, fixed by the caller.
+least squares on log depth. Of a tear all around a part normals do not tell the height; where its two sides hang
+together elsewhere they do, but these weights do not find it: the sides are drawn together. Camera frame; the answer is
+depth along z up to one factor, fixed by the caller.
 """
 
 import numpy as np

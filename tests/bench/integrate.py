@@ -33,37 +33,49 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.one:
         print(*measure(args.one[0], int(args.one[1])))
         return 0
-    lines = [["map", "shape", "object pixels", "solver", "seconds", "error, % of depth", "peak MB above"]]
+    lines = [
+        [
+            "map",
+            "shape",
+            "object pixels",
+            "solver",
+            "seconds",
+            "of the CPU",
+            "error, % of depth",
+            "peak MB above",
+        ]
+    ]
     for size in map(int, args.sizes.split(",")):
         for shape in args.shapes.split(","):
             # In a process of its own: the peak of its memory is its own.
             words = [sys.executable, "-m", "tests.bench.integrate", "--one", shape, str(size)]
             done = subprocess.run(words, capture_output=True, text=True)
             if done.returncode:
-                failed = done.stderr.strip().splitlines()[-1]
-                lines.append([f"{size} x {size}", shape, "-", "-", "-", failed, "-"])
+                failed = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+                lines.append([f"{size} x {size}", shape, "-", "-", "-", "-", failed, "-"])
                 continue
-            pixels, seconds, error, memory = map(float, done.stdout.split())
+            pixels, seconds, busy, error, memory = map(float, done.stdout.split())
             solver = "factorisation" if pixels <= DIRECT else "multigrid"
-            told = [f"{pixels:.0f}", solver, f"{seconds:.1f}", f"{100 * error:.3f}", f"{memory / 1e6:.0f}"]
+            told = [f"{pixels:.0f}", solver, f"{seconds:.1f}", f"{busy:.1f}"]
+            told += [f"{100 * error:.3f}", f"{memory / 1e6:.0f}"]
             lines.append([f"{size} x {size}", shape, *told])
             print(f"{size} {shape}: {seconds:.1f} s", file=sys.stderr)
     print(markdown(lines))
     return 0
 
 
-def measure(shape: str, size: int) -> tuple[int, float, float, int]:
-    """(object pixels, seconds, mean relative error, bytes of peak memory above what was held before)."""
+def measure(shape: str, size: int) -> tuple[int, float, float, float, int]:
+    """(object pixels, seconds, seconds of the processor, mean relative error, bytes of peak memory above what was held before)."""
     camera = camera_of(size, size)
     mask, normals, z = SHAPES[shape](camera)
     before = _peak()
-    begin = time.perf_counter()
+    begin, busy = time.perf_counter(), time.process_time()
     depth = integrate(camera, normals, mask, float(z[mask].mean()), Progress())
-    seconds = time.perf_counter() - begin
+    seconds, busy = time.perf_counter() - begin, time.process_time() - busy
     sides = (on_plate(camera), ~on_plate(camera)) if shape == "plate" else (np.ones_like(mask),)
     off = [np.log(depth[mask & side] / z[mask & side]) for side in sides]
     error = float(np.mean(np.concatenate([np.abs(x - np.median(x)) for x in off])))
-    return int(mask.sum()), seconds, error, _peak() - before
+    return int(mask.sum()), seconds, busy, error, _peak() - before
 
 
 def _peak() -> int:
