@@ -127,6 +127,12 @@ class Emitters:
         """The field as photographs show it: what may stand before a lamp."""
         return self._first(len(self.gaussians.means) - len(self.lamps.radii) - self.patches)
 
+    def photographed(self) -> Gaussians:
+        """Everything but the patches: the field as photographs show it, and the lamps."""
+        lamps = len(self.gaussians.means) - len(self.lamps.radii)
+        kept = np.r_[0 : lamps - self.patches, lamps : len(self.gaussians.means)]
+        return Gaussians(*(getattr(self.gaussians, name)[kept] for name in Gaussians.__slots__))
+
     def _first(self, count: int) -> Gaussians:
         return Gaussians(*(getattr(self.gaussians, name)[:count] for name in Gaussians.__slots__))
 

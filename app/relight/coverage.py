@@ -39,9 +39,7 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     masks = artefacts.load(run.folder("segment"), "masks", Masks)
     view = middle_view(solved.poses)
     progress.step(0.2, "the light at the object")
-    light, clipped = panorama(
-        solved.surface, solved.emitters.gaussians, solved.poses, view, solved.frames, masks, ROWS
-    )
+    light, clipped = panorama(solved.surface, solved.emitters, solved.poses, view, solved.frames, masks, ROWS)
     arrays = {
         "radiance": light.radiance,
         "seen": light.seen,

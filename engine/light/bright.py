@@ -13,7 +13,7 @@ weights, non-negative with sums of at most one, so diag(A^T w A 1) bounds the cu
 lower bounds: they pull only while the rendering is below them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, no_type_check
 
@@ -29,6 +29,7 @@ from engine.radiance import luminance
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _FAINT = np.float32(2e-4)
 _STEPS = 15  # of the gradient, within each reweighting
+_BATCH = 16  # views whose rows are made before they are put to the others
 _CHUNKS = 8  # of the transposed product; fixed, so that its sums do not depend on the machine
 
 
@@ -63,32 +64,46 @@ def bright_ones(colours: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, " k"]:
 
 def rows_of(geometry: Shapes, photographs: Photographs, run: Run) -> Rows:
     """Compositing weights of every trusted pixel of all views."""
-    found: list[tuple | None] = [None] * len(photographs.weight)
+    views = len(photographs.weight)
     blank = np.zeros_like(geometry.means)
+    begins, counts = np.empty(0, np.int64), np.empty(0, np.int64)
+    columns, values = np.empty(0, np.int32), np.empty(0, np.float32)
+    for first in range(0, views, _BATCH):
+        batch = range(first, min(first + _BATCH, views))
+        found: dict[int, tuple] = {}
 
-    def some(part: int, parts: int) -> None:
-        for view in range(part, len(found), parts):
-            index, packed, (tile_start, members, _, _) = project(geometry, blank, photographs.pinhole(view))
-            wanted = photographs.weight[view] > 0
-            begins, counts, columns, values = kernels_cpu.compositing_weights(
-                packed, index, tile_start, members, photographs.lens, np.float32(0), wanted, _FAINT
-            )
-            keep = wanted.ravel()
-            found[view] = (begins[keep], counts[keep], columns, values)
+        def some(part: int, parts: int, batch: range = batch, found: dict[int, tuple] = found) -> None:
+            for view in batch[part::parts]:
+                index, packed, (tile_start, members, _, _) = project(
+                    geometry, blank, photographs.pinhole(view)
+                )
+                wanted = photographs.weight[view] > 0
+                begin, count, column, value = kernels_cpu.compositing_weights(
+                    packed, index, tile_start, members, photographs.lens, np.float32(0), wanted, _FAINT
+                )
+                keep = wanted.ravel()
+                found[view] = (begin[keep], count[keep], column, value)
 
-    run(some, ())
-    done = [f for f in found if f is not None]
-    offsets = np.concatenate([[0], np.cumsum([len(f[2]) for f in done])])
+        run(some, ())
+        done = [found[view] for view in batch]
+        offsets = len(columns) + np.cumsum([0, *(len(f[2]) for f in done)])
+        _append(begins, [f[0] + offset for f, offset in zip(done, offsets[:-1], strict=True)])
+        for whole, parts in zip((counts, columns, values), list(zip(*done, strict=True))[1:], strict=True):
+            _append(whole, parts)
     wanted = photographs.weight > 0
     return Rows(
-        np.concatenate([f[0] + offset for f, offset in zip(done, offsets[:-1], strict=True)]),
-        np.concatenate([f[1] for f in done]),
-        np.concatenate([f[2] for f in done]),
-        np.concatenate([f[3] for f in done]),
-        photographs.radiance[wanted],
-        photographs.weight[wanted],
+        begins, counts, columns, values, photographs.radiance[wanted], photographs.weight[wanted],
         photographs.clipped[wanted],
-    )
+    )  # fmt: skip
+
+
+def _append(whole: np.ndarray, parts: Sequence[np.ndarray]) -> None:
+    """Lengthen an array in place: all views' rows are gigabytes, of which there is no room for a second copy."""
+    at = len(whole)
+    whole.resize(at + sum(map(len, parts)), refcheck=False)
+    for part in parts:
+        whole[at : at + len(part)] = part
+        at += len(part)
 
 
 @njit(**_FLAGS)
@@ -157,25 +172,29 @@ def solve_colours(
     count, epsilon = len(start), epsilon_of(rows)
     colours = start.astype(np.float64)
     rendered = np.empty((len(rows.begins), 3))
-    whole = np.empty_like(rendered)
-    render_rows(rows, np.ones((count, 3)), whole, run)
+    render_rows(rows, np.ones((count, 3)), rendered, run)
+    whole = rendered[:, :1].copy()
+    # Arrays of every pixel are large: each is computed in place.
+    weights, field = np.empty_like(rendered), np.empty_like(rendered)
     for turn in range(reweightings):
         render_rows(rows, colours, rendered, run)
-        scale = rendered + epsilon
-        weights = rows.trust[:, None] / scale
+        np.add(rendered, epsilon, out=field)
+        np.divide(rows.trust[:, None], field, out=weights)
         if objective == "relative":
-            gap = np.abs(rows.photographed - rendered)
-            weights = weights / np.maximum(gap, 1e-2 * scale)
-        curvature = pull_rows(rows, weights * whole, count, run)
+            np.subtract(rows.photographed, rendered, out=rendered)
+            np.abs(rendered, out=rendered)
+            field *= 1e-2
+            weights /= np.maximum(rendered, field, out=field)
+        curvature = pull_rows(rows, np.multiply(weights, whole, out=field), count, run)
         tie = hold * np.maximum(curvature, 1e-12 * curvature.max())
         majoriser = np.where(free[:, None], curvature + tie, np.inf)
         ahead, momentum = colours.copy(), 1.0
         for i in range(_STEPS):
             step((turn + i / _STEPS) / reweightings)
             render_rows(rows, ahead, rendered, run)
-            gap = rows.photographed - rendered
+            gap = np.subtract(rows.photographed, rendered, out=field)
             gap[rows.lower_bound] = np.maximum(gap[rows.lower_bound], 0)
-            pull = pull_rows(rows, weights * gap, count, run)
+            pull = pull_rows(rows, np.multiply(weights, gap, out=field), count, run)
             fresh = ahead + (pull - tie * (ahead - start)) / majoriser
             fresh = np.maximum(fresh, 0)
             following = (1 + np.sqrt(1 + 4 * momentum**2)) / 2

@@ -29,15 +29,20 @@ def photographed(
     masks: Masks,
     poses: Poses,
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """For each direction of a panorama at `origin`: whether some view shows the place its light comes from, and
-    whether all of those that do are clipped there."""
+    """For each direction of a panorama at `origin`: whether Gaussians stand there and some view shows the place their
+    light comes from, and whether all of those that do are clipped there.
+
+    Args:
+        gaussians: what was fitted to photographs; patches of the unseen (`unseen.py`) would stand in any view's way.
+    """
     directions = panorama_directions(height)
-    distance = Cube(gaussians, origin, frame_from_world, 2 * height).look(directions)[1]
+    light, distance = Cube(gaussians, origin, frame_from_world, 2 * height).look(directions)
     places = (origin + (directions @ frame_from_world) * distance[..., None]).reshape(-1, 3)
     shown, clean = (
         covered(coverage_of(masks, poses, WIDTH, without), places).reshape(distance.shape) > 0
         for without in (None, frames.clipped)
     )
+    shown &= light[..., 3] >= HALF
     return shown, shown & ~clean
 
 

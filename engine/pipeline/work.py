@@ -205,7 +205,7 @@ def export(work: Work) -> Records:
     found, emitters = work.load("surface", "surface", Surface), work.load("surface", "emitters", Emitters)
     view, whole = middle_view(placed), emitters.gaussians
     masks = work.load("segment", "masks", Masks)
-    seen, clipped = panorama(found, whole, placed, view, frames, masks, PANORAMA_ROWS)
+    seen, clipped = panorama(found, emitters, placed, view, frames, masks, PANORAMA_ROWS)
     grounds = grounds_of(seen, clipped, found.normal[found.mask])
     write_files(
         work.folder, found, whole, emitters.lamps, placed, frames.names, seen, grounds,
@@ -223,7 +223,7 @@ def middle_view(placed: Poses) -> int:
 
 def panorama(
     found: Surface,
-    gaussians: Gaussians,
+    emitters: Emitters,
     placed: Poses,
     view: int,
     frames: Frames,
@@ -245,6 +245,6 @@ def panorama(
     cam_from_world = placed.cam_from_world[view]
     origin = transform(inverse(cam_from_world), middle)
     turn = cam_from_world[:, :3]
-    radiance, opacity = probes.panorama(gaussians, origin, turn, rows, fill=True)
-    shown, clipped = photographed(gaussians, origin, turn, rows, frames, masks, placed)
+    radiance, opacity = probes.panorama(emitters.gaussians, origin, turn, rows, fill=True)
+    shown, clipped = photographed(emitters.photographed(), origin, turn, rows, frames, masks, placed)
     return Panorama(frames.names[view], radiance, opacity * shown), clipped

@@ -27,6 +27,7 @@ from engine.progress import Progress
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
 from hardware.errors import StudioError
+from tests.bench import irradiance
 from tests.bench.inputs import Clock, machine, told
 from tests.bench.table import markdown
 
@@ -61,6 +62,7 @@ class Row:
     distance: float  # ours over true
     stated: float  # its standard error, relative
     light: float  # log-L1 of the kept-out views
+    irradiance: float  # error of the fitted light at the object, percent
     seconds: float
 
 
@@ -133,26 +135,29 @@ def measured(case: Case, on: sets.Set) -> Row:
     spoilt = replace(spoilt, gaussians=gaussians, lamps=lamps)
     surface, *_, report = solve(*spoilt.inputs, SurfaceParams(), "cpu", 0, told(case.title))
     seconds, _ = clock.read()
-    found = metrics.evaluate(surface, truth)
+    found, off = (
+        metrics.evaluate(surface, truth),
+        irradiance.off(irradiance.beside(on.session), gaussians, lamps),
+    )
     both = surface.mask & truth.mask
     distance = float(np.median(surface.depth[both] / truth.depth[both]))
     return Row(
         case.title, len(spoilt.frames.names), found.normal_mean_deg, found.normal_median_deg, found.normal_in_band,
         found.albedo_psnr_db, found.roughness_mae, distance, report.distance.stderr / report.distance.value,
-        light.heldout_log_l1, seconds,
+        light.heldout_log_l1, off.mean, seconds,
     )  # fmt: skip
 
 
 def table(rows: Sequence[Row]) -> str:
     lines = [
         ["case", "views", "normals deg", "median", "in band %", "albedo dB", "roughness", "distance ours/true",
-         "stated +-", "light log-L1", "s"]
+         "stated +-", "light log-L1", "irradiance off %", "s"]
     ]  # fmt: skip
     for row in rows:
         lines.append([
             row.title, str(row.views), f"{row.normal_deg:.2f}", f"{row.median_deg:.2f}", f"{100 * row.in_band:.0f}",
             f"{row.albedo_db:.1f}", f"{row.roughness:.4f}", f"{row.distance:.3f}", f"{row.stated:.3f}",
-            f"{row.light:.4f}", f"{row.seconds:.0f}",
+            f"{row.light:.4f}", f"{row.irradiance:.2f}", f"{row.seconds:.0f}",
         ])  # fmt: skip
     return markdown(lines)
 

@@ -1,11 +1,13 @@
 """Prints how right the light at the object is, against the studio's incident panoramas: one row per set.
 
-    python -m tests.bench.light FOLDER [--json FILE] [--pictures FOLDER]
+    python -m tests.bench.light FOLDER [--only WORDS] [--json FILE] [--pictures FOLDER]
 
-FOLDER holds sets named ROOM-OBJECT, each with the `session` and `truth` of `roomlight simulate`. Of every session
-the newest finished light is scored, as the surface solver reads it: Gaussians at a probe where the panoramas
-were taken, unseen directions filled, lamps added. Rows called "refined" are the same light under the gains that
-the surface found from the object's shading; the targets are for the light as it was fitted. Nothing is processed.
+FOLDER holds sets named ROOM-OBJECT, each with the `session` and `truth` of `roomlight simulate`, or sets of `roomlight
+bench`, whose light may lie in `given.session`: poses and masks are the true ones there. Of every session the newest
+finished light is scored, as the surface solver reads it: Gaussians at a probe where the panoramas were taken, unseen
+directions filled, lamps added. Rows called "refined" are the same light under the gains that the surface found from the
+object's shading. The targets are for the light as it was fitted; where lamps are clipped in every view that is a lower
+bound, and irradiance and peaks are judged of the refined row alone. Nothing is processed.
 """
 
 import argparse
@@ -31,6 +33,7 @@ CELLS = 4096  # of 3.2 degrees
 NORMALS = 642
 BRIGHTEST = 0.01  # of the sphere
 TARGETS = "targets: irradiance <= 4 % mean, <= 10 % at p95; brightest 1 % within 5 %; lamps within 1 degree"
+MEAN, P95, PEAK, LAMP_DEG = 4.0, 10.0, 5.0, 1.0
 
 # Heading, score, decimals.
 COLUMNS = (
@@ -69,11 +72,15 @@ class Row:
 
 def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
-    sets = sorted(p for p in args.folder.glob("*") if (p / "truth").is_dir() and (p / "session").is_dir())
+    sets = sorted(
+        p
+        for p in args.folder.glob("*")
+        if (p / "truth").is_dir() and (p / "session").is_dir() and args.only in p.name
+    )
     if not sets:
         print(f"{args.folder}: no sets in it; make some with `python -m tests.bench.table`", file=sys.stderr)
         return 2
-    lacking = [path / "session" for path in sets if light_sets.newest_light(path / "session") is None]
+    lacking = [path / "session" for path in sets if light_sets.session_of(path) is None]
     for session in lacking:
         print(
             f"{session}: no finished light; run `roomlight process {session} --until light`", file=sys.stderr
@@ -89,7 +96,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(fault, file=sys.stderr)
         return 2
     print(f"{len(sets)} sets, {os.cpu_count()} cores, {platform.machine()}\n")
-    print(f"{table(rows)}\n\n{TARGETS}")
+    print(f"{table(rows)}\n\n{TARGETS}\n")
+    print("\n".join(judged(rows)))
     for row in rows:
         print(
             f"\n{row.title()}, light version {row.version}, {row.views} views\n\n{emitters.told(row.emitters)}"
@@ -175,6 +183,40 @@ def table(rows: Sequence[Row]) -> str:
     return markdown(lines)
 
 
+def judged(rows: Sequence[Row]) -> list[str]:
+    """A line per set: which of its rows the targets are for, and whether they are met."""
+    lines = []
+    for fitted in (row for row in rows if not row.refined):
+        refined = next((row for row in rows if row.refined and row.name == fitted.name), None)
+        clipped = sum(e.lamp is not None and e.lamp.clipped for e in fitted.emitters)
+        row, said = fitted, "irradiance and peaks of the row as fitted"
+        if clipped:
+            row, said = (
+                refined,
+                f"{clipped} lamps clipped, a lower bound as fitted: irradiance and peaks of the refined row",
+            )
+        if row is None:
+            said += ", which there is none of: process on to the surface"
+        else:
+            said += f", mean {_word(row.scores['irradiance_mean'], MEAN)}, p95 {_word(row.scores['irradiance_p95'], P95)}"
+            said += f", brightest {_word(row.scores['brightest_off'], PEAK)}"
+        worst, missing = fitted.scores["lamps_worst_deg"], _missing(fitted)
+        if worst is not None:
+            said += f"; lamps as fitted {_word(worst, LAMP_DEG)}"
+        if missing:
+            said += f", {missing} not found"
+        lines.append(f"{fitted.name}: {said}")
+    return lines
+
+
+def _missing(row: Row) -> int:
+    return sum(e.kind == "globe" and e.lamp is None for e in row.emitters)
+
+
+def _word(value: float | None, limit: float) -> str:
+    return "unknown" if value is None else "met" if value <= limit else "MISSED"
+
+
 def _shown(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
@@ -182,6 +224,7 @@ def _shown(value: float | None, decimals: int) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="light", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", default="", help="sets whose name holds this")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path, help="writes one picture per set: true, ours, log ratio")
     return parser

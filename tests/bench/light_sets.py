@@ -1,8 +1,9 @@
 """Reads what the light's benchmark compares: a simulated set's newest finished light, and the studio's truth.
 
 The truth's files hold panoramas, poses and maps; not the point where the panoramas are taken (the mean of the
-body's vertices), the object's box, or the lamps. Those come from the studio's own builders, by the set's name
-ROOM-OBJECT. Session and truth share each view's camera frame, and differ in world, unit and radiance scale.
+body's vertices), the object's box, or the lamps. Those come from the studio's own builders, by the set's name,
+which begins with ROOM-OBJECT. Session and truth share each view's camera frame, and differ in world, unit and
+radiance scale.
 """
 
 import functools
@@ -24,10 +25,13 @@ from engine.pipeline import artefacts
 from engine.surface.near import near_of
 from engine.truth import read_truth
 from engine.types import Emitters, Gaussians, Lamps, Masks, Poses
+from hardware.errors import StudioError
 from hardware.virtual import sensor
 from hardware.virtual.studio import objects, rooms
 from tests.bench import incident
 
+SESSIONS = ("session", "given.session")
+"""Where a set's light may lie: as photographed, or where `roomlight bench` gave it the truth's poses and mask."""
 FACE = 128  # pixels along a face of the probe's cube
 COARSE_CELLS, COARSE_FACE = 2048, 48  # for what was photographed
 
@@ -70,17 +74,23 @@ def newest_light(session: Path) -> Path | None:
     return _newest(session / "stages" / "light")
 
 
+def session_of(folder: Path) -> Path | None:
+    """The session of a set whose light is scored: of `SESSIONS` the first with a finished one; None if none has."""
+    return next((folder / name for name in SESSIONS if newest_light(folder / name) is not None), None)
+
+
 def read(folder: Path) -> Set:
     """A set's newest light, what that was made from, and its truth; nothing is written.
 
     Raises:
         TruthError: no finished light, or a truth without the poses and panoramas of this session.
         SessionError: records cannot be read.
-        StudioError: the set's name is not that of a room and an object.
+        StudioError: the set's name does not begin with those of a room and an object.
     """
-    light = newest_light(folder / "session")
+    session = session_of(folder)
+    light = None if session is None else newest_light(session)
     if light is None:
-        raise TruthError(f"{folder}: the session has no finished light; process it first")
+        raise TruthError(f"{folder}: no session of it has a finished light; process it first")
     record = _record(light)
     stage = {name: light.parent.parent / name / made for name, made in record["inputs"].items()}
     poses = artefacts.load(stage["poses"], "poses", Poses)
@@ -96,14 +106,26 @@ def read(folder: Path) -> Set:
     views = np.nonzero(poses.registered)[0]
     estimated, true = poses.cam_from_world[views], true[views]
     scale, true_from_ours = align_similarity(inverse(estimated)[..., 3], inverse(true)[..., 3])
-    room, _, thing = folder.name.partition("-")
+    room, thing = names_of(folder.name)
     return Set(
-        folder.name, light, record["version"], artefacts.load(light, "gaussians", Gaussians), _lamps(light),
+        f"{room}-{thing}", light, record["version"], artefacts.load(light, "gaussians", Gaussians), _lamps(light),
         artefacts.load(stage["segment"], "masks", Masks), poses, estimated, views, true, true_from_ours, scale,
         tuple(panoramas[view] for view in views),
         session_per_studio(artefacts.load(stage["hdr"], "report", HdrReport).scale),
         furnished(room), objects.model(thing),
     )  # fmt: skip
+
+
+def names_of(folder: str) -> tuple[str, str]:
+    """Room and object of a set's folder: ROOM-OBJECT, and what `roomlight bench` adds after another hyphen.
+
+    Raises:
+        StudioError: it does not begin with two names.
+    """
+    room, thing, *_ = [*folder.split("-"), ""]
+    if not (room and thing):
+        raise StudioError(f"{folder}: a set's folder is called ROOM-OBJECT; rename it")
+    return room, thing
 
 
 def session_per_studio(exposure: float) -> float:
@@ -141,11 +163,23 @@ def our_energy(
 
     The directions are those of `fibonacci_sphere`.
     """
-    point, poses = _point(s), s.cam_from_world
-    found = arriving(light.field, poses, point, directions, FACE)
-    energy, opaque = found.energy, found.seen
     solid = apart(s.gaussians, s.lamps)  # what no photograph shows hides no lamp
-    near = near_of(light.lamps, solid, poses, point[0], len(directions))
+    return energy_at(_point(s), s.cam_from_world, light.field, light.lamps, solid, directions)
+
+
+def energy_at(
+    point: Float[np.ndarray, "1 3"],
+    poses: Float[np.ndarray, "n 3 4"],
+    field: Gaussians,
+    lamps: Lamps,
+    solid: Gaussians,
+    directions: Float[np.ndarray, "d 3"],
+    face: int = FACE,
+) -> tuple[Float[np.ndarray, "n d 3"], Float[np.ndarray, "n d"]]:
+    """`our_energy` at any point of the camera frame: the field, filled, and the lamps that `solid` does not hide."""
+    found = arriving(field, poses, point, directions, face)
+    energy, opaque = found.energy, found.seen
+    near = near_of(lamps, solid, poses, point[0], len(directions))
     energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
     return energy[:, 0].astype(np.float64), opaque[:, 0]
 

@@ -1,5 +1,7 @@
 """The kernel's benchmark measures what it says: the same view, gradients in the same parameters, honest sums."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,9 +54,20 @@ def test_costs_per_ray_and_ratios_worked_by_hand() -> None:
 
 
 def test_the_target_is_met_missed_or_not_measured() -> None:
-    assert kernel.verdict([cost()]).endswith("met")
-    assert kernel.verdict([cost(both_s=0.26)]).endswith("MISSED")
-    assert kernel.verdict([cost(count=5000)]).endswith("not measured here")
+    for given, word in (
+        (cost(), "met"),
+        (cost(both_s=0.26), "MISSED"),
+        (cost(count=5000), "not measured here"),
+    ):
+        assert kernel.verdict([given]).splitlines()[0].endswith(word)
+
+
+def test_every_count_must_agree_with_the_reference_in_radiance_and_gradients() -> None:
+    off = replace(cost(count=5000), forward_off=2e-4, gradient_off=2e-3)
+    for costs, word in (([cost()], "met"), ([off, cost()], "MISSED")):
+        _, radiance, gradients = kernel.verdict(costs).splitlines()
+        assert radiance.endswith(word)
+        assert gradients.endswith(word)
 
 
 def test_the_largest_difference_is_relative_to_its_own_ray() -> None:

@@ -14,6 +14,7 @@ from engine.light.probes import panorama_directions
 from engine.pipeline import artefacts
 from engine.progress import Progress
 from engine.types import Camera, Emitters, Gaussians, Lamps, Masks, Poses
+from hardware.errors import StudioError
 from hardware.virtual.studio.objects import Body
 from hardware.virtual.studio.rooms import Globe, Room
 from hardware.virtual.studio.solids import Solid
@@ -276,3 +277,36 @@ def test_fitted_and_refined_lights_have_a_mean_each() -> None:
     told = {line[0]: line[1] for line in lines}
     assert (told["a-b"], told["a-b, refined"]) == ("1.00", "5.00")
     assert (told["mean"], told["mean, refined"]) == ("2.00", "7.00")
+
+
+def test_the_light_of_a_set_of_the_benchmark_lies_where_poses_were_given(tmp_path: Path) -> None:
+    assert light_sets.session_of(tmp_path) is None
+    finish(tmp_path / "given.session" / "stages" / "light" / "a", 1.0)
+    assert light_sets.session_of(tmp_path) == tmp_path / "given.session"
+    finish(tmp_path / "session" / "stages" / "light" / "a", 0.5)
+    assert light_sets.session_of(tmp_path) == tmp_path / "session"
+    assert light_sets.names_of("study-blob-gimbal-48x320x240-seed0-studio4") == ("study", "blob")
+    with pytest.raises(StudioError, match="ROOM-OBJECT"):
+        light_sets.names_of("study")
+
+
+def scored(refined: bool, clipped: bool, irradiance: float, deg: float = 0.5) -> light.Row:
+    scores = {
+        "irradiance_mean": irradiance,
+        "irradiance_p95": 9.0,
+        "brightest_off": 6.0,
+        "lamps_worst_deg": deg,
+    }
+    lamp = emitters.Lamp(deg, deg, 1.0, 1.0, 1.0, clipped)
+    globes = tuple(emitters.Emitter("globe", (0.0, 0.0, 0.0), 1.0, 1.0, 0.1, found) for found in (lamp, None))
+    return light.Row("lamps-blob", refined, 6, 48, scores, globes)
+
+
+def test_a_lower_bound_is_judged_by_its_refined_row_and_directions_as_fitted() -> None:
+    (said,) = light.judged([scored(False, True, 35.0), scored(True, True, 3.0)])
+    assert "1 lamps clipped, a lower bound" in said
+    assert "of the refined row, mean met, p95 met, brightest MISSED; lamps as fitted met, 1 not found" in said
+    (said,) = light.judged([scored(False, True, 3.0, 1.2)])
+    assert said.endswith("there is none of: process on to the surface; lamps as fitted MISSED, 1 not found")
+    (said,) = light.judged([scored(False, False, 35.0), scored(True, False, 3.0)])
+    assert "as fitted, mean MISSED" in said

@@ -5,7 +5,8 @@
 SESSION has its stages hdr, segment and poses done (`roomlight process SESSION --until poses`); it is only read.
 The paper's stages take 30 000 iterations each; with fewer all its counts are cut short in proportion, and the rows
 say so. The same views are held out of every fit, and the same measure judges all: error and energy of background
-pixels at one size, that of the pictures all were trained on.
+pixels at one size, that of the pictures all were trained on; and where SESSION lies in a set with its truth, the mean error
+of the irradiance at the object.
 """
 
 import argparse
@@ -22,7 +23,9 @@ from engine.light.photographs import resample
 from engine.light.rasterise import workers
 from engine.light.train import LightParams, fit, judge, split_views
 from engine.reference.emitter import EmitterParams, scaled, stage_one, stage_two, supervision
-from engine.types import Gaussians
+from engine.types import Gaussians, Lamps
+from hardware.errors import StudioError
+from tests.bench import irradiance
 from tests.bench.inputs import Clock, Inputs, inputs, machine, told, warm
 from tests.bench.table import markdown
 
@@ -37,6 +40,7 @@ class Row:
     core_seconds: float
     gaussians: int
     heldout_log_l1: float
+    irradiance: float | None  # error at the object, percent; None: no truth beside the session
     heldout_energy: float
     heldout_energy_bright: float
 
@@ -45,12 +49,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     try:
         given = inputs(args.session)
-    except RoomlightError as error:
+        known = (args.session.resolve().parent / "truth").is_dir()
+        lit = irradiance.beside(args.session) if known else None
+    except (RoomlightError, StudioError) as error:
         print(error, file=sys.stderr)
         return 2
     where = machine()
     warm(given)
-    rows = compare(given, args.iterations, args.most, args.width, args.seed)
+    rows = compare(given, lit, args.iterations, args.most, args.width, args.seed)
     print(f"{args.session.name}: {len(given[0].names)} views, {args.width} px, {where}\n")
     print(table(rows))
     if args.json:
@@ -59,7 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def compare(given: Inputs, iterations: int, most: int, width: int, seed: int) -> list[Row]:
+def compare(
+    given: Inputs, lit: irradiance.Lit | None, iterations: int, most: int, width: int, seed: int
+) -> list[Row]:
     """The paper's one stage, both its stages, and ours."""
     frames, masks, poses = given
     ours = replace(LightParams(), width=width)
@@ -69,7 +77,7 @@ def compare(given: Inputs, iterations: int, most: int, width: int, seed: int) ->
     used, held = split_views(poses, ours.holdout)
 
     clock = Clock()
-    gaussians, _, report = fit(frames, masks, poses, ours, seed, told("ours"))
+    gaussians, lamps, report = fit(frames, masks, poses, ours, seed, told("ours"))
     fitted = ("ours", f"{ours.passes} passes", *clock.read(), gaussians)
 
     rng = np.random.default_rng(seed)
@@ -88,25 +96,30 @@ def compare(given: Inputs, iterations: int, most: int, width: int, seed: int) ->
         )
         judged = resample(frames, masks, poses, held if len(held) else used, width)
 
-        def row(method: str, iterations: str, wall: float, cores: float, found: Gaussians) -> Row:
+        none = Lamps(lamps.centres[:0], lamps.radii[:0], lamps.radiance[:0], lamps.clipped[:0])
+
+        def row(
+            method: str, iterations: str, wall: float, cores: float, found: Gaussians, apart: Lamps = none
+        ) -> Row:
             scores = judge(found, judged, report.knee, run)
             kept = {name: scores[name] for name in Row.__slots__ if name in scores}
-            return Row(method, iterations, wall, cores, len(found.means), **kept)
+            off = None if lit is None else irradiance.off(lit, found, apart).mean
+            return Row(method, iterations, wall, cores, len(found.means), irradiance=off, **kept)
 
-        return [row(*one), row(*two), row(*fitted)]
+        return [row(*one), row(*two), row(*fitted, lamps)]
 
 
 def table(rows: Sequence[Row]) -> str:
     """A Markdown table; times are also told in units of the last row's."""
     lines = [
         ["method", "iterations", "Gaussians", "s", "core-s", "core-s / ours", "held-out log-L1",
-         "energy, all", "energy, brightest 1 %"],
+         "irradiance off %", "energy, all", "energy, brightest 1 %"],
     ]  # fmt: skip
     for row in rows:
         lines.append(
             [row.method, row.iterations, str(row.gaussians), f"{row.seconds:.1f}", f"{row.core_seconds:.1f}",
              f"{row.core_seconds / rows[-1].core_seconds:.1f}", f"{row.heldout_log_l1:.4f}",
-             f"{row.heldout_energy:.3f}", f"{row.heldout_energy_bright:.3f}"]
+             "-" if row.irradiance is None else f"{row.irradiance:.2f}", f"{row.heldout_energy:.3f}", f"{row.heldout_energy_bright:.3f}"]
         )  # fmt: skip
     return markdown(lines)
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.geometry import fibonacci_sphere
+from engine.geometry import fibonacci_sphere, sphere_solid_angle
 from engine.light.gaussians import Y00
-from engine.light.globes import apart, measured, passing, put_back, without
+from engine.light.globes import apart, beside, measured, passing, put_back, without
 from engine.light.lamps import find_lamps
 from engine.light.photographs import Photographs
 from engine.light.probes import arriving
@@ -106,3 +106,21 @@ def test_what_is_solid_hides_a_lamp_and_haze_does_not(density: float, share: flo
     )  # fmt: skip
     assert passing(bulb, wall, NOWHERE, np.zeros(3))[0, 0] == pytest.approx(share, abs=0.1)
     assert passing(bulb, clouds.shell(0.0), NOWHERE, np.zeros(3))[0, 0] == 1
+
+
+def test_energy_at_the_object_is_the_same_whole_and_with_the_lamps_apart():
+    """The Gaussian that a lamp leaves in the room holds what `Near` sends from its sphere, and hides what that hides."""
+    cells, here = fibonacci_sphere(2048), np.zeros((1, 3))
+    lamps = Lamps(
+        np.array([[1.2, -0.6, 0.8], [-0.5, 1.1, 1.0]]), np.array([0.12, 0.2]),
+        np.array([[60.0, 40, 20], [30, 30, 30]]), np.zeros(2, bool),
+    )  # fmt: skip
+    whole = beside(clouds.shell(1.0), lamps)
+    rest = apart(whole, lamps)
+    together = arriving(whole, NOWHERE, here, cells, 192, False).energy[0, 0].sum(0)
+    room = arriving(rest, NOWHERE, here, cells, 192, False).energy[0, 0].sum(0)
+    sent = near_of(lamps, rest, NOWHERE, here[0], len(cells)).spread(here[0]).sum(0)
+    assert (sent > 0.1 * room).all()
+    # A sphere added to the room also has the wall behind it: radiance 1 over its solid angle.
+    behind = sphere_solid_angle(lamps.radii, np.linalg.norm(lamps.centres, axis=1)).sum()
+    np.testing.assert_allclose(room + sent - behind, together, rtol=0.01)

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from engine.light.coverage import coverage_of, covered
+from engine.light.gaussians import joined, part
+from engine.light.globes import beside
 from engine.light.grounds import CLIPPED, GUESSED, PHOTOGRAPHED, grounds_of, photographed
 from engine.light.probes import panorama, panorama_directions
-from engine.types import Camera, Frames, Masks, Panorama, Poses
+from engine.light.unseen import patches
+from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Masks, Panorama, Poses
 from tests.engine.light import clouds
 
 SIDE, HEIGHT = 32, 48
@@ -40,10 +43,17 @@ def everywhere(turns: int, value: bool) -> np.ndarray:
     return np.full((turns, SIDE, SIDE), value)
 
 
-def classes(room, frames: Frames, masks: Masks, poses: Poses) -> np.ndarray:
-    """The class of every direction of a panorama at the origin."""
-    radiance, opacity = panorama(room, np.zeros(3), np.eye(3), HEIGHT, fill=True)
-    shown, clipped = photographed(room, np.zeros(3), np.eye(3), HEIGHT, frames, masks, poses)
+def classes(
+    room: Gaussians, frames: Frames, masks: Masks, poses: Poses, unseen: Gaussians | None = None
+) -> np.ndarray:
+    """The class of every direction of a panorama at the origin; `unseen` are patches beside the room."""
+    nothing = Lamps(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0, bool))
+    whole = room if unseen is None else joined(room, unseen)
+    emitters = Emitters(whole, nothing, 0 if unseen is None else len(unseen.means))
+    radiance, opacity = panorama(emitters.gaussians, np.zeros(3), np.eye(3), HEIGHT, fill=True)
+    shown, clipped = photographed(
+        emitters.photographed(), np.zeros(3), np.eye(3), HEIGHT, frames, masks, poses
+    )
     return grounds_of(Panorama("v", radiance, opacity * shown), clipped, AHEAD).kind
 
 
@@ -80,6 +90,24 @@ def test_a_hole_in_the_room_is_guessed_though_photographs_look_there():
     kind = classes(holed, *views(everywhere(2, True), everywhere(2, False), (0, 180)))
     assert (kind[cone((0, 0, 1), 0.1)] == GUESSED).all()
     assert (kind[cone((0, 0, -1), 0.9)] == PHOTOGRAPHED).all()
+
+
+def test_patches_over_a_hole_do_not_make_it_photographed():
+    room = clouds.shell(2.0)
+    holed = part(room, room.means[:, 2] < 3 * np.cos(np.radians(50)))
+    unseen = patches(holed, np.zeros(3))
+    assert len(unseen.means) > 20
+    # Both views look there: at the patches' places stands background of theirs.
+    kind = classes(holed, *views(everywhere(2, True), everywhere(2, False), (0, 180)), unseen)
+    assert (kind[cone((0, 0, 1), 0.5)] == GUESSED).all()
+    assert (kind[cone((0, 0, -1), 0.9)] == PHOTOGRAPHED).all()
+
+
+def test_lamps_are_photographed_and_patches_are_not():
+    field, unseen = clouds.shell(2.0, count=20), clouds.shell(1.0, count=7)
+    lamps = Lamps(np.array([[0, 0, 2.0]]), np.array([0.1]), np.ones((1, 3)), np.array([False]))
+    found = Emitters(beside(joined(field, unseen), lamps), lamps, 7).photographed()
+    np.testing.assert_array_equal(found.means, np.concatenate([field.means, lamps.centres]))
 
 
 def test_what_the_object_hides_in_every_view_is_guessed():
