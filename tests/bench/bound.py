@@ -1,0 +1,63 @@
+"""The least error that any unbiased estimate of a pixel's normal can have from its photographs (Cramer and Rao).
+
+A pixel's six unknowns are those of `engine.surface.newton`: two tilts, three logs of albedo, roughness. Its radiances
+scatter by the sensor and by the studio's path tracing. Whether radiances or their logarithms are compared makes no
+difference: derivatives and deviations are divided by the same number. Angles are radians.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ellipe
+
+SHARED = 0.8
+"""Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88
+between two renderings of 240 pixels of study-blob in 6 views; 0.01 between views."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scatter:
+    """Of a radiance x: variance `shot` x + `floor`^2 of its own, and (`path`^2 `level`) x of the path tracer, of which the part
+    `shared` is the same in all channels of a view. `level` is the pixel's mean over the views.
+
+    That the path tracer's variance grows with x was measured between two renderings, over a tenfold range of x.
+    """
+
+    shot: float
+    floor: float
+    path: float
+    shared: float = SHARED
+
+
+def information(
+    radiance: Float[np.ndarray, "p n 3"], jacobian: Float[np.ndarray, "p n 3 u"], scatter: Scatter
+) -> Float[np.ndarray, "p u u"]:
+    """Fisher information of the unknowns: derivatives of the true radiance by each, over its scatter."""
+    radiance = np.maximum(radiance, 0)  # beside bright light a cell may hold a little less than nothing
+    traced = scatter.path**2 * radiance.mean(1, keepdims=True) * radiance
+    own = scatter.shot * radiance + scatter.floor**2 + (1 - scatter.shared) * traced
+    common = np.sqrt(scatter.shared * traced)
+    # Per view the scatter is own + common common^T: its inverse by Sherman and Morrison.
+    weighed = jacobian / own[..., None]
+    told = np.einsum("pncu,pncw->puw", jacobian, weighed)
+    lost = np.einsum("pncu,pnc->pnu", weighed, common)
+    return told - np.einsum("pnu,pnw,pn->puw", lost, lost, 1 / (1 + (common**2 / own).sum(2)))
+
+
+def expected_angle(information: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, " p"]:
+    """Mean angle between a normal and its true one, if the two tilts scatter as little as the information allows.
+
+    With tilts of equal deviation s it is s sqrt(pi / 2), which is sqrt(pi / 4) of their RMS; else an ellipse's
+    circumference tells (complete elliptic integral of the second kind). A right angle where nothing is known.
+    """
+    scale = np.sqrt(np.einsum("puu->pu", information))
+    known = (scale > 0).all(1)
+    angle = np.full(len(information), np.pi / 2)
+    scale = scale[known]
+    scaled = information[known] / scale[:, :, None] / scale[:, None, :]
+    covariance = np.linalg.inv(scaled + 1e-9 * np.eye(information.shape[1]))
+    tilts = (covariance / scale[:, :, None] / scale[:, None, :])[:, :2, :2]
+    small, large = np.maximum(np.linalg.eigvalsh(tilts), 1e-300).T
+    angle[known] = np.minimum(np.sqrt(2 * large / np.pi) * ellipe(1 - small / large), np.pi / 2)
+    return angle

@@ -1,0 +1,132 @@
+"""The studio's own light as the surface solver takes it: energy at a lattice of probes, and globes as lamps.
+
+Rays are followed from every probe into the baked room, jittered anew in every view, and sorted into direction cells as
+the product sorts its Gaussians. Where a ray meets a globe it brings nothing: globes are lamps, as exact as the studio
+knows them. The light is a function of the place in the world, so nothing is rendered but what arrives. Camera frame,
+the studio's metres.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_matrix
+
+from engine.geometry import inverse
+from engine.light.cells import FACES, pixel_solid_angles, shared_cells, sharpened
+from engine.progress import Progress
+from engine.surface.near import Near
+from engine.surface.transport import Incident, Lattice, direction_cells
+from hardware.errors import StudioError
+from hardware.virtual.studio import tracer
+from hardware.virtual.studio.bake import Atlas
+from hardware.virtual.studio.glow import Glow
+from hardware.virtual.studio.rooms import Room
+
+SIDE = 64  # pixels along a cube's edge: 1.4 degrees, of four rays each
+FINER = 2  # strata along each edge of a pixel
+SHADOW_RAYS = 256  # from the middle of the lattice to each globe, in each view
+
+
+def incident_of(
+    room: Room,
+    atlas: Atlas,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    lattice: Lattice,
+    directions: int,
+    session_per_studio: float,
+    seed: int,
+    device: str,
+    progress: Progress,
+) -> Incident:
+    """What arrives at the lattice in each view, in the session's radiance.
+
+    Raises:
+        StudioError: Mitsuba has no vectorised variant here.
+    """
+    mi = tracer.load(device)
+    if not tracer.is_vectorised(mi):
+        raise StudioError(
+            "Mitsuba finds no libLLVM here and would follow one ray at a time; install it (Debian: libllvm19)"
+        )
+    glow = Glow(mi, room, atlas)
+    cells, points = direction_cells(directions), lattice.points()
+    sorted_into = shared_cells(cells, SIDE)
+    omega = np.broadcast_to(pixel_solid_angles(SIDE), (6, SIDE, SIDE))
+    entries = (sorted_into.share * omega[..., None]).ravel()
+    pixels = np.repeat(np.arange(omega.size), 3)
+    matrix = csr_matrix((entries, (sorted_into.index.ravel(), pixels)), (directions, omega.size))
+    rng = np.random.default_rng(seed)
+    energy = np.zeros((len(points), directions, len(cam_from_world), 3), np.float32)
+    for view, pose in enumerate(cam_from_world):
+        progress.step(view / len(cam_from_world), "looking at the room from the object")
+        for probe, seen in enumerate(_looked(glow, pose, points, _jittered(rng))):
+            energy[probe, :, view] = session_per_studio * (matrix @ seen)
+    flat = energy.reshape(len(points), directions, -1)
+    near = _globes(glow, cam_from_world, points.mean(0), directions, session_per_studio, rng)
+    return Incident(lattice, cells, sharpened(flat, cells), near)
+
+
+def _jittered(rng: np.random.Generator) -> Float[np.ndarray, "r 3"]:
+    """One direction in each of the strata of every pixel of a cube map, a pixel's own in a row."""
+    row, column = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
+    stratum = np.stack(np.meshgrid(np.arange(FINER), np.arange(FINER), indexing="ij"), -1).reshape(-1, 2)
+    at = np.stack([row, column], -1)[None, :, :, None] + (
+        (stratum + rng.random((6, SIDE, SIDE, FINER**2, 2))) / FINER
+    )
+    y, x = np.moveaxis(at / SIDE * 2 - 1, -1, 0)
+    local = np.stack([x, y, np.ones_like(x)], -1)
+    local /= np.linalg.norm(local, axis=-1, keepdims=True)
+    return np.einsum("fhwri,fij->fhwrj", local, FACES).reshape(-1, 3)
+
+
+def _looked(
+    glow: Glow,
+    cam_from_world: Float[np.ndarray, "3 4"],
+    points: Float[np.ndarray, "m 3"],
+    directions: Float[np.ndarray, "r 3"],
+) -> Iterator[Float[np.ndarray, "q 3"]]:
+    """Probe by probe the mean radiance of each pixel of its cube map, the studio's scale; globes are black."""
+    mi: Any = glow.mi
+    world_from_cam = inverse(cam_from_world)
+    towards = directions @ world_from_cam[:, :3].T
+    origins = points @ world_from_cam[:, :3].T + world_from_cam[:, 3]
+    for origin in origins:
+        ray = mi.Ray3f(mi.Point3f(np.repeat(origin[:, None], len(towards), 1)), mi.Vector3f(towards.T))
+        met = glow.look(ray)
+        radiance, globe = np.array(met.radiance).T, np.array(met.is_lamp & (met.lamp < len(glow.globes)))
+        radiance = np.where(globe[:, None], 0, radiance)
+        yield radiance.reshape(-1, FINER**2, 3).mean(1)
+
+
+def _globes(
+    glow: Glow,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    middle: Float[np.ndarray, " 3"],
+    directions: int,
+    session_per_studio: float,
+    rng: np.random.Generator,
+) -> Near:
+    """The globes as lamps, each as far as the room leaves it open."""
+    globes = glow.globes
+    if not globes:
+        return Near.none(len(cam_from_world), directions)
+    mi: Any = glow.mi
+    centres = np.stack([globe.centre for globe in globes])
+    open_share = np.zeros((len(cam_from_world), len(globes)))
+    for view, pose in enumerate(cam_from_world):
+        there = inverse(pose) @ np.append(middle, 1.0)
+        point = mi.Point3f(np.repeat(there[:, None], SHADOW_RAYS, 1))
+        for k in range(len(globes)):
+            aim = glow.aim(
+                mi.UInt32(np.full(SHADOW_RAYS, k)), point, mi.Point2f(rng.random((2, SHADOW_RAYS)))
+            )
+            open_share[view, k] = np.array(glow.clear(point, aim, aim.density > 0)).mean()
+    radiance = session_per_studio * np.stack([globe.radiance for globe in globes])
+    return Near(
+        centres @ np.swapaxes(cam_from_world[:, :, :3], 1, 2) + cam_from_world[:, None, :, 3],
+        np.array([globe.radius_m for globe in globes]),
+        (open_share[..., None] * radiance).astype(np.float32),
+        directions,
+    )
