@@ -18,9 +18,11 @@ from engine.surface.accord import accord
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
 from engine.surface.groups import CLIPPED
+from engine.surface.newton import State
 from engine.surface.observations import thinned
 from engine.surface.pixels import (
     LEAST_VIEWS,
+    Subject,
     SurfaceParams,
     answering,
     as_photographed,
@@ -31,7 +33,7 @@ from engine.surface.pixels import (
 from engine.surface.rough import Rough, reach, rough
 from engine.surface.spacing import enough, spaced
 from engine.surface.surroundings import Room, furnished, light_at
-from engine.surface.transport import Incident
+from engine.surface.transport import Incident, Sight
 from engine.surface.turn import improve, relief
 from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
@@ -177,23 +179,45 @@ def together(
         )
     light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.52, 0.67))
     here = light.views(np.arange(len(fitted)))
-    turn, moving = 0, True
-    while moving:
-        span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
-        if turn or not first.alike(params.directions):
-            sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
-        before = state.normals
-        state = improve(who, state, here, sight, params, device, span.part(0.2, 0.85))
-        turn += 1
-        moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
-        if not moving and params.accord:
-            state = accord(state, mask)
-        state, depth = relief(who, state, here, sight, z, params, span.part(0.85, 1))
+    standing = sight if first.alike(params.directions) else None
+    state, depth, turns = until_still(
+        who, state, depth, standing, here, z, params, device, progress.part(0.67, 0.99)
+    )
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    return Solved(who, state, depth, sight, here, there), first, fitted, emitters, turn
+    return Solved(who, state, depth, sight, here, there), first, fitted, emitters, turns
+
+
+def until_still(
+    who: Subject,
+    state: State,
+    depth: Float[np.ndarray, "h w"],
+    sight: Sight | None,
+    light: Incident,
+    distance: float,
+    params: SurfaceParams,
+    device: str,
+    progress: Progress,
+) -> tuple[State, Float[np.ndarray, "h w"], int]:
+    """All pixels under a light that is settled, round by round with their depth; and how many rounds it took.
+
+    `sight` is what the depth hides, where that is known for the light's directions.
+    """
+    turn, moving = 0, True
+    while moving:
+        span = progress.part(turn / params.rounds, (turn + 1) / params.rounds)
+        if turn or sight is None:
+            sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
+        before = state.normals
+        state = improve(who, state, light, sight, params, device, span.part(0.2, 0.85))
+        turn += 1
+        moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
+        if not moving and params.accord:
+            state = accord(state, who.mask)
+        state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
+    return state, depth, turn
 
 
 def whole_light(
