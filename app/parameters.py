@@ -227,6 +227,10 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Distance of the object"), SCENE,
         QT_TRANSLATE_NOOP("parameters", "From camera to object along the optical axis, where it is known. 0: found from the near light."),
         0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "found"), advanced=False)),
+    ("surface.together", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Pixels solved together"), PX,
+        QT_TRANSLATE_NOOP("parameters", "Of a larger object a smaller picture is solved first, then every pixel in tiles: memory stays bounded."),
+        100, 10**8)),
     ("surface.rough_rounds", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Rough rounds"), "",
         QT_TRANSLATE_NOOP("parameters", "At half resolution: solve, integrate, see, refine the light; how often."),

@@ -4,6 +4,8 @@ Camera model: OpenCV radial-tangential (k1, k2, p1, p2), pixel centres at half i
 cameras look along -z with y up: `opencv_from_opengl` is the one place that knows.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -96,6 +98,13 @@ def resized(camera: Camera, width: int, height: int) -> Camera:
         width, height, camera.fx * sx, camera.fy * sy, camera.cx * sx, camera.cy * sy,
         camera.k1, camera.k2, camera.p1, camera.p2,
     )  # fmt: skip
+
+
+def cropped(camera: Camera, rows: slice, columns: slice) -> Camera:
+    """The same camera with a window of its pixels alone; what of a slice lies beyond the picture is left out."""
+    top, bottom, _ = rows.indices(camera.height)
+    left, right, _ = columns.indices(camera.width)
+    return replace(camera, width=right - left, height=bottom - top, cx=camera.cx - left, cy=camera.cy - top)
 
 
 def fibonacci_sphere(count: int) -> Float[np.ndarray, "d 3"]:

@@ -22,9 +22,9 @@ from engine.errors import SessionError
 from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
-from engine.surface.pixels import SurfaceParams, as_photographed, rerender, sight_of, subject
+from engine.surface.pixels import SurfaceParams, answering, as_photographed, painted, sight_of, subject
 from engine.surface.surroundings import light_at
-from engine.surface.transport import Incident, Lattice, Sight, direction_cells, lattice_around
+from engine.surface.transport import Incident, Lattice, Sight, blocks, direction_cells, lattice_around
 from engine.types import Emitters, Frames, Horizons, Poses, Surface
 
 if TYPE_CHECKING:
@@ -165,11 +165,9 @@ class Scene:
     def rendered(self, views: Sequence[int], progress: "Progress") -> Float[np.ndarray, "n p 3"]:
         """Radiance of the mask's pixels in some views, float32."""
         s = self._solved
-        pictures = rerender(
-            s.frames, s.surface.mask, self.light(views, progress), tuple(views), self._state, self.sight, s.params,
-            "cpu",
-        )  # fmt: skip
-        return pictures[:, s.surface.mask]
+        mask, light = s.surface.mask, self.light(views, progress)
+        responses = answering(s.frames, mask, light, tuple(views), s.params, "cpu")
+        return painted(responses, self.sight, blocks(mask), self._state).transpose(1, 0, 2)
 
 
 def _older(run: Run) -> SessionError:

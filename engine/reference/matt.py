@@ -13,6 +13,7 @@ from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.confidence import confidence, formal
+from engine.surface.detail import maps_of
 from engine.surface.pixels import Subject, SurfaceParams, coarse_regions, subject
 from engine.surface.solve import held_out, surface_of
 from engine.surface.start import global_start
@@ -83,4 +84,5 @@ def answered(
 ) -> Surface:
     """The state as maps, with standard errors from its own system."""
     certainty = confidence(state, formal(state.system, state.spread), who.seen, sight)
-    return surface_of(who.mask, state, depth, certainty, model_error)
+    maps = maps_of(state, certainty, np.zeros((len(state.normals), 0, 3)))
+    return surface_of(who.mask, maps, depth[who.mask], model_error)

@@ -36,12 +36,14 @@ def integrate(
     progress: Progress,
     sharpness: float = 2.0,
     rounds: int = 20,
+    start: Float[np.ndarray, " p"] | None = None,
 ) -> Float[np.ndarray, "h w"]:
     """Depth z (scene units, zero outside `mask`) whose mean over each connected part is `mean_depth`.
 
     With n . (d(z q)/du) = 0 for the image-plane ray q = (x, y, 1), log depth obeys
     n.q dlog(z)/dx + n_x = 0, and alike in y, with x, y on the ideal image plane (z = 1).
-    `sharpness` is the k of the paper's sigmoid weights: larger tears more readily.
+    `sharpness` is the k of the paper's sigmoid weights: larger tears more readily. `start`: log depth of the mask's pixels
+    that multigrid begins at.
 
     Raises:
         SurfaceError: the mask is empty, or multigrid does not converge.
@@ -71,7 +73,7 @@ def integrate(
     place = np.arange(count)
     rows, columns = np.concatenate([pixel, beside, place]), np.concatenate([beside, pixel, place])
 
-    log_depth = np.zeros(count)
+    log_depth = np.zeros(count) if start is None else start
     shares = np.full(len(pixel), 0.5)
     part, part_count = islands(mask)
     # A gauge: one soft equation per connected part pins its mean.

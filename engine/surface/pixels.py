@@ -25,7 +25,7 @@ LEAST_VIEWS = 8
 LEAST = {
     "probes_across": 0, "probes_deep": 0, "probe_face_px": 8, "candidates": 10, "rough_rounds": 0,
     "rough_views": LEAST_VIEWS, "rounds": 1, "passes": 1, "relight_groups": 0, "relight_prior": 0.001, "model_error": 0.001,
-    "held_out": 0, "object_distance": 0.0,
+    "held_out": 0, "object_distance": 0.0, "together": 100,
 }  # fmt: skip
 """What each number that may be asked must be at least."""
 LEAST_OR_NONE = {"directions": 64, "views": LEAST_VIEWS}
@@ -68,6 +68,9 @@ class SurfaceParams:
     model_error: float = 0.02  # relative misfit expected of a good model
     held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
+    together: int = (
+        400_000  # pixels solved together; of a larger object a smaller picture is, then every pixel in tiles
+    )
     start_maps: str = (
         ""  # .exr, .png, .npy or .npz with first normals (and roughness); empty: our global search
     )
@@ -149,10 +152,14 @@ def halved(
     inside = fours(mask)
     small = inside.sum(-1) >= 2
     count = np.maximum(inside.sum(-1), 1)
-    radiance = np.stack(
-        [(fours(frames.radiance[..., c]) * inside).sum(-1) / count for c in range(3)], -1
-    ).astype(np.float32)
-    clipped, dark = (np.asarray((fours(x) & inside).any(-1)) for x in (frames.clipped, frames.dark))
+    radiance = np.empty((len(frames.names), *small.shape, 3), np.float32)
+    for view, photograph in enumerate(frames.radiance):  # one by one: all of them may be more than fits
+        for c in range(3):
+            radiance[view, ..., c] = (fours(photograph[..., c]) * inside).sum(-1) / count
+    clipped, dark = (
+        np.stack([(fours(view) & inside).any(-1) for view in views])
+        for views in (frames.clipped, frames.dark)
+    )
     shot, floor = frames.noise
     # A mean of four: a quarter of the variance.
     fewer = Frames(frames.names, radiance, clipped, dark, (shot / 4, floor / 2))
@@ -185,19 +192,22 @@ def depth_of(
 ) -> Float[np.ndarray, "h w"]:
     """Depth from the normals and steps; its mean is `distance`."""
     depth = integrate(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
-    return lifted(who, depth, state.lift, distance)
+    return lifted(who.mask, depth, state.lift, distance)
 
 
 def lifted(
-    who: Subject, depth: Float[np.ndarray, "h w"], lift: Float[np.ndarray, " p"], distance: float
+    mask: Bool[np.ndarray, "h w"],
+    depth: Float[np.ndarray, "h w"],
+    lift: Float[np.ndarray, " p"],
+    distance: float,
 ) -> Float[np.ndarray, "h w"]:
     """The depth with its pixels nearer by `lift` (in logarithms); the mean of each connected part stays `distance`."""
     if not lift.any():
         return depth
-    z = depth[who.mask] * np.exp(-lift)
-    part, count = islands(who.mask)
+    z = depth[mask] * np.exp(-lift)
+    part, count = islands(mask)
     lower = np.zeros_like(depth)
-    lower[who.mask] = z * distance / np.asarray(mean(z, part, np.arange(count)))[part]
+    lower[mask] = z * distance / np.asarray(mean(z, part, np.arange(count)))[part]
     return lower
 
 
@@ -250,30 +260,28 @@ def finer(
     return state, depth, replace(who.standing(depth, sight.cast_z is None), occlusion=hidden)
 
 
-def rerender(
+def answering(
     frames: Frames,
     mask: Bool[np.ndarray, "h w"],
     light: Incident,
     views: tuple[int, ...],
-    state: newton.State,
-    sight: Sight,
     params: SurfaceParams,
     device: str,
-) -> Float[np.ndarray, "n h w 3"]:
-    """Pictures of the answer in views the fit has not used."""
-    radiance = np.zeros((len(views), *mask.shape, 3), np.float32)
-    if views:
-        photographed = frames.radiance[list(views)][:, mask].transpose(1, 0, 2).reshape(int(mask.sum()), -1)
-        responses = Responses(
-            light, np.ascontiguousarray(photographed), params.full_diffuse, params.bounce, device
-        )
-        flat = np.zeros((int(mask.sum()), len(views), 3), np.float32)
-        for pixels, answer in predict(
-            responses, sight, blocks(mask), state.normals, state.albedo, state.roughness
-        ):
-            flat[pixels] = answer
-        radiance[:, mask] = flat.transpose(1, 0, 2)
-    return radiance
+) -> Responses:
+    """How the mask's pixels answer the light of some views, which may be none."""
+    photographed = frames.radiance[list(views)][:, mask].transpose(1, 0, 2).reshape(int(mask.sum()), -1)
+    return Responses(light, np.ascontiguousarray(photographed), params.full_diffuse, params.bounce, device)
+
+
+def painted(
+    responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], state: newton.State
+) -> Float[np.ndarray, "p k 3"]:
+    """What the answer sends in every view of the responses' light; float32."""
+    sent = np.zeros((len(state.normals), responses.photographed.shape[1] // 3, 3), np.float32)
+    if sent.size:
+        for pixels, answer in predict(responses, sight, parts, state.normals, state.albedo, state.roughness):
+            sent[pixels] = answer
+    return sent
 
 
 def coarse_regions(mask: Bool[np.ndarray, "h w"], across: int = 3) -> list[Int[np.ndarray, " _"]]:

@@ -30,6 +30,7 @@ from engine.surface.pixels import (
 )
 from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
 from engine.surface.spacing import spaced
+from engine.surface.start_maps import StartMaps
 from engine.surface.surroundings import Room, parts_at
 from engine.surface.transport import Incident, Lattice, Sight, lattice_around
 from engine.surface.turn import improve, relief
@@ -88,17 +89,13 @@ def rough(
     mask: Bool[np.ndarray, "h w"],
     room: Room,
     fitted: Int[np.ndarray, " f"],
+    maps: StartMaps | None,
     params: SurfaceParams,
     device: str,
     seed: int,
     progress: Progress,
 ) -> Rough:
-    """All of it; `seed` picks the pixels that vote on the light.
-
-    Raises:
-        SurfaceError: start maps are asked for that cannot be read or do not fit.
-    """
-    maps = start_maps.asked(params, mask)
+    """All of it; `seed` picks the pixels that vote on the light, `maps` stand for the global search where given."""
     views = thinned(fitted, params.rough_views)
     few = frames.views(views)
     camera = room.poses.camera

@@ -2,7 +2,8 @@
 
 Coarse to fine: `rough` finds a first surface together with the object's distance and the brightness of the light's
 parts; under that light, now in all views and many directions, every pixel is solved again, with the depth,
-shadows and bounced light of the last round. Some views are kept out of the fit and re-rendered.
+shadows and bounced light of the last round. Some views are kept out of the fit and re-rendered. Of an object too large
+for that a smaller picture is solved so, and then its pixels tile by tile (`detail`).
 """
 
 from dataclasses import dataclass, replace
@@ -13,26 +14,27 @@ from jaxtyping import Bool, Float, Int
 from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
+from engine.surface import start_maps
 from engine.surface.accord import accord
-from engine.surface.confidence import Confidence, confidence, jackknifed
+from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
 from engine.surface.groups import CLIPPED
-from engine.surface.newton import State, respread
+from engine.surface.newton import State
 from engine.surface.observations import thinned
 from engine.surface.pixels import (
     LEAST_VIEWS,
     Subject,
     SurfaceParams,
+    answering,
     as_photographed,
     image,
-    rerender,
     sight_of,
     subject,
 )
 from engine.surface.rough import Rough, reach, rough
 from engine.surface.spacing import enough, spaced
-from engine.surface.surroundings import furnished, light_at
-from engine.surface.transport import Incident, Sight, blocks
+from engine.surface.surroundings import Room, furnished, light_at
+from engine.surface.transport import Incident, Sight
 from engine.surface.turn import improve, relief
 from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
@@ -48,7 +50,10 @@ class SurfaceReport:
     """Facts of one solve, fit for JSON."""
 
     pixels: int
-    rounds: int  # on all pixels
+    together: (
+        int  # pixels of the picture that was solved at once; fewer than `pixels`: the rest followed in tiles
+    )
+    rounds: int  # on all of these
     fitted_views: int
     held_out_views: tuple[int, ...]
     held_out_error: float  # median relative error of the re-rendered radiance
@@ -91,7 +96,8 @@ def solve(
     """Solve the surface; `seed` picks the pixels that vote on the light.
 
     Raises:
-        SurfaceError: too few views, an empty mask, or frames without usable object pixels.
+        SurfaceError: too few views, an empty mask, frames without usable object pixels, or start maps that cannot be
+            read or do not fit.
     """
     mask = masks.object
     if not mask.any():
@@ -100,7 +106,69 @@ def solve(
     room = furnished(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
     )
-    first = rough(frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5))
+    whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask))
+    if mask.sum() > params.together:
+        whole = whole.part(*window(mask))
+    picture, take = smaller(whole, params.together)
+    room = replace(room, poses=replace(poses, camera=picture.camera))
+    span = progress if picture is whole else progress.part(0, 0.3)
+    found, first, fitted, emitters, turns = together(
+        picture, room, fitted, kept_out, params, device, seed, span.part(0, 0.99)
+    )
+    here = found.who.responses(found.here, params, device)
+    there = answering(picture.frames, picture.mask, found.there, kept_out, params, device)
+    if picture is whole:
+        maps = judged(found.who, found.state, found.sight, here, there, progress.part(0.99, 1))
+        z = found.depth[picture.mask]
+    else:
+        maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(0.3, 1))
+        z = depth[whole.mask]
+    surface = surface_of(mask, maps, z, params.model_error)
+    pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
+    pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
+    lattice = found.here.lattice
+    report = SurfaceReport(
+        len(z),
+        len(take) if picture is whole else int(picture.mask.sum()),
+        turns,
+        len(fitted),
+        kept_out,
+        rerendering_error(frames, kept_out, pictures, mask),
+        float(np.median(maps.spread)),
+        first.distance,
+        (float(lattice.low[2]), float(lattice.high[2])),
+        lattice.shape,
+        len(found.here.directions),
+        tuple(tuple(map(float, gain)) for gain in first.setting.gain),
+        first.parts.unseen_share(first.setting.gain),
+        tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
+        first.residuals,
+        float(np.degrees(np.median(maps.stderr_normal))),
+        {
+            name: int((maps.flags & bit > 0).sum())
+            for name, bit in (("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8))
+        },
+    )
+    return surface, Renders(kept_out, pictures), Horizons(maps.level.astype(np.int8)), emitters, report
+
+
+def together(
+    picture: Picture,
+    room: Room,
+    fitted: Int[np.ndarray, " f"],
+    kept_out: tuple[int, ...],
+    params: SurfaceParams,
+    device: str,
+    seed: int,
+    progress: Progress,
+) -> tuple[Solved, Rough, Int[np.ndarray, " n"], Emitters, int]:
+    """All pixels of a picture at once: the surface, what the rough turns found, the views that were fitted, the light that
+    they settled, and how many rounds it took.
+
+    The poses of `room` have the picture's camera.
+    """
+    frames, mask, poses = picture.frames, picture.mask, room.poses
+    first = rough(frames, mask, room, fitted, picture.start, params, device, seed, progress.part(0, 0.5))
     state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
@@ -120,35 +188,8 @@ def solve(
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
-    responses, parts = who.responses(here, params, device), blocks(mask)
-    state = respread(state, responses, sight, parts, who.seen)
-    variance = jackknifed(state, responses, sight, parts, who.seen, progress.part(0.99, 1))
-    certainty = confidence(state, variance, who.seen, sight)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)
-    report = SurfaceReport(
-        int(mask.sum()),
-        turns,
-        len(fitted),
-        kept_out,
-        rerendering_error(frames, kept_out, pictures, mask),
-        float(np.median(state.spread)),
-        first.distance,
-        (float(light.lattice.low[2]), float(light.lattice.high[2])),
-        light.lattice.shape,
-        len(light.directions),
-        tuple(tuple(map(float, gain)) for gain in first.setting.gain),
-        first.parts.unseen_share(first.setting.gain),
-        tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
-        first.residuals,
-        float(np.degrees(np.median(certainty.normal))),
-        {
-            name: int((certainty.flags & bit > 0).sum())
-            for name, bit in (("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8))
-        },
-    )
-    surface = surface_of(mask, state, depth, certainty, params.model_error)
-    return surface, Renders(kept_out, pictures), Horizons(state.level.astype(np.int8)), emitters, report
+    return Solved(who, state, depth, sight, here, there), first, fitted, emitters, turns
 
 
 def until_still(
@@ -220,22 +261,18 @@ def rerendering_error(
 
 
 def surface_of(
-    mask: Bool[np.ndarray, "h w"],
-    state: State,
-    depth: Float[np.ndarray, "h w"],
-    certainty: Confidence,
-    model_error: float,
+    mask: Bool[np.ndarray, "h w"], maps: Maps, z: Float[np.ndarray, " p"], model_error: float
 ) -> Surface:
-    """A state of the mask's pixels as maps."""
+    """What is known of the mask's pixels as maps."""
     return Surface(
         mask,
-        image(mask, state.normals),
-        image(mask, state.albedo),
-        image(mask, state.roughness),
-        depth.astype(np.float32),
-        image(mask, certainty.normal),
-        image(mask, certainty.albedo),
-        image(mask, certainty.roughness),
-        image(mask, state.spread * model_error),
-        image(mask, certainty.flags).astype(np.uint8),
+        image(mask, maps.normals),
+        image(mask, maps.albedo),
+        image(mask, maps.roughness),
+        image(mask, z),
+        image(mask, maps.stderr_normal),
+        image(mask, maps.stderr_albedo),
+        image(mask, maps.stderr_roughness),
+        image(mask, maps.spread * model_error),
+        image(mask, maps.flags).astype(np.uint8),
     )

@@ -135,5 +135,5 @@ def _explained(
 
 def _middle(values: Float[np.ndarray, "p k n"]) -> Float[np.ndarray, "p k"]:
     """Median of what is known, within what albedo may be; its middle where nothing is."""
-    nothing = np.isnan(values).all(2)
+    nothing = np.asarray(np.isnan(values).all(2))
     return np.clip(np.nanmedian(np.where(nothing[..., None], 0.5, values), 2), *newton.ALBEDO)

@@ -58,4 +58,4 @@ def relief(
     before, now = (np.log(z / slant) / pitch for z in (cast_z, depth[who.mask]))
     told = steps.tell(state.level, speaking, cost, before, who.mask, pitch)
     lift = pitch * steps.lifts(who.mask, now, told, pitch, believed / pitch, progress.part(0.7, 1))
-    return replace(state, lift=lift), lifted(who, depth, lift, distance)
+    return replace(state, lift=lift), lifted(who.mask, depth, lift, distance)

@@ -39,7 +39,7 @@ def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_t
         SurfaceParams(), rough_views=8, rough_rounds=2, directions=directions, probes_across=3, probes_deep=2
     )
     room = furnished(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
-    first = rough(frames, masks.object, room, np.arange(1, 16), params, "cpu", 0, Progress())
+    first = rough(frames, masks.object, room, np.arange(1, 16), None, params, "cpu", 0, Progress())
     assert first.around
     views = np.array([15, *range(1, 15), 0])
     emitters = room.under(first.setting.gain[:-1])

@@ -224,7 +224,7 @@ def test_lifting_keeps_the_mean_depth() -> None:
     assert isinstance(who, Subject)
     depth = np.where(who.mask, 0.5, 0.0)
     lift = np.linspace(-0.02, 0.05, int(who.mask.sum()))
-    lower = lifted(who, depth, lift, 0.5)
+    lower = lifted(who.mask, depth, lift, 0.5)
     assert lower[who.mask].mean() == pytest.approx(0.5)
     assert np.ptp(np.log(lower[who.mask]) + lift) == pytest.approx(0, abs=1e-12)
     assert not lower[~who.mask].any()

@@ -1,0 +1,84 @@
+"""Large objects: a smaller picture first, then tiles; the same surface as all at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.geometry import angle_between, rays
+from engine.progress import Progress
+from engine.surface import detail
+from engine.surface.detail import Picture, enlarged, smaller, window
+from engine.surface.pixels import SurfaceParams
+from engine.surface.solve import solve
+from tests.engine.reference.lit_room import DISTANCE, glossy, scene
+
+PARAMS = replace(
+    SurfaceParams(), rough_views=12, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
+    rounds=1, accord=False, probes_across=1, probes_deep=1,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return scene(glossy(0.5), views=24)
+
+
+def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.MonkeyPatch):
+    frames, masks, *_ = ball.given
+    at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress())
+    monkeypatch.setattr(detail, "TILE", 16)
+    few = replace(PARAMS, together=int(masks.object.sum()) // 3)
+    tiled, renders, horizons, _, report = solve(*ball.given, few, "cpu", 0, Progress())
+    assert whole.together == whole.pixels == report.pixels
+    assert 0 < report.together <= few.together
+    assert len(horizons.level) == report.pixels
+    mask = at_once.mask
+    assert (tiled.mask == mask).all()
+    # Not the same bits: what a pixel sees of the object is its coarse neighbour's. Its distance from the truth is the same.
+    one, other = (np.degrees(angle_between(s.normal[mask], ball.normals)).mean() for s in (at_once, tiled))
+    assert other < 1.15 * one < 1.2
+    inside = at_once.flags[mask] == 0
+    assert np.median(np.abs(tiled.albedo[mask] / at_once.albedo[mask] - 1)[inside]) < 0.01
+    np.testing.assert_allclose(tiled.depth[mask], at_once.depth[mask], rtol=0.01)
+    shown = frames.radiance[list(renders.views)][:, mask]
+    assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
+
+
+def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.MonkeyPatch):
+    """Without neighbours in accord every pixel stands for itself: other tiles give the same answers."""
+    few = replace(PARAMS, together=int(ball.given[1].object.sum()) // 3)
+    answers = []
+    for tile in (16, 48):
+        monkeypatch.setattr(detail, "TILE", tile)
+        surface, *_ = solve(*ball.given, few, "cpu", 0, Progress())
+        answers.append(surface)
+    one, other = answers
+    assert np.median(angle_between(one.normal[one.mask], other.normal[one.mask])) < 1e-3
+
+
+def test_a_smaller_picture_stands_for_every_pixel(ball):
+    frames, masks, poses, *_ = ball.given
+    whole = Picture(frames, masks.object, poses.camera).part(*window(masks.object))
+    small, take = smaller(whole, 60)
+    assert small.mask.sum() <= 60
+    assert len(take) == masks.object.sum()
+    assert set(take) == set(range(int(small.mask.sum())))
+    toward, before = rays(small.camera)[small.mask][take], rays(poses.camera)[masks.object]
+    assert np.degrees(angle_between(toward, before)).max() < 6  # a halved pixel is 3.7 degrees wide
+
+
+def test_a_window_keeps_the_rays(ball):
+    _, masks, poses, *_ = ball.given
+    rows, columns = window(masks.object)
+    part = Picture(ball.given[0], masks.object, poses.camera).part(rows, columns)
+    np.testing.assert_allclose(rays(part.camera), rays(poses.camera)[rows, columns], atol=1e-12)
+    assert part.mask.sum() == masks.object.sum()
+
+
+def test_enlarged_values_are_linear_between_pixels():
+    v, u = np.meshgrid(np.arange(6) + 0.5, np.arange(8) + 0.5, indexing="ij")
+    fine_v, fine_u = np.meshgrid(np.arange(24) + 0.5, np.arange(32) + 0.5, indexing="ij")
+    found = enlarged(np.ones((6, 8), bool), 1 + 0.1 * v - 0.2 * u, np.ones((24, 32), bool))
+    inner = slice(2, -2), slice(2, -2)
+    np.testing.assert_allclose(found[inner], (1 + 0.1 * fine_v / 4 - 0.2 * fine_u / 4)[inner], atol=1e-12)
