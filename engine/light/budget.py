@@ -14,7 +14,8 @@ from engine.light.photographs import Photographs
 from engine.light.sweep import knee_of
 
 EVEN = 0.2
-"""Mean difference in log radiance up to which a square is one patch: what fits are off by on views they never saw."""
+"""Mean difference in log radiance up to which a square is one patch: twice what fits are off by on views they never saw.
+Shot noise stays below it, and at half of it is most of what is counted."""
 FEWEST, MOST = 6000, 100_000
 """Bounds of the answer: with fewer the irradiance itself suffers (ADR 30), and memory and time have an end."""
 VIEWS = 24
