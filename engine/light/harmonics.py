@@ -19,7 +19,6 @@ from engine.types import Gaussians
 
 MARGIN = 0.03
 """Share of the kept-out views' log-L1 that a degree has to take away to stay."""
-HIGHEST = 3  # degree
 PASSES = 4  # over all views, for each degree
 _RATE, _LAST = 0.05, 0.1  # Adam's step, relative to the mean colour; share of it that is left in the end
 _BETA1, _BETA2 = 0.9, 0.99
@@ -27,6 +26,7 @@ _BETA1, _BETA2 = 0.9, 0.99
 
 def grown(
     gaussians: Gaussians,
+    highest: int,
     photographs: Photographs,
     surface: Float[np.ndarray, "n h w"],
     knee: float,
@@ -38,11 +38,12 @@ def grown(
     """The same Gaussians with as many harmonics as pay.
 
     Args:
+        highest: degree beyond which none is tried, at most 3.
         surface, knee, hollow: as `push_back` takes them.
         error: log-L1 of views that supervise nothing.
     """
     best = error(gaussians)
-    for degree in range(sh_degree(gaussians.radiance.shape[1]) + 1, HIGHEST + 1):
+    for degree in range(sh_degree(gaussians.radiance.shape[1]) + 1, highest + 1):
         richer = _trained(gaussians, degree, photographs, surface, knee, hollow, rng, run)
         reached = error(richer)
         if not reached <= (1 - MARGIN) * best:

@@ -1,6 +1,6 @@
 """Fit the room's light to the background of the photographs: stage *light*.
 
-Source: the paper, Sec. 3.2: stage 1 is Eq. (5) by Adam, coarse to fine, on a fixed budget of Gaussians;
+Source: the paper, Sec. 3.2: stage 1 is Eq. (5) by Adam, coarse to fine, on a budget of Gaussians;
 stage 2 is the colour solve of `bright.py`. World frame, scene units, linear radiance.
 
 Held-out views judge the fit, and whether its light has to change with the direction: they supervise neither stage.
@@ -14,12 +14,13 @@ from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.bright import bright_ones, rows_of, solve_colours
+from engine.light.budget import VIEWS, worth
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
 from engine.light.gaussians import Y00, radiance_towards, sh_degree
 from engine.light.globes import measured, put_back, without
 from engine.light.harmonics import grown
-from engine.light.lamps import find_lamps
+from engine.light.lamps import Sightings, find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
@@ -33,13 +34,14 @@ from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 class LightParams:
     """How the light is fitted."""
 
-    budget: int = 15_000  # Gaussians at most
+    budget: int = 0  # Gaussians at most; 0: as many as the pictures are worth (`budget.py`)
     width: int = 256  # widest picture trained on, pixels
     passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
     holdout: int = 8  # every so many-th view only judges; 0: none
     # Radius around each camera centre without Gaussians, scene units; None: derived.
     keep_out: float | None = None
     hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
+    degree: int = 3  # highest of the spherical harmonics that is tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +77,16 @@ def fit(
     rng = np.random.default_rng(seed)
     with workers() as run:
         progress.step(0.0, "depth of the room")
-        sharp = resample(frames, masks, poses, used, poses.camera.width)
-        sightings = find_lamps(sharp)
-        sightings, lamps = measured(sightings, sharp)
+        sightings, lamps = _lamps(frames, masks, poses, used)
 
         def room(width: int) -> Photographs:
             return without(resample(frames, masks, poses, used, width), lamps)
 
         small = room(min(64, poses.camera.width))
+        if not params.budget:
+            some = used[:: -(-len(used) // VIEWS)]
+            pictures = without(resample(frames, masks, poses, some, widest), lamps)
+            params = replace(params, budget=worth(pictures, small))
         start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
         cloud = cloud_of(start)
         knee = knee_of(small)
@@ -107,10 +111,10 @@ def fit(
             coarse = max(32, widths[-1] // 2)
             views, kept = room(coarse), without(resample(frames, masks, poses, held, coarse), lamps)
             gaussians = grown(
-                gaussians, views, surface_of(emptiness, views), knee, params.hollow,
+                gaussians, params.degree, views, surface_of(emptiness, views), knee, params.hollow,
                 lambda tried: judge(tried, kept, knee, run)["heldout_log_l1"], rng, run,
             )  # fmt: skip
-        gaussians = put_back(gaussians, lamps, sightings, sharp)
+        gaussians = put_back(gaussians, lamps, sightings, small)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
         heldout = judge(gaussians, judged, knee, run)
@@ -145,6 +149,12 @@ def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[
         )
     held = views[holdout // 2 :: holdout] if holdout and len(views) >= 2 * holdout else views[:0]
     return np.setdiff1d(views, held), held
+
+
+def _lamps(frames: Frames, masks: Masks, poses: Poses, used: np.ndarray) -> tuple[Sightings, Lamps]:
+    """The lamps, from the photographs at full size, which are not kept: they are larger than all later sizes."""
+    sharp = resample(frames, masks, poses, used, poses.camera.width)
+    return measured(find_lamps(sharp), sharp)
 
 
 def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progress, run: Run) -> Gaussians:

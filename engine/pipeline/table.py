@@ -33,12 +33,12 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 6, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
+            "light", 7, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 4, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
+            "export", 5, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip

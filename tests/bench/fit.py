@@ -14,6 +14,7 @@ import multiprocessing
 import resource
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -75,8 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def apart(session: Path, params: LightParams, what: str) -> Row:
     """One fit in a new process."""
     fresh = multiprocessing.get_context("spawn")
-    with fresh.Pool(1) as pool:
-        return pool.apply(fitted, (session, params, what))
+    with ProcessPoolExecutor(1, fresh) as pool:
+        return pool.submit(fitted, session, params, what).result()
 
 
 def fitted(session: Path, params: LightParams, what: str) -> Row:

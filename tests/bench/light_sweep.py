@@ -127,19 +127,22 @@ def draw(rows: Sequence[Row], caption: str) -> Figure:
     """Two panels with one line per width and degree over the counts, and a star at the automatic choice."""
     figure = Figure(figsize=(7.2, 3.2), dpi=300)
     grid = figure.subplots(1, 2, sharey=True)
-    figure.subplots_adjust(left=0.075, right=0.985, top=0.92, bottom=0.31, wspace=0.08)
+    figure.subplots_adjust(left=0.075, right=0.985, top=0.97, bottom=0.3, wspace=0.08)
     panels = (("core_seconds", "core-seconds of the fit"), ("count", "Gaussians"))
     swept = [row for row in rows if row.asked]
     lines = sorted({(row.width, row.degree) for row in swept})
+    widths = sorted({width for width, _ in lines})
     for axes, (key, label) in zip(grid, panels, strict=True):
         for i, (width, degree) in enumerate(lines):
             line = sorted(
                 (r for r in swept if (r.width, r.degree) == (width, degree)), key=lambda row: row.asked
             )
-            style = COLOURS[i % len(COLOURS)], MARKS[i % len(MARKS)]
+            colour, most = COLOURS[widths.index(width) % len(COLOURS)], degree == max(d for _, d in lines)
+            # Where no harmonic is kept, degrees give the same light: the larger mark lies around the smaller one.
             axes.plot(
-                [getattr(row, key) for row in line], [row.mean for row in line], color=style[0], marker=style[1],
-                ms=4.5, lw=1.0, label=f"{width} px, degrees up to {degree}",
+                [getattr(row, key) for row in line], [row.mean for row in line], color=colour,
+                marker=MARKS[i % len(MARKS)], ms=7 if most else 3.5, mfc="none" if most else colour,
+                ls="--" if most else "-", lw=0.8, label=f"{width} px, degrees up to {degree}",
             )  # fmt: skip
         for row in rows:
             if not row.asked:
