@@ -8,8 +8,11 @@ difference: derivatives and deviations are divided by the same number. Angles ar
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import ellipe
+
+from engine.surface.newton import STEP, State, variants
+from engine.surface.transport import Responses, Sight
 
 SHARED = 0.8
 """Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88
@@ -61,3 +64,23 @@ def expected_angle(information: Float[np.ndarray, "p u u"]) -> Float[np.ndarray,
     small, large = np.maximum(np.linalg.eigvalsh(tilts), 1e-300).T
     angle[known] = np.minimum(np.sqrt(2 * large / np.pi) * ellipe(1 - small / large), np.pi / 2)
     return angle
+
+
+def derivatives(
+    responses: Responses, sight: Sight, pixels: Int[np.ndarray, " p"], at: State
+) -> tuple[Float[np.ndarray, "p n 3"], Float[np.ndarray, "p n 3 6"]]:
+    """Radiance of some pixels in every view, and its derivatives by the six unknowns."""
+    n, r, albedo = at.normals[pixels], at.roughness[pixels], at.albedo[pixels][:, None]
+    leaning, rough, inward = variants(n, r)
+    diffuse, specular = (
+        x.astype(np.float64).reshape(len(pixels), 4, -1, 3)
+        for x in responses(responses.block(sight, pixels), leaning, rough)
+    )
+    sent = albedo[:, None] * diffuse + specular
+    steps = np.stack([np.full(len(pixels), STEP), np.full(len(pixels), STEP), inward], 1)
+    jacobian = np.zeros((*sent[:, 0].shape, 6))
+    for k, unknown in enumerate((0, 1, 5)):
+        jacobian[..., unknown] = (sent[:, k + 1] - sent[:, 0]) / steps[:, k, None, None]
+    for c in range(3):
+        jacobian[:, :, c, 2 + c] = albedo[..., c] * diffuse[:, 0, :, c]
+    return sent[:, 0], jacobian

@@ -36,7 +36,7 @@ def test_light_and_where_it_comes_from_are_those_of_the_panoramas() -> None:
         want = 2.0 * omega[..., None] * back.panorama(pose, pose[:, :3].T @ (point - pose[:, 3]), 7)
         mine = light.energy[0].reshape(CELLS, -1, 3)[:, view]
         to_globe = light.near.centres[view, 0] - point
-        distance = np.linalg.norm(to_globe)
+        distance = float(np.linalg.norm(to_globe))
         sine = globe.radius_m / distance
         sent = light.near.radiance[view, 0]
         amount = mine.sum(0) + sphere_solid_angle(globe.radius_m, distance) * sent

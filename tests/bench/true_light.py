@@ -1,6 +1,6 @@
 """Prints how near our solver comes to what its photographs allow, when the studio's own light is given: one row per set.
 
-    python -m tests.bench.true_light FOLDER [--rooms study,lamps,window] [--objects blob,sphere] [--json FILE]
+    python -m tests.bench.true_light FOLDER [--rooms study,lamps] [--objects blob] [--one-in 6] [--json FILE]
 
 FOLDER holds sets as `roomlight bench` makes them (size small, true poses and masks); missing ones are made. The light
 is the studio's (`true_incident`), the object's distance the true one, nothing of the light is refined; from there on it
@@ -9,6 +9,7 @@ each pixel for itself (`bound`), with the true depth, visibility and bounced lig
 sensor alone. "from the truth" is the same error where Gauss-Newton begins at the truth and knows the true depth: what
 photographs and model disagree on, however the answer is found. Sets of which less than `HIDDEN` of the
 hemisphere is hidden count as convex. Neighbours' accord may come below the bound, which knows single pixels.
+With --one-in N nothing is solved, and bound and "from the truth" are of one in N blocks of 16 x 16 pixels: a look.
 """
 
 import argparse
@@ -19,11 +20,11 @@ import statistics
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from app import cores, places, results
 from app.bench import sets
@@ -35,16 +36,16 @@ from engine.hdr import HdrReport
 from engine.metrics import psnr
 from engine.pipeline import run
 from engine.progress import Progress
-from engine.surface.newton import STEP, State, begin, iterate, respread, variants
+from engine.surface.newton import State, begin, iterate, respread
 from engine.surface.pixels import Subject, SurfaceParams, depth_of, search, sight_of, subject
 from engine.surface.rough import reach
 from engine.surface.solve import until_still
-from engine.surface.transport import Incident, Responses, Sight, blocks, lattice_around
+from engine.surface.transport import Incident, Sight, blocks, lattice_around
 from engine.truth import Truth
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot
 from tests.bench import true_incident
-from tests.bench.bound import Scatter, expected_angle, information
+from tests.bench.bound import Scatter, derivatives, expected_angle, information
 from tests.bench.light_sets import session_per_studio
 
 SIZE = SIZES["small"]
@@ -58,15 +59,17 @@ TIMES_BOUND, ALL_DEG = 1.3, 0.8
 COLUMNS = (
     ("normal mean deg", "mean", 2),
     ("median", "median", 2),
+    ("off the rim", "inner", 2),
     ("bound mean deg", "bound", 2),
     ("median", "bound_median", 2),
-    ("without path noise", "bound_sensor", 3),
+    ("without path noise", "bound_sensor", 2),
     ("error / bound", "ratio", 2),
-    ("off the rim deg", "inner", 2),
     ("from the truth deg", "from_truth", 2),
+    ("off the rim", "from_truth_inner", 2),
+    ("/ bound", "from_truth_ratio", 2),
     ("albedo dB", "albedo_db", 1),
     ("roughness MAE", "roughness_mae", 3),
-    ("hidden %", "hidden", 1),
+    ("hidden %", "hidden", 2),
     ("rounds", "rounds", 0),
     ("s", "seconds", 0),
 )
@@ -74,24 +77,26 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One set; degrees and means over the object's pixels unless a name says otherwise."""
+    """One set; degrees and means over the pixels looked at unless a name says otherwise."""
 
     name: str
     pixels: int
     views: int
-    mean: float
-    median: float
     bound: float
     bound_median: float
     bound_sensor: float
-    ratio: float
-    inner: float  # without the pixels that may hold some background
     from_truth: float
-    albedo_db: float
-    roughness_mae: float
+    from_truth_inner: float  # without the pixels that may hold some background
+    from_truth_ratio: float
     hidden: float  # per cent of the hemisphere that the object hides from itself
-    rounds: int
-    seconds: float  # of the solve, with its search
+    mean: float | None = None  # None here and below: not solved
+    median: float | None = None
+    inner: float | None = None
+    ratio: float | None = None
+    albedo_db: float | None = None
+    roughness_mae: float | None = None
+    rounds: int | None = None
+    seconds: float | None = None  # of the solve, with its search
 
     @property
     def convex(self) -> bool:
@@ -123,7 +128,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 one = sets.ready(args.folder, room, thing, SIZE, SIZE.views, 0, "cpu")
                 with sets.job(one.name) as progress:
                     known = furnished(one, params, progress.part(0, 0.2))
-                    rows.append(score(one.name, known, params, progress.part(0.2, 1)))
+                    row = score(one.name, known, params, args.one_in, progress.part(0.2, 0.3))
+                    if args.one_in == 1:
+                        row = solved(row, known, params, progress.part(0.3, 1))
+                rows.append(row)
                 print(table(rows[-1:]).splitlines()[-1], file=sys.stderr)
     except (RoomlightError, StudioError) as fault:
         print(fault, file=sys.stderr)
@@ -156,72 +164,79 @@ def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Known
     return Known(who, light.views(views), one.truth, Scatter(*frames.noise, shoot.NOISE))
 
 
-def score(name: str, known: Known, params: SurfaceParams, progress: Progress) -> Row:
-    """Solve, and hold the answer against the truth and against what the photographs allow."""
-    who, light, truth = known.who, known.light, known.truth
-    begun, z = time.perf_counter(), float(truth.depth[who.mask].mean())
-    sight = who.flat(z)
-    state = search(who, light, sight, params, "cpu", progress.part(0, 0.1))
-    depth = depth_of(who, state, z, progress.part(0.1, 0.12))
-    state, _, rounds = until_still(
-        who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 0.9)
-    )
-    seconds = time.perf_counter() - begun
-    true = begin(truth.normal[who.mask], truth.albedo[who.mask], truth.roughness[who.mask])
-    sight = sight_of(who, true, truth.depth, light.directions, params, progress.part(0.9, 0.92))
-    least, sensor = bounds(known, true, sight, params)
+def score(name: str, known: Known, params: SurfaceParams, one_in: int, progress: Progress) -> Row:
+    """What the photographs of some blocks of pixels allow, and where Gauss-Newton ends near their truth."""
+    who, truth = known.who, known.truth
+    parts = blocks(who.mask)[::one_in]
+    pixels = np.concatenate(parts)
+    true = true_state(known)
+    sight = sight_of(who, true, truth.depth, known.light.directions, params, progress.part(0, 0.1))
+    least, sensor = bounds(known, true, sight, params, parts)
+    near = from_truth(known, true, sight, params, parts, progress.part(0.1, 1))
+    error = np.degrees(angle_between(near.normals, true.normals))[pixels]
     hidden = sight.occlusion.share.mean() if sight.occlusion is not None else 0.0
-    near = from_truth(known, true, sight, params, progress.part(0.92, 1))
-    error, nearest = (np.degrees(angle_between(x.normals, true.normals)) for x in (state, near))
     return Row(
-        name, len(error), light.energy.shape[2] // 3, float(error.mean()), float(np.median(error)),
-        float(least.mean()), float(np.median(least)), float(sensor.mean()), float(error.mean() / least.mean()),
-        float(error[~who.seen.edge].mean()), float(nearest.mean()), psnr(state.albedo - true.albedo),
-        float(np.abs(state.roughness - true.roughness).mean()), float(100 * hidden),
-        rounds, seconds,
+        name, len(pixels), known.light.energy.shape[2] // 3, float(least.mean()), float(np.median(least)),
+        float(sensor.mean()), float(error.mean()), float(error[~who.seen.edge[pixels]].mean()),
+        float(error.mean() / least.mean()), float(100 * hidden),
     )  # fmt: skip
 
 
+def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) -> Row:
+    """The row with what our solver makes of the photographs, from nothing but the light and the distance."""
+    who, light, true = known.who, known.light, true_state(known)
+    begun, z = time.perf_counter(), float(known.truth.depth[who.mask].mean())
+    sight = who.flat(z)
+    state = search(who, light, sight, params, "cpu", progress.part(0, 0.1))
+    depth = depth_of(who, state, z, progress.part(0.1, 0.12))
+    state, _, rounds = until_still(who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1))
+    error = np.degrees(angle_between(state.normals, true.normals))
+    return replace(
+        row,
+        mean=float(error.mean()),
+        median=float(np.median(error)),
+        inner=float(error[~who.seen.edge].mean()),
+        ratio=float(error.mean() / row.bound),
+        albedo_db=psnr(state.albedo - true.albedo),
+        roughness_mae=float(np.abs(state.roughness - true.roughness).mean()),
+        rounds=rounds,
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def true_state(known: Known) -> State:
+    """The truth as the solver's unknowns."""
+    mask, truth = known.who.mask, known.truth
+    return begin(truth.normal[mask], truth.albedo[mask], truth.roughness[mask])
+
+
 def bounds(
-    known: Known, true: State, sight: Sight, params: SurfaceParams
-) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    known: Known, true: State, sight: Sight, params: SurfaceParams, parts: list[Int[np.ndarray, " _"]]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Degrees that each normal is off at least on average: with the path tracer's noise, and without."""
     responses = known.who.responses(known.light, params, "cpu")
     sensor = Scatter(known.scatter.shot, known.scatter.floor, 0.0)
-    found = np.zeros((2, len(true.normals)))
-    for pixels in blocks(known.who.mask):
+    found: list[list[np.ndarray]] = [[], []]
+    for pixels in parts:
         radiance, jacobian = derivatives(responses, sight, pixels, true)
         usable = known.who.seen.weight[pixels].reshape(radiance.shape) > 0
         jacobian *= usable[..., None]
-        for row, scatter in enumerate((known.scatter, sensor)):
-            found[row, pixels] = expected_angle(information(radiance, jacobian, scatter))
-    least, without = np.degrees(found)
+        for row, scatter in zip(found, (known.scatter, sensor), strict=True):
+            row.append(expected_angle(information(radiance, jacobian, scatter)))
+    least, without = (np.degrees(np.concatenate(row)) for row in found)
     return least, without
 
 
-def derivatives(
-    responses: Responses, sight: Sight, pixels: np.ndarray, at: State
-) -> tuple[Float[np.ndarray, "p n 3"], Float[np.ndarray, "p n 3 6"]]:
-    """Radiance of some pixels in every view, and its derivatives by the six unknowns."""
-    n, r, albedo = at.normals[pixels], at.roughness[pixels], at.albedo[pixels][:, None]
-    leaning, rough, inward = variants(n, r)
-    diffuse, specular = (
-        x.astype(np.float64).reshape(len(pixels), 4, -1, 3)
-        for x in responses(responses.block(sight, pixels), leaning, rough)
-    )
-    sent = albedo[:, None] * diffuse + specular
-    steps = np.stack([np.full(len(pixels), STEP), np.full(len(pixels), STEP), inward], 1)
-    jacobian = np.zeros((*sent[:, 0].shape, 6))
-    for k, unknown in enumerate((0, 1, 5)):
-        jacobian[..., unknown] = (sent[:, k + 1] - sent[:, 0]) / steps[:, k, None, None]
-    for c in range(3):
-        jacobian[:, :, c, 2 + c] = albedo[..., c] * diffuse[:, 0, :, c]
-    return sent[:, 0], jacobian
-
-
-def from_truth(known: Known, true: State, sight: Sight, params: SurfaceParams, progress: Progress) -> State:
+def from_truth(
+    known: Known,
+    true: State,
+    sight: Sight,
+    params: SurfaceParams,
+    parts: list[Int[np.ndarray, " _"]],
+    progress: Progress,
+) -> State:
     """Where Gauss-Newton ends that begins at the truth and sees what the true depth hides."""
-    who, parts = known.who, blocks(known.who.mask)
+    who = known.who
     responses = who.responses(known.light, params, "cpu")
     begun = respread(true, responses, sight, parts, who.seen)
     return iterate(begun, responses, sight, parts, who.seen, params.passes, progress)
@@ -232,25 +247,33 @@ def table(rows: Sequence[Row]) -> str:
     lines = [["set", *(heading for heading, *_ in COLUMNS)]]
     lines += [[row.name, *(shown(getattr(row, key), d) for _, key, d in COLUMNS)] for row in rows]
     if len(rows) > 1:
-        means = {key: statistics.fmean(getattr(row, key) for row in rows) for _, key, _ in COLUMNS}
-        lines.append(["mean", *(shown(means[key], decimals) for _, key, decimals in COLUMNS)])
+        cells = []
+        for _, key, decimals in COLUMNS:
+            known = [value for row in rows if (value := getattr(row, key)) is not None]
+            cells.append(shown(statistics.fmean(known) if known else None, decimals))
+        lines.append(["mean", *cells])
     return markdown(lines)
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """One line for each of the two targets."""
-    convex = [row for row in rows if row.convex]
+    """One line for each of the two targets; none for what was not solved."""
+    answers = [(row, row.mean) for row in rows if row.mean is not None]
+    convex = [(row, off) for row, off in answers if row.convex]
     told = []
     if convex:
-        off, least = (statistics.fmean(getattr(row, key) for row in convex) for key in ("mean", "bound"))
-        verdict = "reached" if off <= TIMES_BOUND * least else "missed"
-        told.append(
-            f"convex ({', '.join(row.name for row in convex)}): {off:.2f} deg is {off / least:.2f} x the bound;"
-            f" target <= {TIMES_BOUND}: {verdict}"
+        off, least = (
+            statistics.fmean(off for _, off in convex),
+            statistics.fmean(row.bound for row, _ in convex),
         )
-    off = statistics.fmean(row.mean for row in rows)
-    verdict = "reached" if off <= ALL_DEG else "missed"
-    return [*told, f"all {len(rows)} sets: {off:.2f} deg; target <= {ALL_DEG}: {verdict}"]
+        told.append(
+            f"convex ({', '.join(row.name for row, _ in convex)}): {off:.2f} deg is {off / least:.2f} x the bound;"
+            f" target <= {TIMES_BOUND}: {'reached' if off <= TIMES_BOUND * least else 'missed'}"
+        )
+    if answers:
+        off = statistics.fmean(off for _, off in answers)
+        verdict = "reached" if off <= ALL_DEG else "missed"
+        told.append(f"all {len(answers)} sets: {off:.2f} deg; target <= {ALL_DEG}: {verdict}")
+    return told
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -260,6 +283,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--objects", default=",".join(OBJECTS))
     parser.add_argument("--directions", type=int, default=1024)
     parser.add_argument("--model-error", type=float, default=SurfaceParams().model_error)
+    parser.add_argument("--one-in", type=int, default=1, help="see above; 1: all, and solve")
     parser.add_argument("--json", type=Path)
     return parser
 
