@@ -82,5 +82,6 @@ def answered(
     who: Subject, state: newton.State, sight: Sight, depth: Float[np.ndarray, "h w"], model_error: float
 ) -> Surface:
     """The state as maps, with standard errors from its own system."""
-    certainty = confidence(state, formal(state.system, state.spread), who.seen, sight)
+    unknown = np.zeros(len(state.normals))
+    certainty = confidence(state, formal(state.system, state.spread), who.seen, sight, unknown)
     return surface_of(who.mask, state, depth, certainty, model_error)

@@ -13,6 +13,7 @@ from engine.errors import SurfaceError
 from engine.geometry import rays, resized
 from engine.progress import Progress
 from engine.surface import horizons, newton
+from engine.surface.bounced import lit
 from engine.surface.integrate import integrate
 from engine.surface.observations import Observations, islands, numbered, observe
 from engine.surface.start import global_start
@@ -55,6 +56,7 @@ class SurfaceParams:
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
     steps: bool = True  # let horizons tell how high steps are, which normals do not
     bounce: bool = True  # let the object light itself with what was photographed
+    walls: bool = True  # and with what walls throw that no photograph shows
     ask: bool = (
         True  # let pixels that explain badly try their neighbours' answers, and all look for their horizons
     )
@@ -102,9 +104,14 @@ class Subject:
         directions = self.rays
         return Sight(directions / directions[:, 2:] * z[:, None], -directions, None)
 
-    def responses(self, light: Incident, params: SurfaceParams, device: str) -> Responses:
-        """How the pixels answer a light."""
-        return Responses(light, self.seen.radiance, params.full_diffuse, params.bounce, device)
+    def responses(
+        self, light: Incident, params: SurfaceParams, device: str, sight: Sight | None = None
+    ) -> Responses:
+        """How the pixels answer a light; `sight` knows the walls that throw some of it, if there are any."""
+        seen, walls = self.seen.radiance, None
+        if sight is not None and params.bounce:
+            walls = lit(sight, light, seen)
+        return Responses(light, seen, params.full_diffuse, params.bounce, device, walls)
 
 
 def subject(
@@ -196,7 +203,9 @@ def sight_of(
     points = q / q[..., 2:] * depth[..., None]
     hidden = None
     if params.visibility:
-        hidden = occlusion(points, image(who.mask, state.normals), who.mask, directions, progress)
+        albedo = state.albedo if params.bounce and params.walls else None
+        normals = image(who.mask, state.normals)
+        hidden = occlusion(points, normals, who.mask, directions, progress, albedo=albedo)
     return Sight(points[who.mask], -q[who.mask], hidden)
 
 
@@ -224,11 +233,10 @@ def finer(
     depth = depth_of(who, state, distance, progress)
     hidden = None
     if sight.occlusion is not None:
-        # Last comes who stands for a source that the camera does not see.
-        behind = np.full(half.mask.sum() + 1, -1, np.int32)
+        count = int(half.mask.sum())
+        behind = np.full(count, -1, np.int32)
         behind[take] = np.arange(len(take))
-        hidden = sight.occlusion.part(take)
-        hidden = replace(hidden, source=behind[hidden.source])
+        hidden = sight.occlusion.part(take).told(count, behind, len(take))
     return state, depth, replace(who.at(depth[who.mask]), occlusion=hidden)
 
 
@@ -246,9 +254,9 @@ def rerender(
     radiance = np.zeros((len(views), *mask.shape, 3), np.float32)
     if views:
         photographed = frames.radiance[list(views)][:, mask].transpose(1, 0, 2).reshape(int(mask.sum()), -1)
-        responses = Responses(
-            light, np.ascontiguousarray(photographed), params.full_diffuse, params.bounce, device
-        )
+        photographed = np.ascontiguousarray(photographed)
+        walls = lit(sight, light, photographed) if params.bounce else None
+        responses = Responses(light, photographed, params.full_diffuse, params.bounce, device, walls)
         flat = np.zeros((int(mask.sum()), len(views), 3), np.float32)
         for pixels, answer in predict(
             responses, sight, blocks(mask), state.normals, state.albedo, state.roughness

@@ -14,6 +14,7 @@ from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.accord import accord
+from engine.surface.bounced import guessed_share
 from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.distance import Distance
 from engine.surface.groups import CLIPPED
@@ -127,10 +128,12 @@ def solve(
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
-    responses, parts = who.responses(here, params, device), blocks(mask)
+    responses, parts = who.responses(here, params, device, sight), blocks(mask)
     state = respread(state, responses, sight, parts, who.seen)
     variance = jackknifed(state, responses, sight, parts, who.seen, progress.part(0.99, 1))
-    certainty = confidence(state, variance, who.seen, sight)
+    certainty = confidence(
+        state, variance, who.seen, sight, guessed_share(state, responses, sight, parts)
+    )
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
     pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)
     report = SurfaceReport(
@@ -151,7 +154,9 @@ def solve(
         float(np.degrees(np.median(certainty.normal))),
         {
             name: int((certainty.flags & bit > 0).sum())
-            for name, bit in (("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8))
+            for name, bit in (
+                ("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8), ("guessed_light", 16),
+            )
         },
     )
     surface = surface_of(mask, state, depth, certainty, params.model_error)
