@@ -38,7 +38,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 4, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
+            "export", 5, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 22, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 23, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"),
     )  # fmt: skip
 

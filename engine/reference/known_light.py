@@ -156,7 +156,13 @@ def lambert(
     light = light_at(
         lattice, scene.emitters, there, params.directions, params.probe_face_px, progress.part(0.05, 0.25)
     )
-    state = matt_start(who, Matt(who.responses(light, ours, device)), who.flat(z), params.candidates, progress.part(0.25, 0.4))
+    state = matt_start(
+        who,
+        Matt(who.responses(light, ours, device)),
+        who.flat(z),
+        params.candidates,
+        progress.part(0.25, 0.4),
+    )
 
     def solved(state: State, sight: Sight, progress: Progress) -> Solved:
         rows = Matt(who.responses(light, ours, device, sight))

@@ -32,9 +32,7 @@ def lit(sight: Sight, light: Incident, photographed: Float[np.ndarray, "q v"]) -
         thrown = np.empty_like(before)
         responses = Responses(light, photographed, False, True, "cpu", before)
         for part in walls.parts:
-            diffuse, _ = responses(
-                responses.block(around, part), walls.normals[part][:, None], rough[part]
-            )
+            diffuse, _ = responses(responses.block(around, part), walls.normals[part][:, None], rough[part])
             thrown[part] = diffuse[:, 0] * np.tile(walls.albedo[part], diffuse.shape[2] // 3)
     return thrown
 

@@ -131,9 +131,7 @@ def solve(
     responses, parts = who.responses(here, params, device, sight), blocks(mask)
     state = respread(state, responses, sight, parts, who.seen)
     variance = jackknifed(state, responses, sight, parts, who.seen, progress.part(0.99, 1))
-    certainty = confidence(
-        state, variance, who.seen, sight, guessed_share(state, responses, sight, parts)
-    )
+    certainty = confidence(state, variance, who.seen, sight, guessed_share(state, responses, sight, parts))
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
     pictures = rerender(frames, mask, there, kept_out, state, sight, params, device)
     report = SurfaceReport(
@@ -155,7 +153,11 @@ def solve(
         {
             name: int((certainty.flags & bit > 0).sum())
             for name, bit in (
-                ("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8), ("guessed_light", 16),
+                ("grazing", 1),
+                ("shadowed", 2),
+                ("saturated", 4),
+                ("ill_conditioned", 8),
+                ("guessed_light", 16),
             )
         },
     )

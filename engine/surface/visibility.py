@@ -53,7 +53,9 @@ class Occlusion:
 
     start: Int[np.ndarray, " s"]  # pixel p owns entries start[p]:start[p + 1]
     direction: Int[np.ndarray, " e"]  # direction cell
-    source: Int[np.ndarray, " e"]  # the pixel that hides it, or after all pixels the wall's patch; -1: unknown
+    source: Int[
+        np.ndarray, " e"
+    ]  # the pixel that hides it, or after all pixels the wall's patch; -1: unknown
     share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
     walls: Walls | None = None
 

@@ -36,7 +36,9 @@ class Patches:
 
     of: Int[np.ndarray, "t b"]  # each triangle's patches from rim to foot; -1: it is no wall
     points: Float[np.ndarray, "w 3"]  # on the mesh
-    normals: Float[np.ndarray, "w 3"]  # across the viewing ray: a wall that leaned to the camera would be seen
+    normals: Float[
+        np.ndarray, "w 3"
+    ]  # across the viewing ray: a wall that leaned to the camera would be seen
     albedo: Float[np.ndarray, "w 3"]  # of the rim, geometric mean
     parts: list[Int[np.ndarray, " _"]]  # patches of one place
 
@@ -145,6 +147,7 @@ def _means(
 ) -> Float[np.ndarray, "w 3"]:
     """Weighted means of what belongs to each of `count`."""
     total = np.bincount(of, weight, count)
-    return np.stack([np.bincount(of, weight * x, count) for x in values.T], 1) / np.maximum(total, 1e-30)[
-        :, None
-    ]
+    return (
+        np.stack([np.bincount(of, weight * x, count) for x in values.T], 1)
+        / np.maximum(total, 1e-30)[:, None]
+    )
