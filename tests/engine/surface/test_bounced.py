@@ -13,7 +13,7 @@ from engine.surface.bounced import guessed_share, lit
 from engine.surface.near import Near
 from engine.surface.pixels import SurfaceParams, sight_of, subject
 from engine.surface.transport import Incident, Lattice, Responses, Sight, blocks, direction_cells, predict
-from engine.surface.visibility import Occlusion, occlusion
+from engine.surface.visibility import Occlusion, Walls, occlusion
 from engine.types import Frames
 from tests.engine.surface.test_pixels import CAMERA, light_of_lamps
 from tests.engine.surface.test_walls import DOWN, MASK, UP, UPPER, painted, step
@@ -41,6 +41,18 @@ def stepped(incident: Incident, albedo: np.ndarray | None) -> Sight:
     points, normals = step()
     hidden = occlusion(points, normals, MASK, incident.directions, Progress(), albedo=albedo)
     return Sight(points[MASK], -rays(CAMERA)[MASK], hidden)
+
+
+def known_to(sight: Sight) -> Occlusion:
+    """What hides the room there."""
+    assert sight.occlusion is not None
+    return sight.occlusion
+
+
+def walls_of(sight: Sight) -> Walls:
+    walls = known_to(sight).walls
+    assert walls is not None
+    return walls
 
 
 def thrown_by_hand(point: np.ndarray, normal: np.ndarray, wall, rays_: int = 20000) -> float:
@@ -73,7 +85,7 @@ def test_a_wall_throws_what_a_direct_sum_says_and_lights_the_lower_plane_so():
     incident = light(sky)
     photographed = np.full((COUNT, 3), SEEN, np.float32)
     sight = stepped(incident, painted())
-    walls = sight.occlusion.walls
+    walls = walls_of(sight)
     thrown = lit(sight, incident, photographed)
     middle = np.abs(walls.points[:, 1]) < 5 * PIXEL
     np.testing.assert_allclose(thrown[middle, 0], wall_by_hand(walls.points[middle, 2]), rtol=0.06)
@@ -120,12 +132,12 @@ def test_a_white_wall_in_a_white_world_is_as_bright_as_that_and_no_brighter():
 def test_without_paint_the_nearest_pixel_stands_for_a_wall():
     incident = light(sky)
     sight = stepped(incident, None)
-    assert sight.occlusion.walls is None
-    assert sight.occlusion.source.max() < COUNT
+    assert known_to(sight).walls is None
+    assert known_to(sight).source.max() < COUNT
     assert not len(lit(sight, incident, np.zeros((COUNT, 3), np.float32)))
-    known = stepped(incident, painted()).occlusion
-    np.testing.assert_array_equal(known.direction, sight.occlusion.direction)
-    assert ((known.source == sight.occlusion.source) | (known.source >= COUNT)).all()
+    known, rim = known_to(stepped(incident, painted())), known_to(sight)
+    np.testing.assert_array_equal(known.direction, rim.direction)
+    assert ((known.source == rim.source) | (known.source >= COUNT)).all()
 
 
 def test_only_pixels_near_the_foot_owe_much_of_their_light_to_the_wall():
@@ -178,16 +190,15 @@ def test_neighbours_are_asked_under_the_same_walls_as_gauss_newton_is():
         np.testing.assert_allclose(found, albedo[of], rtol=2e-3)
         assert misfit.max() < 0.05
     again = sight_of(who, state, points[..., 2], incident.directions, params, Progress())
-    np.testing.assert_array_equal(again.occlusion.source, sight.occlusion.source)
-    far = sight.at(2.0)
-    np.testing.assert_allclose(far.occlusion.walls.points, 2 * sight.occlusion.walls.points)
+    np.testing.assert_array_equal(known_to(again).source, known_to(sight).source)
+    np.testing.assert_allclose(walls_of(sight.at(2.0)).points, 2 * walls_of(sight).points)
 
 
 def test_renumbered_pixels_take_their_walls_along():
     inner = Occlusion(np.array([0, 2]), np.zeros(2, np.int32), np.array([1, 3]), np.zeros(1))
-    none = stepped(light(sky), painted()).occlusion.walls
-    walls = replace(none, hidden=inner)
+    walls = replace(walls_of(stepped(light(sky), painted())), hidden=inner)
     known = Occlusion(np.array([0, 4]), np.zeros(4, np.int32), np.array([-1, 0, 2, 4]), np.zeros(1), walls)
     told = known.told(3, np.array([5, -1, 6]), 8)
     np.testing.assert_array_equal(told.source, [-1, 5, 6, 9])
+    assert told.walls is not None
     np.testing.assert_array_equal(told.walls.hidden.source, [-1, 8])
