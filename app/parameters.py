@@ -277,6 +277,10 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.bounce", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),
+    ("surface.walls", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Light from walls that no photograph shows"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let steps of the depth throw light as matt walls of their rim's paint would. Off: like the nearest pixel."),
+        advanced=False)),
     ("surface.ask", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Ask neighbours"), "",
         QT_TRANSLATE_NOOP("parameters", "Let pixels look for their horizons, and badly explained ones try neighbours' answers."), advanced=False)),

@@ -230,7 +230,7 @@ def _write_maps(path: Path, surface: Surface, camera: Camera, unit: str) -> None
         "unit.stderr.normal_deg": "degree",
         "colour": "albedo: linear Rec.709, 0..1",
         "roughness": "alpha = roughness^2 (GGX), normal reflectance 0.04",
-        "flags": "bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned",
+        "flags": "bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned, 16 lit by what no photograph shows",
         "camera": json.dumps(asdict(camera)),
         "camera.model": "OpenCV pinhole k1 k2 p1 p2; the centre of the first pixel is (0.5, 0.5)",
     }

@@ -12,7 +12,10 @@ from engine.radiance import relative_error
 from engine.truth import Truth
 from engine.types import Renders, Surface
 
-FLAGS = ((1, "grazing"), (2, "shadowed in most views"), (4, "saturated"), (8, "ill-conditioned"))
+FLAGS = (
+    (1, "grazing"), (2, "shadowed in most views"), (4, "saturated"), (8, "ill-conditioned"),
+    (16, "lit by what no photograph shows"),
+)  # fmt: skip
 
 
 def maps(photograph: Float[np.ndarray, "h w 3"] | None, surface: Surface | None, unit: str) -> str:

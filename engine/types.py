@@ -142,7 +142,7 @@ class Surface:
     """Stage *surface*'s answer, on the pixel grid of the photographs, camera frame.
 
     Values outside `mask` are zero. `stderr_*` are one standard error.
-    `flags` is a bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned.
+    `flags` is a bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned, 16 lit by what no photograph shows.
     """
 
     mask: Bool[np.ndarray, "h w"]

@@ -203,6 +203,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_horizons", "w/o horizons: shadows from depth alone", horizons=False),
         without("no_steps", "w/o steps from horizons", steps=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),
+        without("no_walls", "w/o walls that no photograph shows", walls=False),
         without("no_ask", "w/o asking neighbours, nor horizons from photographs", ask=False),
         without("no_robust", "w/o robust weights", robust=False),
         without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),

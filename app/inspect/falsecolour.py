@@ -34,6 +34,7 @@ FLAGS = (
     (2, "shadowed in most views", "0072b2"),
     (4, "saturated", "cc3311"),
     (8, "ill-conditioned", "cc79a7"),
+    (16, "lit by what no photograph shows", "009e73"),
 )
 """Bits of Surface.flags: bit, meaning, colour (Okabe and Ito's: told apart by colour-blind people too)."""
 CLIPPED = (235, 64, 52)  # red: what is there is a lower bound

@@ -22,7 +22,15 @@ from engine.errors import SessionError
 from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
-from engine.surface.pixels import SurfaceParams, answering, as_photographed, painted, sight_of, subject
+from engine.surface.pixels import (
+    SurfaceParams,
+    answering,
+    as_photographed,
+    painted,
+    photographed_in,
+    sight_of,
+    subject,
+)
 from engine.surface.surroundings import light_at
 from engine.surface.transport import Incident, Lattice, Sight, blocks, direction_cells, lattice_around
 from engine.types import Emitters, Frames, Horizons, Poses, Surface
@@ -166,7 +174,8 @@ class Scene:
         """Radiance of the mask's pixels in some views, float32."""
         s = self._solved
         mask, light = s.surface.mask, self.light(views, progress)
-        responses = answering(s.frames, mask, light, tuple(views), s.params, "cpu")
+        seen = photographed_in(s.frames, mask, views)
+        responses = answering(seen, light, self.sight, s.params, "cpu")
         return painted(responses, self.sight, blocks(mask), self._state).transpose(1, 0, 2)
 
 

@@ -156,10 +156,16 @@ def lambert(
     light = light_at(
         lattice, scene.emitters, there, params.directions, params.probe_face_px, progress.part(0.05, 0.25)
     )
-    rows = Matt(who.responses(light, ours, device))
-    state = matt_start(who, rows, who.flat(z), params.candidates, progress.part(0.25, 0.4))
+    state = matt_start(
+        who,
+        Matt(who.responses(light, ours, device)),
+        who.flat(z),
+        params.candidates,
+        progress.part(0.25, 0.4),
+    )
 
     def solved(state: State, sight: Sight, progress: Progress) -> Solved:
+        rows = Matt(who.responses(light, ours, device, sight))
         state = refined(who, state, rows, sight, params.passes, progress.part(0, 0.9))
         return state, depth_of(who, state, z, progress.part(0.9, 1))
 

@@ -83,6 +83,7 @@ def answered(
     who: Subject, state: newton.State, sight: Sight, depth: Float[np.ndarray, "h w"], model_error: float
 ) -> Surface:
     """The state as maps, with standard errors from its own system."""
-    certainty = confidence(state, formal(state.system, state.spread), who.seen, sight)
+    unknown = np.zeros(len(state.normals))
+    certainty = confidence(state, formal(state.system, state.spread), who.seen, sight, unknown)
     maps = maps_of(state, certainty, np.zeros((len(state.normals), 0, 3)))
     return surface_of(who.mask, maps, depth[who.mask], model_error)

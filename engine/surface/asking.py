@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from engine.light.rasterise import Run, workers
 from engine.progress import Progress
 from engine.surface import horizons
+from engine.surface.bounced import lit
 from engine.surface.newton import State, facing
 from engine.surface.observations import Observations, aside
 from engine.surface.pixels import Subject, SurfaceParams
@@ -79,8 +80,9 @@ def inquiry(
     count = light.energy.shape[2] // 3
     every = np.arange(0, count, -(-count // VIEWS))
     light, seen = light.views(every), who.seen.part(np.arange(len(state.normals)), every)
+    walls = horizons.by_channel(lit(sight, light, seen.radiance)) if params.bounce else None
     seen = replace(seen, radiance=horizons.by_channel(seen.radiance), weight=horizons.by_channel(seen.weight))
-    responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, "cpu")
+    responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, "cpu", walls)
     usual = float(np.median(state.spread))
     parts = blocks(who.mask)
     with workers() as run:

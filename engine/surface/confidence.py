@@ -17,10 +17,16 @@ from engine.surface.newton import State, by_stretches
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 
-GRAZING, SHADOWED, SATURATED, ILL = 1, 2, 4, 8
+GRAZING, SHADOWED, SATURATED, ILL, GUESSED = 1, 2, 4, 8, 16
+FLAGS = {
+    "grazing": GRAZING, "shadowed": SHADOWED, "saturated": SATURATED, "ill_conditioned": ILL,
+    "guessed_light": GUESSED,
+}  # fmt: skip
+"""The bits of `Surface.flags` by name."""
 GRAZING_COSINE = 0.2
 HIDDEN_SHARE = 0.5
 SATURATED_SHARE = 0.25
+GUESSED_SHARE = 0.1
 ILL_NORMAL = np.radians(10.0)
 STRETCHES = 8
 """So many that each still holds a whole turn of neighbouring views, and few enough to be cheap."""
@@ -69,9 +75,14 @@ def _regular(system: Float[np.ndarray, "p 6 6"]) -> Float[np.ndarray, "p 6 6"]:
 
 
 def confidence(
-    state: State, variance: Float[np.ndarray, "p 6"], seen: Observations, sight: Sight
+    state: State,
+    variance: Float[np.ndarray, "p 6"],
+    seen: Observations,
+    sight: Sight,
+    guessed: Float[np.ndarray, " p"],
 ) -> Confidence:
-    """Standard errors and flags at the solver's answer, given the variances of its unknowns."""
+    """Standard errors and flags at the solver's answer, given the variances of its unknowns; `guessed` is the share of
+    each pixel's light that comes from what no photograph shows."""
     normal = np.minimum(np.sqrt(variance[:, 0] + variance[:, 1]), np.pi / 2)
     albedo = (np.sqrt(variance[:, 2:5]) * state.albedo).mean(1)
     roughness = np.sqrt(variance[:, 5])
@@ -82,4 +93,5 @@ def confidence(
         flags[sight.occlusion.share > HIDDEN_SHARE] |= SHADOWED
     flags[seen.saturated > SATURATED_SHARE] |= SATURATED
     flags[normal > ILL_NORMAL] |= ILL
+    flags[guessed > GUESSED_SHARE] |= GUESSED
     return Confidence(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)

@@ -16,6 +16,7 @@ from engine.geometry import cropped
 from engine.progress import Progress
 from engine.surface import start_maps
 from engine.surface.accord import SWEEPS, accord
+from engine.surface.bounced import guessed_share
 from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.integrate import integrate
 from engine.surface.newton import State, begin, iterate, respread
@@ -121,7 +122,7 @@ def judged(
     parts = blocks(who.mask)
     state = respread(state, here, sight, parts, who.seen)
     variance = jackknifed(state, here, sight, parts, who.seen, progress)
-    certainty = confidence(state, variance, who.seen, sight)
+    certainty = confidence(state, variance, who.seen, sight, guessed_share(state, here, sight, parts))
     return maps_of(state, certainty, painted(there, sight, parts, state))
 
 

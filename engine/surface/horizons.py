@@ -92,12 +92,12 @@ def overruled(
     start = np.concatenate([[0], np.cumsum(counts)])
     direction, source = np.empty(start[-1], np.int32), np.empty(start[-1], np.int32)
     _merge(*tables, start[:-1], direction, source, share, True)
-    return Sight(sight.points, sight.views, Occlusion(start, direction, source, share))
+    return Sight(sight.points, sight.views, Occlusion(start, direction, source, share, known.walls))
 
 
 def by_channel(x: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
     """View-major to channel-major: what one channel saw lies side by side."""
-    return np.ascontiguousarray(x.reshape(len(x), -1, 3).transpose(0, 2, 1).reshape(len(x), -1))
+    return np.ascontiguousarray(x.reshape(len(x), x.shape[1] // 3, 3).transpose(0, 2, 1).reshape(x.shape))
 
 
 @numba.njit(parallel=True, cache=True)
@@ -182,7 +182,7 @@ def explain(
     run(_descend, (
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
         energy, responses.cell, start, direction, source, beside[pixels], responses.photographed,
-        responses.bounce, seen.radiance, seen.weight, seen.eps, np.float32(seen.cauchy**2),
+        responses.walls, responses.bounce, seen.radiance, seen.weight, seen.eps, np.float32(seen.cauchy**2),
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
         prices,
     ))  # fmt: skip
@@ -239,11 +239,12 @@ def _misfit(sent, radiance, weight, eps, wide, square, albedo, limit):
 @no_type_check
 def _descend(
     diffuse, specular, order, sector, ring, energy, cell, start, direction, source, beside, photographed,
-    bounce, radiance, weight, eps, wide, squares, dearest, away, sweeps, found, misfits, albedos, prices, part, parts,
+    walls, bounce, radiance, weight, eps, wide, squares, dearest, away, sweeps, found, misfits, albedos, prices, part,
+    parts,
 ):  # fmt: skip
     """Every `parts`-th pixel from `part` on; what `found` holds is where it begins."""
     count, across, size = diffuse.shape[0], energy.shape[0], energy.shape[1]
-    rings = LEVELS - 1
+    rings, known_pixels = LEVELS - 1, len(photographed)
     for p in range(part, count, parts):
         # What each ring of each sector sends, what each sector sends as the depth has it, and how much of
         # what stands in the way each ring would show.
@@ -268,12 +269,13 @@ def _descend(
             q = behind[d]
             if q == -2:
                 continue
-            # As the depth has it: the room's light is taken back, the photographed light comes instead.
+            # As the depth has it: the room's light is taken back, the photographed light or a wall's comes instead.
             own = sends[s, 0]
+            thrown = walls[q - known_pixels] if q >= known_pixels and bounce else photographed[max(q, 0)]
             for v in range(size):
                 light = -energy[d, v]
                 if q >= 0 and bounce:
-                    light += cell * photographed[q, v]
+                    light += cell * thrown[v]
                 own[0, v] += a * light
                 own[1, v] += b * light
         for s in range(SECTORS):

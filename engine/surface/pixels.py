@@ -3,6 +3,7 @@
 Camera frame. Knows nothing of Gaussians or files: the light arrives as energy at a lattice of probes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from engine.geometry import rays, resized
 from engine.mapfiles import FRAMES
 from engine.progress import Progress
 from engine.surface import horizons, newton
+from engine.surface.bounced import lit
 from engine.surface.integrate import integrate
 from engine.surface.observations import CAUCHY, PLAIN, Observations, islands, numbered, observe
 from engine.surface.start import global_start
@@ -57,6 +59,7 @@ class SurfaceParams:
     steps: bool = True  # let horizons tell how high steps are, which normals do not
     follow_depth: bool = True  # light reaches points where the depth has them; False: all in one plane
     bounce: bool = True  # let the object light itself with what was photographed
+    walls: bool = True  # and with what walls throw that no photograph shows
     ask: bool = (
         True  # let pixels that explain badly try their neighbours' answers, and all look for their horizons
     )
@@ -122,9 +125,11 @@ class Subject:
         z = depth[self.mask]
         return self.at(z) if follow else replace(self.flat(float(z.mean())), cast_z=z)
 
-    def responses(self, light: Incident, params: SurfaceParams, device: str) -> Responses:
-        """How the pixels answer a light."""
-        return Responses(light, self.seen.radiance, params.full_diffuse, params.bounce, device)
+    def responses(
+        self, light: Incident, params: SurfaceParams, device: str, sight: Sight | None = None
+    ) -> Responses:
+        """How the pixels answer a light; `sight` knows the walls that throw some of it, if there are any."""
+        return answering(self.seen.radiance, light, sight, params, device)
 
 
 def subject(
@@ -224,7 +229,9 @@ def sight_of(
     if params.visibility:
         q = rays(who.camera)
         points = q / q[..., 2:] * depth[..., None]
-        hidden = occlusion(points, image(who.mask, state.normals), who.mask, directions, progress)
+        albedo = state.albedo if params.bounce and params.walls else None
+        normals = image(who.mask, state.normals)
+        hidden = occlusion(points, normals, who.mask, directions, progress, albedo=albedo)
     return replace(who.standing(depth, params.follow_depth), occlusion=hidden)
 
 
@@ -252,25 +259,31 @@ def finer(
     depth = depth_of(who, state, distance, progress)
     hidden = None
     if sight.occlusion is not None:
-        # Last comes who stands for a source that the camera does not see.
-        behind = np.full(half.mask.sum() + 1, -1, np.int32)
+        count = int(half.mask.sum())
+        behind = np.full(count, -1, np.int32)
         behind[take] = np.arange(len(take))
-        hidden = sight.occlusion.part(take)
-        hidden = replace(hidden, source=behind[hidden.source])
+        hidden = sight.occlusion.part(take).told(count, behind, len(take))
     return state, depth, replace(who.standing(depth, sight.cast_z is None), occlusion=hidden)
 
 
 def answering(
-    frames: Frames,
-    mask: Bool[np.ndarray, "h w"],
+    photographed: Float[np.ndarray, "p v"],
     light: Incident,
-    views: tuple[int, ...],
+    sight: Sight | None,
     params: SurfaceParams,
     device: str,
 ) -> Responses:
-    """How the mask's pixels answer the light of some views, which may be none."""
-    photographed = frames.radiance[list(views)][:, mask].transpose(1, 0, 2).reshape(int(mask.sum()), -1)
-    return Responses(light, np.ascontiguousarray(photographed), params.full_diffuse, params.bounce, device)
+    """How pixels answer a light in whose views they were `photographed`; `sight` knows the walls that throw some of it."""
+    walls = lit(sight, light, photographed) if sight is not None and params.bounce else None
+    return Responses(light, photographed, params.full_diffuse, params.bounce, device, walls)
+
+
+def photographed_in(
+    frames: Frames, mask: Bool[np.ndarray, "h w"], views: Sequence[int]
+) -> Float[np.ndarray, "p v"]:
+    """The mask's pixels in some views, which may be none; view-major."""
+    seen = frames.radiance[list(views)][:, mask].transpose(1, 0, 2)
+    return np.ascontiguousarray(seen.reshape(int(mask.sum()), 3 * len(views)))
 
 
 def painted(

@@ -134,6 +134,7 @@ class Sample:
     regions: list[Int[np.ndarray, " _"]]
     full_diffuse: bool
     bounce: bool
+    walls: Float[np.ndarray, "w v"] | None = None  # the same of the walls that no photograph shows
 
     def at(self, distance: float) -> Sight:
         """What the pixels see when the object stands at `distance`."""
@@ -141,7 +142,7 @@ class Sample:
 
     def responses(self, light: Incident) -> Responses:
         """How they answer a light."""
-        return Responses(light, self.photographed, self.full_diffuse, self.bounce, "cpu")
+        return Responses(light, self.photographed, self.full_diffuse, self.bounce, "cpu", self.walls)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

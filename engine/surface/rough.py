@@ -14,6 +14,7 @@ from scipy.ndimage import binary_erosion
 
 from engine.progress import Progress
 from engine.surface import newton, start_maps
+from engine.surface.bounced import lit
 from engine.surface.distance import Distance, find_distance
 from engine.surface.groups import UNSEEN
 from engine.surface.observations import numbered, thinned
@@ -166,7 +167,9 @@ def rough(
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
             seeing = as_photographed(who, state, sight, light.directions)
-            chosen, sample = voters(who, seeing, distance, VOTERS, params, seed, spread=state.spread)
+            chosen, sample = voters(
+                who, seeing, distance, VOTERS, params, seed, spread=state.spread, light=light
+            )
             voting = state.part(chosen)
             moving = free and turn <= placing
             setting, _ = settle(
@@ -232,10 +235,11 @@ def voters(
     seed: int,
     views: Int[np.ndarray, " m"] | None = None,
     spread: Float[np.ndarray, " q"] | None = None,
+    light: Incident | None = None,
 ) -> tuple[Int[np.ndarray, " p"], Sample]:
     """A random part of the pixels, away from the rim where there is enough of it, and of the best explained once
     `spread` of the residuals tells them: their indices, and what they know in all views or in some, given by
-    their places among the subject's."""
+    their places among the subject's. Walls shine as under `light`, which then has all views."""
     index = numbered(who.mask)
     inner = index[np.asarray(binary_erosion(who.mask, np.ones((5, 5), bool)), bool)]
     if len(inner) < 50:
@@ -252,5 +256,6 @@ def voters(
         coarse_regions(np.isin(index, chosen)),
         params.full_diffuse,
         params.bounce,
+        lit(sight, light, who.seen.radiance) if light is not None and params.bounce else None,
     )
     return chosen, sample

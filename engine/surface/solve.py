@@ -16,6 +16,7 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import start_maps
 from engine.surface.accord import accord
+from engine.surface.confidence import FLAGS
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
 from engine.surface.groups import CLIPPED
@@ -28,6 +29,7 @@ from engine.surface.pixels import (
     answering,
     as_photographed,
     image,
+    photographed_in,
     sight_of,
     subject,
 )
@@ -115,8 +117,9 @@ def solve(
     found, first, fitted, emitters, turns = together(
         picture, room, fitted, kept_out, params, device, seed, span.part(0, 0.99)
     )
-    here = found.who.responses(found.here, params, device)
-    there = answering(picture.frames, picture.mask, found.there, kept_out, params, device)
+    here = found.who.responses(found.here, params, device, found.sight)
+    seen = photographed_in(picture.frames, picture.mask, kept_out)
+    there = answering(seen, found.there, found.sight, params, device)
     if picture is whole:
         maps = judged(found.who, found.state, found.sight, here, there, progress.part(0.99, 1))
         z = found.depth[picture.mask]
@@ -144,10 +147,7 @@ def solve(
         tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
         first.residuals,
         float(np.degrees(np.median(maps.stderr_normal))),
-        {
-            name: int((maps.flags & bit > 0).sum())
-            for name, bit in (("grazing", 1), ("shadowed", 2), ("saturated", 4), ("ill_conditioned", 8))
-        },
+        {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
     )
     return surface, Renders(kept_out, pictures), Horizons(maps.level.astype(np.int8)), emitters, report
 

@@ -136,29 +136,31 @@ class Sight:
     def at(self, scale: float) -> "Sight":
         """The same with the object so many times as far away: what hides what does not change."""
         cast_z = None if self.cast_z is None else self.cast_z * scale
-        return Sight(self.points * scale, self.views, self.occlusion, cast_z)
+        occlusion = self.occlusion and self.occlusion.at(scale)
+        return Sight(self.points * scale, self.views, occlusion, cast_z)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
 @no_type_check
-def _bounce(table, start, direction, source, photographed, cell, variants, out):
-    """Move each occluded entry's light from the room's to what the photograph saw there.
+def _bounce(table, start, direction, source, photographed, walls, cell, variants, out):
+    """Move each occluded entry's light from the room's to what the photograph saw there, or to what walls throw.
 
-    Rows are the variants of every pixel, diffuse and then specular: each photographed row is read once for all.
+    Rows are the variants of every pixel, diffuse and then specular: each row of light is read once for all.
     """
-    pixels = len(start) - 1
+    pixels, known = len(start) - 1, len(photographed)
     for p in numba.prange(pixels):
         for k in range(start[p], start[p + 1]):
             d, q = direction[k], source[k]
             if d < 0:
                 continue
+            light = walls[q - known] if q >= known else photographed[max(q, 0)]
             for half in range(2):
                 for row in range((half * pixels + p) * variants, (half * pixels + p + 1) * variants):
                     t = table[row, d] * cell
                     table[row, d] = 0
                     if t != 0 and q >= 0:
                         for v in range(out.shape[1]):
-                            out[row, v] += t * photographed[q, v]
+                            out[row, v] += t * light[v]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,9 +216,12 @@ class Responses:
         full_diffuse: bool,
         bounce: bool,
         device: str,
+        walls: Float[np.ndarray, "w v"] | None = None,
     ):
+        """`photographed` and `walls` (what `bounced.lit` says of the sight's; None: it has none) throw light."""
         self.incident = incident
         self.photographed = photographed
+        self.walls = np.zeros((0, photographed.shape[1]), np.float32) if walls is None else walls
         self.bounce = bounce
         self.full_diffuse = full_diffuse
         self.device = device
@@ -225,7 +230,14 @@ class Responses:
         self.cell = np.float32(4 * np.pi / len(incident.directions))
 
     def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
-        """What reaches a block of pixels."""
+        """What reaches a block of pixels.
+
+        Raises:
+            ValueError: the sight knows other walls than were lit.
+        """
+        hides = sight.occlusion and sight.occlusion.walls
+        if self.bounce and len(self.walls) != (len(hides.points) if hides else 0):
+            raise ValueError(f"{len(self.walls)} walls are lit, but not those that the sight knows")
         points = sight.points[pixels]
         hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
         lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
@@ -273,7 +285,7 @@ class Responses:
         out = np.zeros((2 * size, energy.shape[1]), np.float32)
         if hidden is not None:
             start, column, source = hidden
-            _bounce(table, start, column, source, self.photographed, self.cell, variants, out)
+            _bounce(table, start, column, source, self.photographed, self.walls, self.cell, variants, out)
         out += table @ energy
         return out
 
@@ -299,7 +311,11 @@ class Responses:
             start, column, source = hidden
             owner = np.repeat(np.arange(len(start) - 1), np.diff(start))[column >= 0]
             source, column = source[column >= 0], column[column >= 0]
-            light = there(self.photographed[np.maximum(source, 0)] * (source >= 0)[:, None])
+            known = len(self.photographed)
+            thrown = np.zeros((len(source), energy.shape[1]), np.float32)
+            pixel, wall = (source >= 0) & (source < known), source >= known
+            thrown[pixel], thrown[wall] = self.photographed[source[pixel]], self.walls[source[wall] - known]
+            light = there(thrown)
             at = torch.as_tensor(column.astype(np.int64), device=self.device)
             for variant in range(variants):
                 for half in (0, size):

@@ -25,7 +25,7 @@ def improve(
 
     `sight` is what the depth says hides the room; the photographs may know better.
     """
-    responses, parts = who.responses(light, params, device), blocks(who.mask)
+    responses, parts = who.responses(light, params, device, sight), blocks(who.mask)
     for turn, passes in enumerate((params.passes, 3) if params.ask else (params.passes,)):
         span = progress.part(0, 0.3) if turn == 0 else progress.part(0.8, 1)
         if turn:

@@ -3,10 +3,11 @@
 The depth map is a mesh; rays from every pixel's point towards every direction cell above its horizon are cast
 once per depth update (Embree, through Open3D) and serve all views. What is kept is the list of hidden
 (pixel, direction) pairs with the pixel that hides it, whose photographed radiance is the light that
-comes from there instead. Camera frame.
+comes from there instead; or with the patch of a wall that no pixel shows, whose radiance `bounced` works out. Camera
+frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import no_type_check
 
 import numba
@@ -15,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.surface.observations import numbered
+from engine.surface.walls import Patches, faces_of, patches
 
 TEAR = 0.3
 """Relative step in z between neighbours beyond which the surface is taken to be torn. Most objects are solid:
@@ -31,17 +33,49 @@ SECTORS = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Walls:
+    """Patches of walls that no pixel shows, and what they see of the object."""
+
+    points: Float[np.ndarray, "w 3"]
+    normals: Float[np.ndarray, "w 3"]
+    albedo: Float[np.ndarray, "w 3"]
+    parts: list[Int[np.ndarray, " _"]]  # patches that share their light
+    hidden: "Occlusion"  # from the patches; its sources are numbered as those of the pixels are
+
+    def at(self, scale: float) -> "Walls":
+        """The same with the object so many times as far away."""
+        return replace(self, points=self.points * scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
     """Hidden directions of each pixel, as rows of a sparse matrix (pixels in mask order)."""
 
     start: Int[np.ndarray, " s"]  # pixel p owns entries start[p]:start[p + 1]
     direction: Int[np.ndarray, " e"]  # direction cell
-    source: Int[np.ndarray, " e"]  # the pixel that hides it; -1 where the camera cannot see what does
+    source: Int[
+        np.ndarray, " e"
+    ]  # the pixel that hides it, or after all pixels the wall's patch; -1: unknown
     share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
+    walls: Walls | None = None
 
     def part(self, pixels: Int[np.ndarray, " p"]) -> "Occlusion":
         """The same of a few pixels, in their order; their sources keep their numbers."""
-        return Occlusion(*self.of(pixels), self.share[pixels])
+        return Occlusion(*self.of(pixels), self.share[pixels], self.walls)
+
+    def at(self, scale: float) -> "Occlusion":
+        """The same with the object so many times as far away."""
+        return self if self.walls is None else replace(self, walls=self.walls.at(scale))
+
+    def told(self, count: int, by: Int[np.ndarray, " p"], new: int) -> "Occlusion":
+        """The same when pixel `q` of the `count` that hide is number `by[q]` of `new`."""
+        behind = np.append(by, -1)  # last comes who stands for a source that the camera does not see
+        pixel = np.where(self.source < count, self.source, -1)
+        source = np.where(self.source < count, behind[pixel], self.source - count + new).astype(np.int32)
+        walls = self.walls
+        if walls is not None:
+            walls = replace(walls, hidden=walls.hidden.told(count, by, new))
+        return replace(self, source=source, walls=walls)
 
     def of(
         self, pixels: Int[np.ndarray, " p"]
@@ -77,47 +111,86 @@ def occlusion(
     directions: Float[np.ndarray, "d 3"],
     progress: Progress,
     tear: float = TEAR,
+    albedo: Float[np.ndarray, "p 3"] | None = None,
 ) -> Occlusion:
     """Cast every pixel's rays at the depth mesh.
 
     Origins are lifted along the normal by half a pixel's footprint: less and the facets of the mesh shade
-    themselves, more and real contact shadows leak.
+    themselves, more and real contact shadows leak. With the pixels' `albedo` given, the walls that no pixel shows are
+    sources of their own; without, the nearest pixel of their rim stands for each.
     """
-    import open3d as o3d
-
     vertices, triangles = depth_mesh(points, mask, tear)
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
-        o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
-    )
-    flat_normals = normals[mask]
+    flat_normals = normals[mask].astype(float)
     footprint = footprint_of(points, mask)
-    origins = vertices + flat_normals * footprint[:, None] * 0.5
+    none = np.zeros((0, 3))
+    cut = Patches(np.full((len(triangles), 1), -1, np.int32), none, none, none, [])
+    if albedo is not None:
+        cut = patches(vertices, triangles, flat_normals, albedo, mask)
+    mesh = _Mesh(vertices, triangles, cut.of)
     # Facing the camera a little more than the surface does keeps origins off back-tilted facets.
-    origins -= vertices / np.linalg.norm(vertices, axis=1, keepdims=True) * footprint[:, None] * 0.5
-    chunk = max(1, 2_000_000 // len(directions))
-    starts, hidden_directions, sources = [np.zeros(1, np.int64)], [], []
-    share = np.zeros(len(vertices), np.float32)
-    directions32, origins32 = directions.astype(np.float32), origins.astype(np.float32)
-    rays = np.empty((chunk * len(directions), 6), np.float32)
-    pairs = np.empty((chunk * len(directions), 2), np.int32)
-    for begin in range(0, len(vertices), chunk):
-        progress.step(begin / len(vertices), "casting visibility rays")
-        part = slice(begin, min(begin + chunk, len(vertices)))
-        cosine = flat_normals[part].astype(np.float32) @ directions32.T
-        count = _aim(cosine, origins32[part], directions32, np.float32(-BELOW), rays, pairs)
-        answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays[:count]))
-        lengths, cells, hiders = _struck(
-            answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy(),
-            pairs[:count], triangles, cosine, share[part],
-        )  # fmt: skip
-        starts.append(starts[-1][-1:] + np.cumsum(lengths))
-        hidden_directions.append(cells)
-        sources.append(hiders)
-    return Occlusion(
-        np.concatenate(starts), np.concatenate(hidden_directions), np.concatenate(sources), share
-    )
+    towards = -vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    origins = vertices + (flat_normals + towards) * footprint[:, None] * 0.5
+    found = mesh.hidden(origins, flat_normals, directions, -BELOW, progress)
+    if not len(cut.points):
+        return found
+    # A wall askew has teeth as high as half a pixel, which its smooth normals do not know.
+    clear = cut.points + cut.normals * (footprint.mean() * cut.points[:, 2:] / vertices[:, 2].mean())
+    hidden = mesh.hidden(clear, cut.normals, directions, 0.0, progress)
+    return replace(found, walls=Walls(cut.points, cut.normals, cut.albedo, cut.parts, hidden))
+
+
+class _Mesh:
+    """A depth map's triangles, ready to be hit."""
+
+    def __init__(
+        self,
+        vertices: Float[np.ndarray, "p 3"],
+        triangles: Int[np.ndarray, "t 3"],
+        walls: Int[np.ndarray, "t b"],
+    ):
+        import open3d as o3d
+
+        self.scene = o3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(
+            o3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
+            o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
+        )
+        self.depths, self.triangles, self.walls = vertices[:, 2], triangles, walls
+        self.faces = faces_of(vertices, triangles)[0].astype(np.float32)
+
+    def hidden(
+        self,
+        origins: Float[np.ndarray, "q 3"],
+        normals: Float[np.ndarray, "q 3"],
+        directions: Float[np.ndarray, "d 3"],
+        least: float,
+        progress: Progress,
+    ) -> Occlusion:
+        """What stands in the way of rays from the origins whose cosine to the normal is above `least`."""
+        import open3d as o3d
+
+        chunk = max(1, 2_000_000 // len(directions))
+        starts, hidden_directions, sources = [np.zeros(1, np.int64)], [], []
+        share = np.zeros(len(origins), np.float32)
+        directions32, origins32 = directions.astype(np.float32), origins.astype(np.float32)
+        size = min(chunk, len(origins)) * len(directions)
+        rays, pairs = np.empty((size, 6), np.float32), np.empty((size, 2), np.int32)
+        for begin in range(0, len(origins), chunk):
+            progress.step(begin / len(origins), "casting visibility rays")
+            part = slice(begin, min(begin + chunk, len(origins)))
+            cosine = normals[part].astype(np.float32) @ directions32.T
+            count = _aim(cosine, origins32[part], directions32, np.float32(least), rays, pairs)
+            answer = self.scene.cast_rays(o3d.core.Tensor.from_numpy(rays[:count]))
+            lengths, cells, hiders = _struck(
+                answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy(),
+                pairs[:count], self.triangles, cosine, directions32, self.depths, self.faces, self.walls, share[part],
+            )  # fmt: skip
+            starts.append(starts[-1][-1:] + np.cumsum(lengths))
+            hidden_directions.append(cells)
+            sources.append(hiders)
+        return Occlusion(
+            np.concatenate(starts), np.concatenate(hidden_directions), np.concatenate(sources), share
+        )
 
 
 def footprint_of(
@@ -148,21 +221,32 @@ def _aim(cosine, origins, directions, least, rays, pairs):
 
 @numba.njit(cache=True)
 @no_type_check
-def _struck(far, triangle, uv, pairs, corners, cosine, share):
-    """Of the rays that hit: how many each pixel has, their directions, the nearest corner of what they hit; and the
-    share of each pixel's cosines that they are.
+def _struck(far, triangle, uv, pairs, corners, cosine, directions, depths, faces, walls, share):
+    """Of the rays that hit: how many each point has, their directions, the nearest corner of what they hit or the patch
+    of a wall; and the share of each point's cosines that they are.
     """
     lengths = np.zeros(len(share), np.int64)
     cells, hiders = np.empty(len(far), np.int32), np.empty(len(far), np.int32)
-    count = 0
+    count, bands = 0, walls.shape[1]
     for i in range(len(far)):
         if not np.isfinite(far[i]):
             continue
-        p, d = pairs[i, 0], pairs[i, 1]
+        p, d, t = pairs[i, 0], pairs[i, 1], triangle[i]
         u, v = uv[i, 0], uv[i, 1]
         rest = 1 - (u + v)
         corner = 0 if rest >= u and rest >= v else (1 if u >= v else 2)
-        cells[count], hiders[count] = d, corners[triangle[i], corner]
+        cells[count], hiders[count] = d, corners[t, corner]
+        if walls[t, 0] >= 0:
+            ahead = np.float32(0)
+            for k in range(3):
+                ahead += directions[d, k] * faces[t, k]
+            # From behind, from within the solid, a wall is not seen.
+            if ahead < 0:
+                a, b, c = depths[corners[t, 0]], depths[corners[t, 1]], depths[corners[t, 2]]
+                low, high = min(a, min(b, c)), max(a, max(b, c))
+                deep = (rest * a + u * b + v * c - low) / max(high - low, 1e-30)
+                band = min(max(int(deep * bands), 0), bands - 1)
+                hiders[count] = len(depths) + walls[t, band]
         lengths[p] += 1
         share[p] += max(cosine[p, d], np.float32(0))
         count += 1

@@ -67,9 +67,9 @@ def test_the_signed_scale_is_pale_at_zero_and_dark_at_both_ends() -> None:
 
 
 def test_flags_have_a_colour_each_and_another_together() -> None:
-    picture = falsecolour.flags(np.array([[0, 1, 2, 4, 8, 3, 12]], np.uint8), np.ones((1, 7), bool))
-    assert len({rgba(picture, 0, i) for i in range(6)}) == 6
-    assert rgba(picture, 0, 5) == rgba(picture, 0, 6)
+    picture = falsecolour.flags(np.array([[0, 1, 2, 4, 8, 16, 3, 24]], np.uint8), np.ones((1, 8), bool))
+    assert len({rgba(picture, 0, i) for i in range(7)}) == 7
+    assert rgba(picture, 0, 6) == rgba(picture, 0, 7)
     assert falsecolour.told_flags(9) == "grazing, ill-conditioned"
     assert falsecolour.told_flags(0) == "none"
 

@@ -44,7 +44,10 @@ def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         "formal": formal(state.system, state.spread),
         "jackknife": jackknifed(state, *under, Progress()),
     }
-    return {name: (error, confidence(state, v, who.seen, under[1]).normal) for name, v in variances.items()}
+    return {
+        name: (error, confidence(state, v, who.seen, under[1], np.zeros(len(v))).normal)
+        for name, v in variances.items()
+    }
 
 
 def share_held(error: np.ndarray, stderr: np.ndarray) -> float:

@@ -1,0 +1,153 @@
+"""Walls that no pixel shows: what stands between the two sides of a jump of the depth.
+
+The mesh of a depth map closes a jump with triangles that are seen edge-on and whose corners, which lie on the surfaces
+above and below, look elsewhere. What is there hides the room and throws light, but no photograph shows how much. So it is
+cut into patches, a few pixels long and some bands high, which are then lit like everything else. The object is solid
+behind what the camera sees, so that a wall belongs to the nearer of the two surfaces and looks away from it. Camera frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+STEEP = 0.35
+"""Cosine between a wall and the ray that meets it, at most: flatter than this, several pixels would show it."""
+APART = np.cos(np.radians(40.0))
+"""Cosine between a wall and the normals at its corners, at most: none of them is of the wall itself."""
+CELL = 3
+"""Pixels along the rim that share a patch."""
+BANDS = 3
+"""Patches on top of one another, from the rim to the foot: the foot sees less of the room."""
+SECTORS = 8
+"""Around the viewing ray, by which way they look: walls back to back share no patch."""
+SMOOTH = 2.5
+"""Pixels over which the teeth are smoothed that a wall askew has on the grid of pixels."""
+SPLIT = 4
+"""Parts of a triangle's edge whose little triangles stand for its area."""
+TILE = 16
+"""Pixels along a side of the squares whose patches are lit together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """The walls of a mesh, cut up."""
+
+    of: Int[np.ndarray, "t b"]  # each triangle's patches from rim to foot; -1: it is no wall
+    points: Float[np.ndarray, "w 3"]  # on the mesh
+    normals: Float[
+        np.ndarray, "w 3"
+    ]  # across the viewing ray: a wall that leaned to the camera would be seen
+    albedo: Float[np.ndarray, "w 3"]  # of the rim, geometric mean
+    parts: list[Int[np.ndarray, " _"]]  # patches of one place
+
+
+def faces_of(
+    vertices: Float[np.ndarray, "p 3"], triangles: Int[np.ndarray, "t 3"]
+) -> tuple[Float[np.ndarray, "t 3"], Float[np.ndarray, " t"]]:
+    """Unit normals of the triangles, towards the camera, and areas."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    across *= np.where((across * a).sum(1) > 0, -1.0, 1.0)[:, None]
+    length = np.linalg.norm(across, axis=1)
+    return across / np.maximum(length, 1e-30)[:, None], length / 2
+
+
+def standing(
+    vertices: Float[np.ndarray, "p 3"],
+    triangles: Int[np.ndarray, "t 3"],
+    faces: Float[np.ndarray, "t 3"],
+    normals: Float[np.ndarray, "p 3"],
+) -> Bool[np.ndarray, " t"]:
+    """Which triangles are walls that no pixel shows; `normals` are those of the pixels."""
+    middle = vertices[triangles].mean(1)
+    ahead = -(faces * middle).sum(1) / np.linalg.norm(middle, axis=1)
+    alike = np.einsum("ti,tki->tk", faces, normals[triangles]).max(1)
+    return (ahead < STEEP) & (alike < APART)
+
+
+def patches(
+    vertices: Float[np.ndarray, "p 3"],
+    triangles: Int[np.ndarray, "t 3"],
+    normals: Float[np.ndarray, "p 3"],
+    albedo: Float[np.ndarray, "p 3"],
+    mask: Bool[np.ndarray, "h w"],
+) -> Patches:
+    """The walls of a depth map's mesh; its vertices are the mask's pixels in row order."""
+    faces, areas = faces_of(vertices, triangles)
+    walls = np.nonzero(standing(vertices, triangles, faces, normals))[0]
+    of = np.full((len(triangles), BANDS), -1, np.int32)
+    if not len(walls):
+        return Patches(of, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), [])
+    corners = triangles[walls]
+    pixel = np.stack(np.nonzero(mask), 1)[corners].mean(1)
+    away = _smoothed(pixel, faces[walls], areas[walls])
+    ray = vertices[corners].mean(1)
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    away -= ray * (away * ray).sum(1, keepdims=True)
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-30)
+    sector = ((np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    tile, cell = ((pixel // side) @ [mask.shape[1] + 1, 1] for side in (TILE, CELL))
+    band = np.arange(BANDS)
+    key = np.stack(
+        np.broadcast_arrays(tile[:, None], cell[:, None], sector[:, None], band[None]), -1
+    ).reshape(-1, 4)
+    found, member = np.unique(key, axis=0, return_inverse=True)
+    of[walls] = member.reshape(-1, BANDS)
+    count = len(found)
+    # Every patch stands where one of its triangles has a point: a mean of points may lie within the solid.
+    at = _shares()
+    points = np.einsum("sk,tki->tsi", at, vertices[corners])
+    within = _band(points[..., 2], vertices[corners][..., 2])
+    owner = np.take_along_axis(of[walls], within, 1).ravel()
+    weight, flat = np.repeat(areas[walls], len(at)), points.reshape(-1, 3)
+    middle = _means(owner, flat, weight, count)
+    off = np.linalg.norm(flat - middle[owner], axis=1)
+    order = np.lexsort((off, owner))
+    first = order[np.searchsorted(owner[order], np.arange(count))]
+    rim = corners[np.arange(len(walls)), vertices[corners][..., 2].argmin(1)]
+    every, size = of[walls].ravel(), np.repeat(areas[walls], BANDS)
+    look = _means(every, np.repeat(away, BANDS, 0), size, count)
+    look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-30)
+    paint = np.exp(_means(every, np.repeat(np.log(albedo[rim]), BANDS, 0), size, count))
+    parts = np.split(np.arange(count), np.nonzero(np.diff(found[:, 0]))[0] + 1)
+    return Patches(of, flat[first], look, paint, parts)
+
+
+def _smoothed(
+    pixel: Float[np.ndarray, "k 2"], faces: Float[np.ndarray, "k 3"], areas: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "k 3"]:
+    """Mean normal of the walls around each that look about the same way, not of unit length."""
+    pairs = KDTree(pixel).query_pairs(SMOOTH, output_type="ndarray")
+    one, other = pairs[(faces[pairs[:, 0]] * faces[pairs[:, 1]]).sum(1) > 0].T
+    whole = faces * areas[:, None]
+    total = whole.copy()
+    np.add.at(total, one, whole[other])
+    np.add.at(total, other, whole[one])
+    return total
+
+
+def _shares() -> Float[np.ndarray, "s 3"]:
+    """What the corners of a triangle contribute to the middles of `SPLIT`^2 equal parts of it."""
+    up = [(i + 1 / 3, j + 1 / 3) for i in range(SPLIT) for j in range(SPLIT - i)]
+    down = [(i + 2 / 3, j + 2 / 3) for i in range(SPLIT - 1) for j in range(SPLIT - 1 - i)]
+    two = np.array(up + down) / SPLIT
+    return np.column_stack([1 - two.sum(1), two])
+
+
+def _band(z: Float[np.ndarray, "t s"], corners: Float[np.ndarray, "t 3"]) -> Int[np.ndarray, "t s"]:
+    """Which band of its triangle a point belongs to; the nearest is 0."""
+    low, high = corners.min(1)[:, None], corners.max(1)[:, None]
+    return np.clip((z - low) / np.maximum(high - low, 1e-30) * BANDS, 0, BANDS - 1).astype(int)
+
+
+def _means(
+    of: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"], count: int
+) -> Float[np.ndarray, "w 3"]:
+    """Weighted means of what belongs to each of `count`."""
+    total = np.bincount(of, weight, count)
+    return (
+        np.stack([np.bincount(of, weight * x, count) for x in values.T], 1)
+        / np.maximum(total, 1e-30)[:, None]
+    )
