@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from app import cores
@@ -22,10 +23,12 @@ from app.bench.sizes import SIZES
 from app.bench.stored import Stored, fewer_views
 from engine import metrics
 from engine.errors import RoomlightError
+from engine.geometry import rays
 from engine.light.train import LightParams, fit
 from engine.progress import Progress
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
+from engine.types import Camera
 from hardware.errors import StudioError
 from tests.bench import irradiance
 from tests.bench.inputs import Clock, machine, told
@@ -36,6 +39,9 @@ FEW = 12
 TURNED_DEG = 0.5
 PASSES_EVERY = 8  # a person is in every so many-th view
 STRANGE = 0.3  # share of a picture's width and height that something which does not belong there takes
+SCREEN = np.array([[1.597, 0.5, 0.98], [0.0, -0.29, 0.0], [0.0, 0.0, -0.17]])
+"""Where the study's screen stands: its middle, and half its width and height (metres, the truth's world)."""
+FLICKER = 2.0  # at most so many times brighter or darker than it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +100,37 @@ def passer_by(given: Stored, rng: np.random.Generator) -> Stored:
     return _strange(given, range(0, len(given.frames.names), PASSES_EVERY), 0.4, rng)
 
 
+def flickering(given: Stored, rng: np.random.Generator) -> Stored:
+    """The study's screen is brighter or darker in every view, evenly in the logarithm.
+
+    In the background only: the object is photographed as the steady screen lights it.
+    """
+    radiance, gains = given.frames.radiance.copy(), FLICKER ** rng.uniform(-1, 1, len(given.frames.names))
+    for view, gain in enumerate(gains):
+        on = screen_of(given.poses.camera, given.poses.cam_from_world[view]) & given.masks.background[view]
+        radiance[view][on] *= np.float32(gain)
+    return replace(given, frames=replace(given.frames, radiance=radiance))
+
+
+def screen_of(camera: Camera, cam_from_world: Float[np.ndarray, "3 4"]) -> Bool[np.ndarray, "h w"]:
+    """The pixels that look at the study's screen, as if nothing stood before it."""
+    middle, right, down = SCREEN
+    eye, towards = -cam_from_world[:, :3].T @ cam_from_world[:, 3], rays(camera) @ cam_from_world[:, :3]
+    normal = np.cross(right, down)
+    with np.errstate(divide="ignore"):
+        reach = (middle - eye) @ normal / (towards @ normal)
+    at = eye + reach[..., None] * towards - middle
+    inside = (np.abs(at @ right) < right @ right) & (np.abs(at @ down) < down @ down)
+    return inside & (reach > 0)
+
+
 CASES = (
     Case("as it should be", "study", "gimbal", untouched),
     Case(f"{FEW} views", "study", "gimbal", few),
     Case(f"poses off by {TURNED_DEG} deg", "study", "gimbal", turned),
     Case("a chair moved in one view", "study", "gimbal", moved_chair),
     Case(f"somebody in every {PASSES_EVERY}th view", "study", "gimbal", passer_by),
+    Case("a flickering screen", "study", "gimbal", flickering),
     Case("turned about one axis only", "study", "turntable", untouched),
     Case("walls without texture", "plain", "gimbal", untouched),
     Case("a floor like a mirror", "polished", "gimbal", untouched),

@@ -1,5 +1,7 @@
 """The hard cases spoil what they say, and nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,3 +38,26 @@ def test_strangers_stand_before_the_background_of_their_views_alone():
     assert changed.any((1, 2)).nonzero()[0].tolist() == [0, 8]
     assert not changed[mask].any()
     assert hard_cases.moved_chair(given, RNG).frames.radiance[VIEWS // 2].min() < VIEWS // 2
+
+
+def test_the_screen_flickers_where_it_is_seen_and_nowhere_else():
+    given = stored()
+    camera = given.poses.camera
+    facing = np.array([[0.0, -1, 0, 0.5], [0, 0, -1, 0.98], [1, 0, 0, 0.0]])  # looks along x, right is -y
+    on = hard_cases.screen_of(camera, facing)
+    v, u = np.nonzero(on)
+    # The middle lies on the axis; 0.29 and 0.17 m of 1.597 m away.
+    assert u.mean() + 0.5 == pytest.approx(camera.cx, abs=1)
+    assert v.mean() + 0.5 == pytest.approx(camera.cy, abs=1)
+    assert np.ptp(u) == pytest.approx(2 * 0.29 / 1.597 * camera.fx, abs=2)
+    assert np.ptp(v) == pytest.approx(2 * 0.17 / 1.597 * camera.fy, abs=2)
+    behind = facing * np.array([[-1.0], [1], [-1]])
+    assert not hard_cases.screen_of(camera, behind).any()
+    poses = replace(given.poses, cam_from_world=np.tile(facing, (VIEWS, 1, 1)))
+    before = given.frames.radiance + 1
+    seen = replace(given, poses=poses, frames=replace(given.frames, radiance=before))
+    after = hard_cases.flickering(seen, RNG).frames.radiance
+    ratio = after[:, on] / before[:, on]
+    assert np.ptp(ratio, axis=(1, 2)).max() < 1e-5 < np.ptp(ratio)
+    assert 1 / hard_cases.FLICKER < ratio.min() and ratio.max() < hard_cases.FLICKER
+    assert (after[:, ~on] == before[:, ~on]).all()
