@@ -206,6 +206,8 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_bounce", "w/o light bounced by the object", bounce=False),
         without("no_ask", "w/o asking neighbours, nor horizons from photographs", ask=False),
         without("no_accord", "w/o neighbours that agree", accord=False),
+        without("no_drift", "w/o exposure drift", exposure_drift=False),
+        without("no_shift", "w/o moving lamps", lamp_shift=False),
         without("no_relight", "w/o refining the light", relight=False),
         # The turns that find the distance keep their own few probes.
         ours(

@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 22, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 23, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"),
     )  # fmt: skip
 

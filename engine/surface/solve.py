@@ -16,6 +16,7 @@ from engine.progress import Progress
 from engine.surface.accord import accord
 from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.distance import Distance
+from engine.surface.drift import DRIFT, drift_of
 from engine.surface.groups import CLIPPED
 from engine.surface.newton import State, respread
 from engine.surface.observations import thinned
@@ -37,6 +38,8 @@ from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Po
 
 SPARE = 8
 """At most one of so many views is kept out of the fit."""
+ASTRAY = float(np.radians(0.5))
+"""How far a lamp's direction may be off before it has to be argued: three pixels of a small photograph."""
 STILL = np.radians(1.0)
 """Mean turn of the normals in a round from which on another follows. What hides and lights whom is told by the shape, so that
 recesses deepen from round to round, while what is convex stands still at once."""
@@ -59,6 +62,8 @@ class SurfaceReport:
     light_gains: tuple[tuple[float, ...], ...]  # per group and channel; without refinement the belief
     unseen_light: float  # share of the light on the object that no photograph shows, under those gains
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
+    exposure_drift: tuple[float, ...]  # of every frame's log exposure; 0 of those that were not fitted
+    lamp_shifts_deg: tuple[float, ...]  # how far every lamp has moved, as seen from amid the cameras
     rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
@@ -97,13 +102,15 @@ def solve(
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.held_out)
     room = furnished(
-        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
-    )
+        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
+        DRIFT * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
+    )  # fmt: skip
     first = rough(frames, mask, room, fitted, params, device, seed, progress.part(0, 0.5))
     state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
-    emitters = room.under(first.setting.gain[:-1])
+    aside = first.setting.aside
+    emitters = room.under(first.setting.gain[:-1], first.parts.shift(aside))
     views = np.concatenate([fitted, np.array(kept_out, int)])
     if not params.directions:
         there = poses.cam_from_world[views]
@@ -112,10 +119,23 @@ def solve(
         )
     light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.52, 0.67))
     here = light.views(np.arange(len(fitted)))
+    if not first.alike(params.directions):
+        sight = sight_of(who, state, depth, light.directions, params, progress.part(0.66, 0.67))
+    drift = np.zeros(len(frames.names))
+    drift[first.views] = first.setting.drift
+    who = who.exposed(drift[fitted])
+    if room.drift:
+        seeing = as_photographed(who, state, sight, light.directions)
+        left = drift_of(state, who.responses(here, params, device), seeing, who)
+        settled = np.isin(fitted, first.views)
+        # Settled views stay, and with them the scale.
+        left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
+        drift[fitted] += left
+        who = who.exposed(left)
     turn, moving = 0, True
     while moving:
         span = progress.part(0.67 + 0.32 * turn / params.rounds, 0.67 + 0.32 * (turn + 1) / params.rounds)
-        if turn or not first.alike(params.directions):
+        if turn:
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         before = state.normals
         state = improve(who, state, here, sight, params, device, span.part(0.2, 0.85))
@@ -147,6 +167,8 @@ def solve(
         tuple(tuple(map(float, gain)) for gain in first.setting.gain),
         first.parts.unseen_share(first.setting.gain),
         tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
+        tuple(map(float, drift)),
+        tuple(map(float, np.degrees(np.linalg.norm(aside, axis=1)))),
         first.residuals,
         float(np.degrees(np.median(certainty.normal))),
         {
@@ -178,7 +200,8 @@ def whole_light(
     there = poses.cam_from_world[rest]
     light = light_at(lattice, emitters, there, params.directions, params.probe_face_px, progress)
     if len(known):
-        light, rest = first.parts.under(first.setting.gain).beside(light), np.concatenate([known, rest])
+        gathered = first.parts.under(first.setting.gain, first.setting.aside)
+        light, rest = gathered.beside(light), np.concatenate([known, rest])
     order = np.argsort(rest)
     return light.views(order[np.searchsorted(rest[order], views)])
 
