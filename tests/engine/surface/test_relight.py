@@ -13,6 +13,7 @@ from engine.geometry import rays, tangents
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.distance import find_distance
+from engine.surface.drift import DRIFT
 from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
 from engine.surface.observations import observe
@@ -216,7 +217,7 @@ def jitter(spread: float) -> np.ndarray:
 
 
 def test_exposures_that_drift_by_3_percent_are_known_to_half_a_percent():
-    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=0.01)
+    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=DRIFT)
     sample, state, albedo = sample_of(parts, np.ones((4, 3)))
     drift = jitter(0.03)
     sample = drifted(sample, drift)
@@ -252,7 +253,7 @@ def test_a_lamp_two_degrees_off_is_put_right_to_half_a_degree(clipped: bool):
 
 
 def test_where_nothing_is_off_nothing_moves():
-    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=0.01, astray=np.radians(0.5))
+    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=DRIFT, astray=np.radians(0.5))
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
     noise = 0.01 * np.random.default_rng(12).normal(size=sample.seen.radiance.shape)
     radiance = (sample.seen.radiance * np.exp(noise)).astype(np.float32)
