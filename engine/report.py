@@ -143,6 +143,7 @@ def _lamps(plan: pathplan.Plan) -> str:
     return f"the {len(plan.lamps)} strongest Gaussians, {share}{beyond}"
 
 
+DRIFTED = 0.02
 UNSEEN = 0.05
 """Share of the light from where no photograph looked, from which on the normals' errors are more than they say: 0.56 of it
 left 5 degrees where 2.3 were stated."""
@@ -195,6 +196,12 @@ def cautions(c: Contents) -> tuple[str, ...]:
             f"{100 * unseen:.0f} % of the light that the surface was solved under comes from where no photograph looked:"
             " as bright as the object's shading made it. Normals are less certain than they say. Turn camera and object"
             " about a second axis as well, or add views that look up and down."
+        )
+    drift = _facts(c, "surface").get("exposure_drift")
+    if isinstance(drift, list | tuple) and drift and max(map(abs, drift)) > np.log1p(DRIFTED):
+        lines.append(
+            f"Exposures drift: one photograph is {100 * np.expm1(max(map(abs, drift))):.1f} % off the others. It is evened"
+            " out on the object, not in the light. Fix shutter, aperture and ISO, and let lamps and camera warm up."
         )
     unknown = [
         what

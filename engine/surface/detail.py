@@ -64,6 +64,7 @@ class Solved:
     sight: Sight  # under the horizons that the photographs settled
     here: Incident  # the light of the fitted views
     there: Incident  # and of those kept out
+    drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,7 +157,7 @@ def in_detail(
         wide = tuple(slice(max(side.start - HALO, 0), side.stop + HALO) for side in core)
         part = picture.part(*wide)
         pixels = index[wide][part.mask]
-        who = subject(part.frames, part.mask, part.camera, fitted, params)
+        who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.drift)
         state = found.state.part(take[pixels])
         state = begin(state.normals, state.albedo, state.roughness, state.level, state.lift)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None

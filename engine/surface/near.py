@@ -54,6 +54,10 @@ class Near:
         """The same for some of its views."""
         return Near(self.centres[index], self.radii, self.radiance[index], self.cells)
 
+    def moved(self, steps: Float[np.ndarray, "n l 3"]) -> "Near":
+        """Every lamp elsewhere; what hides it stays."""
+        return replace(self, centres=self.centres + steps)
+
     def beside(self, other: "Near") -> "Near":
         """Their views, and another's after them, of the same lamps."""
         centres = np.concatenate([self.centres, other.centres])

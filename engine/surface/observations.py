@@ -4,7 +4,7 @@ Values are compared as logarithms, log(x + eps), so that a shadow counts as much
 small share of the pixel's own median, below which ratios mean nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -66,6 +66,15 @@ class Observations:
             self.edge[pixels],
             self.cauchy,
         )
+
+    def exposed(self, drift: Float[np.ndarray, " n"]) -> "Observations":
+        """As photographed had no view's log exposure drifted; weights, in logarithms, stay."""
+        return replace(self, radiance=evened(self.radiance, drift))
+
+
+def evened(radiance: Float[np.ndarray, "q v"], drift: Float[np.ndarray, " n"]) -> Float[np.ndarray, "q v"]:
+    """Radiance without the drift of the views' log exposure (float32)."""
+    return radiance * np.repeat(np.exp(-drift), 3).astype(np.float32)
 
 
 def observe(

@@ -66,6 +66,10 @@ class SurfaceParams:
     robust: bool = True  # views that fit badly count less; False: plain least squares
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
+    exposure_drift: bool = (
+        True  # let every view's exposure be off by a factor, told by the object's own shading
+    )
+    lamp_shift: bool = True  # let lamps stand in other directions than they were found in, told by the same
     relight_groups: int = 12  # groups besides the lamps
     relight_prior: float = 0.02  # how far a group's log brightness may be off before it has to be argued
     model_error: float = 0.02  # relative misfit expected of a good model
@@ -98,6 +102,10 @@ class Subject:
     camera: Camera
     mask: Bool[np.ndarray, "h w"]
     seen: Observations
+
+    def exposed(self, drift: Float[np.ndarray, " n"]) -> "Subject":
+        """The same had no view's log exposure drifted."""
+        return replace(self, seen=self.seen.exposed(drift))
 
     @property
     def rays(self) -> Float[np.ndarray, "p 3"]:

@@ -12,6 +12,11 @@ eliminated first (Schur complement): a pixel has six, the light dozens to a hund
 bounced light, which do not change when the whole object moves along the viewing rays, are those of
 the surface that is already known.
 
+Two things more may have gone wrong between background and object, and are among the unknowns where the room leaves
+them open: the exposure of every view (one log factor each, the mean of all zero: the scale stays the background's), and
+the direction of every lamp (two angles across the way to it; how far away it stands would be argued with the
+object's own distance).
+
 Logs throughout: residual log((I + eps) / (model + eps)). Camera frame.
 """
 
@@ -27,7 +32,7 @@ from engine.radiance import luminance
 from engine.surface import newton
 from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
-from engine.surface.observations import Observations
+from engine.surface.observations import Observations, evened
 from engine.surface.transport import Incident, Responses, Sight
 
 TOTAL = 0.001
@@ -43,6 +48,12 @@ GUESSED = (0.0, 1.5)
 """The same of a part of the room that no view shows: a lamp may hang there, or none."""
 CERTAIN = (0.0, 1e-3)
 """The same of what was filled in between: it keeps its level."""
+EVEN = 1e-4
+"""How well the mean of the views' log exposures is zero."""
+ASIDE = 0.003
+"""Step in a lamp's direction for its derivative, radians."""
+FARTHEST_ASIDE = 0.02
+"""Longest step of it: a sharp highlight's flank ends there."""
 NUDGE = 0.02
 """Step in log distance for its derivative."""
 LONGEST = 0.4
@@ -66,6 +77,10 @@ class Parts:
     near: Near  # the lamps, as recorded: the groups just before the last
     kind: UInt8[np.ndarray, " k"]  # of every group, see `groups.py`; the last is what was filled in
     prior: float  # spread of the log gain of a known one
+    turned: Float[np.ndarray, "n 3 3"]  # world to camera
+    across: Float[np.ndarray, "l 2 3"]  # world: a lamp's step per radian, two ways
+    drift: float = 0.0  # spread of a view's log exposure; 0: none drifts
+    astray: float = 0.0  # spread of a lamp's direction, radians; 0: none is
 
     @property
     def of_lamps(self) -> slice:
@@ -93,11 +108,21 @@ class Parts:
             _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain, out)
         return out
 
-    def under(self, gain: Float[np.ndarray, "k 3"]) -> Incident:
-        """All the light, every group under its gain."""
+    def moved(self, aside: Float[np.ndarray, "l 2"]) -> Near:
+        """The lamps in other directions, as recorded otherwise."""
+        return self.near.moved(np.einsum("nij,lj->nli", self.turned, self.shift(aside)))
+
+    def shift(self, aside: Float[np.ndarray, "l 2"]) -> Float[np.ndarray, "l 3"]:
+        """How far lamps have moved that are so many radians aside, world frame."""
+        return np.einsum("lk,lkj->lj", aside, self.across)
+
+    def under(
+        self, gain: Float[np.ndarray, "k 3"], aside: Float[np.ndarray, "l 2"] | None = None
+    ) -> Incident:
+        """All the light, every group under its gain, the lamps `aside` radians from where they were found."""
         m, d, v = self.incident.energy.shape
         energy = self.incident.energy.reshape(m, d, v // 3, 3) * gain.astype(np.float32)[self.group]
-        near = self.near.under(gain[self.of_lamps])
+        near = (self.near if aside is None else self.moved(aside)).under(gain[self.of_lamps])
         return Incident(self.incident.lattice, self.incident.directions, energy.reshape(m, d, v), near)
 
     def levels(self) -> Float[np.ndarray, "k 3"]:
@@ -144,6 +169,10 @@ class Sample:
         """How they answer a light."""
         return Responses(light, self.photographed, self.full_diffuse, self.bounce, "cpu", self.walls)
 
+    def exposed(self, drift: Float[np.ndarray, " n"]) -> "Sample":
+        """The same had no view's log exposure drifted."""
+        return replace(self, seen=self.seen.exposed(drift), photographed=evened(self.photographed, drift))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setting:
@@ -153,6 +182,8 @@ class Setting:
     gain: Float[np.ndarray, "k 3"]
     distance_stderr: float  # of log distance; 0 if it was given, inf if nothing depends on it
     misfit: float  # what was minimised; compares settings of one sample
+    drift: Float[np.ndarray, " n"]  # of each view's log exposure
+    aside: Float[np.ndarray, "l 2"]  # radians across, of each lamp
 
 
 def untouched(parts: Parts, distance: float, unseen: float = 1.0) -> Setting:
@@ -160,7 +191,8 @@ def untouched(parts: Parts, distance: float, unseen: float = 1.0) -> Setting:
     shows so many times brighter than its surroundings."""
     gain = np.exp(_belief(parts)[0])[:, None].repeat(3, 1)
     gain[parts.unseen] = unseen
-    return Setting(distance, gain, float("inf"), float("inf"))
+    still = np.zeros(parts.incident.energy.shape[2] // 3), np.zeros((len(parts.near.radii), 2))
+    return Setting(distance, gain, float("inf"), float("inf"), *still)
 
 
 def settle(
@@ -178,13 +210,13 @@ def settle(
     best = replace(setting, misfit=float("inf")), state
     for turn in range(rounds + 1):
         span = progress.part(turn / (rounds + 1), (turn + 1) / (rounds + 1))
-        responses, sight = sample.responses(parts.under(setting.gain)), sample.at(setting.distance)
-        state = newton.respread(state, responses, sight, sample.regions, sample.seen)
-        state = newton.iterate(state, responses, sight, sample.regions, sample.seen, passes, span)
+        even, sight = sample.exposed(setting.drift), sample.at(setting.distance)
+        responses = even.responses(parts.under(setting.gain, setting.aside))
+        state = newton.respread(state, responses, sight, sample.regions, even.seen)
+        state = newton.iterate(state, responses, sight, sample.regions, even.seen, passes, span)
         fresh, misfit = _improved(setting, parts, sample, state, free_distance, free_light)
         if misfit < best[0].misfit:
-            errors = replace(fresh, distance=setting.distance, gain=setting.gain)
-            best = replace(errors, misfit=misfit), state
+            best = replace(setting, distance_stderr=fresh.distance_stderr, misfit=misfit), state
         setting = fresh
         span.step(1.0, "refining the light")
     return best
@@ -242,7 +274,11 @@ def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " 
 def _improved(setting, parts, sample, state, free_distance, free_light):
     """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
     count = len(setting.gain)
-    unknowns = 3 * count + 1  # log gains, then log distance
+    sample = sample.exposed(setting.drift)
+    views, far = len(setting.drift), 3 * count
+    # Log gains, log distance, log exposures, both angles of each lamp.
+    exposures, angles = slice(far + 1, far + 1 + views), far + 1 + views
+    unknowns = angles + setting.aside.size
     system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     seen, sight = sample.seen, sample.at(setting.distance)
     responses = sample.responses(parts.incident)
@@ -250,7 +286,8 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     misfits = np.zeros(len(seen.eps))
     lamps = parts.of_lamps
     others = np.r_[0 : lamps.start, lamps.stop : count]
-    near = parts.near.under(setting.gain[lamps])
+    near = parts.moved(setting.aside).under(setting.gain[lamps])
+    lean = [parts.moved(setting.aside + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)]
     for pixels in sample.regions:
         block = responses.block(sight, pixels)
         points, here = block.points, block.points.mean(0)
@@ -301,7 +338,20 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
             lamp = a[:, c, None, None] * shining[0][:, 0] + shining[1][:, 0]
             lamp = lamp * near.radiance[..., c] / base[:, c::3, None]
             light[:, c::3, c + 3 * lamps.start : c + 3 * lamps.stop : 3] = lamp
-        light[..., -1] = share[:, -1]
+        light[..., far] = share[:, -1]
+        if parts.drift:
+            known = seen.radiance[pixels] / (seen.radiance[pixels] + eps)
+            for c in range(3):
+                light[:, c::3, exposures] = known[:, c::3, None] * np.eye(views)
+        if parts.astray:
+            for way, there in enumerate(lean):
+                d, s = there.each(
+                    points, block.views, n[:, None], r[:, None], seen_lamps, sample.full_diffuse
+                )
+                for c in range(3):
+                    change = a[:, c, None, None] * (d[:, 0] - shining[0][:, 0]) + s[:, 0] - shining[1][:, 0]
+                    change = change * near.radiance[..., c] / (ASIDE * base[:, c::3, None])
+                    light[:, c::3, angles + way :: 2] = change
         wo, wl = own * weight[..., None], light * weight[..., None]
         inner = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
         cross = own.transpose(0, 2, 1) @ wl  # p 6 u
@@ -314,12 +364,23 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     mean, spread = _belief(parts)
     logs = np.log(setting.gain)
     off = (logs - mean[:, None]) / spread[:, None]
-    trust = np.append(np.repeat(1 / spread**2, 3), FREE if free_distance else FIXED)
-    if not free_light:
-        trust[:-1] = FIXED
-    system += np.diag(trust)
-    slope[:-1] -= (off / spread[:, None]).ravel()
+    trust = np.full(unknowns, FIXED)
+    if free_light:
+        trust[:far] = np.repeat(1 / spread**2, 3)
+    if free_distance:
+        trust[far] = FREE
+    slope[:far] -= (off / spread[:, None]).ravel()
     misfit += float((off**2).sum())
+    if parts.drift:
+        trust[exposures] = 1 / parts.drift**2
+        system[exposures, exposures] += 1 / (views * EVEN) ** 2
+        slope[exposures] -= setting.drift / parts.drift**2 + setting.drift.sum() / (views * EVEN) ** 2
+        # Not in the misfit: beside residuals in units of SPREAD the prior would stop the step short of the data.
+    if parts.astray:
+        trust[angles:] = 1 / parts.astray**2
+        slope[angles:] -= setting.aside.ravel() / parts.astray**2
+        misfit += float((setting.aside**2).sum()) / parts.astray**2
+    system += np.diag(trust)
     # The sum of all light that is neither clipped nor unseen is the background's; only its parts are open to argument, else
     # albedo drifts.
     known = parts.levels() * ~(parts.clipped | parts.unseen)[:, None]
@@ -329,14 +390,21 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     part = part / part.sum(0)
     for c in range(3):
         row = np.zeros(unknowns)
-        row[c : 3 * count : 3] = part[:, c]
+        row[c:far:3] = part[:, c]
         system += np.outer(row, row) / TOTAL**2
         slope -= row * drift[c] / TOTAL**2
     covariance = np.linalg.inv(system)
-    step = np.clip(covariance @ slope, -LONGEST, LONGEST)
-    logs = logs + step[:-1].reshape(count, 3)
+    step = covariance @ slope
+    step[angles:] = np.clip(step[angles:], -FARTHEST_ASIDE, FARTHEST_ASIDE)
+    step = np.clip(step, -LONGEST, LONGEST)
+    logs = logs + step[:far].reshape(count, 3)
     logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
     distance, stderr = setting.distance, 0.0
     if free_distance:
-        distance, stderr = float(distance * np.exp(step[-1])), float(np.sqrt(covariance[-1, -1]))
-    return Setting(distance, np.exp(logs), stderr, float("inf")), float(misfit)
+        distance, stderr = float(distance * np.exp(step[far])), float(np.sqrt(covariance[far, far]))
+    drifted, aside = setting.drift, setting.aside
+    if parts.drift:
+        drifted = drifted + step[exposures]
+    if parts.astray:
+        aside = aside + step[angles:].reshape(aside.shape)
+    return Setting(distance, np.exp(logs), stderr, float("inf"), drifted, aside), float(misfit)

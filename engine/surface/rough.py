@@ -122,10 +122,10 @@ def rough(
     def light_around(lattice: Lattice, span: Progress) -> Parts:
         return parts_at(lattice, room, views, _directions(params), params.probe_face_px, span)
 
-    def first_surface(light: Incident, sight: Sight, span: Progress) -> newton.State:
+    def first_surface(of: Subject, light: Incident, sight: Sight, span: Progress) -> newton.State:
         if maps is None:
-            return search(who, light, sight, params, device, span)
-        return start_maps.begun(maps, who, light, sight, params, device, span)
+            return search(of, light, sight, params, device, span)
+        return start_maps.begun(maps, of, light, sight, params, device, span)
 
     margin = WIDE if free else TIGHT
     middle, stderr = distance, 0.0
@@ -134,7 +134,7 @@ def rough(
     setting, sight = untouched(parts, distance), who.flat(distance)
     if begun is not None:
         setting = replace(setting, gain=np.where(parts.unseen[:, None], begun.gain, setting.gain))
-    state = first_surface(parts.under(setting.gain), sight, progress.part(0.3, 0.35))
+    state = first_surface(who, parts.under(setting.gain), sight, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
@@ -155,15 +155,16 @@ def rough(
                 span.part(0, 0.02),
             )
             parts = light_around(tight, span.part(0.02, 0.2))
-        light = parts.under(setting.gain)
+        light = parts.under(setting.gain, setting.aside)
         if following is not who:
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
             who = following
+        even = who.exposed(setting.drift)
         if turn == 1 and open_to_doubt:  # much light that the first search did not know of
-            state = first_surface(light, sight, span.part(0.2, 0.3))
-        state = improve(who, state, light, sight, params, device, span.part(0.3, 0.65))
+            state = first_surface(even, light, sight, span.part(0.2, 0.3))
+        state = improve(even, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))
-        state, depth = relief(who, state, light, sight, distance, params, span.part(0.65, 0.73))
+        state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
             seeing = as_photographed(who, state, sight, light.directions)
@@ -217,6 +218,8 @@ def first_look(
     lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, layers))
     face_px, span = params.probe_face_px, progress.part(0, 0.5)
     parts = parts_at(lattice, room, views[every], _directions(params), face_px, span)
+    # Flat and shadowless, pixels misfit by more than any drift.
+    parts = replace(parts, drift=0.0, astray=0.0)
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
     return find_distance(parts, sample, params, progress.part(0.5, 1))
 

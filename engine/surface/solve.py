@@ -19,6 +19,7 @@ from engine.surface.accord import accord
 from engine.surface.confidence import FLAGS
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
+from engine.surface.drift import DRIFT, drift_of
 from engine.surface.groups import CLIPPED
 from engine.surface.newton import State
 from engine.surface.observations import thinned
@@ -42,6 +43,8 @@ from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Po
 
 SPARE = 8
 """At most one of so many views is kept out of the fit."""
+ASTRAY = float(np.radians(0.5))
+"""How far a lamp's direction may be off before it has to be argued: three pixels of a small photograph."""
 STILL = np.radians(1.0)
 """Mean turn of the normals in a round from which on another follows. What hides and lights whom is told by the shape, so that
 recesses deepen from round to round, while what is convex stands still at once."""
@@ -67,6 +70,8 @@ class SurfaceReport:
     light_gains: tuple[tuple[float, ...], ...]  # per group and channel; without refinement the belief
     unseen_light: float  # share of the light on the object that no photograph shows, under those gains
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
+    exposure_drift: tuple[float, ...]  # of every frame's log exposure; 0 of those that were not fitted
+    lamp_shifts_deg: tuple[float, ...]  # how far every lamp has moved, as seen from amid the cameras
     rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
@@ -106,8 +111,9 @@ def solve(
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.held_out)
     room = furnished(
-        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed
-    )
+        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
+        DRIFT * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
+    )  # fmt: skip
     whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask))
     if mask.sum() > params.together:
         whole = whole.part(*window(mask))
@@ -129,7 +135,8 @@ def solve(
     surface = surface_of(mask, maps, z, params.model_error)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
-    lattice = found.here.lattice
+    lattice, drift = found.here.lattice, np.zeros(len(frames.names))
+    drift[fitted] = found.drift
     report = SurfaceReport(
         len(z),
         len(take) if picture is whole else int(picture.mask.sum()),
@@ -145,6 +152,8 @@ def solve(
         tuple(tuple(map(float, gain)) for gain in first.setting.gain),
         first.parts.unseen_share(first.setting.gain),
         tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
+        tuple(map(float, drift)),
+        tuple(map(float, np.degrees(np.linalg.norm(first.setting.aside, axis=1)))),
         first.residuals,
         float(np.degrees(np.median(maps.stderr_normal))),
         {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
@@ -172,7 +181,8 @@ def together(
     state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
-    emitters = room.under(first.setting.gain[:-1])
+    aside = first.setting.aside
+    emitters = room.under(first.setting.gain[:-1], first.parts.shift(aside))
     views = np.concatenate([fitted, np.array(kept_out, int)])
     if not params.directions:
         there = poses.cam_from_world[views]
@@ -181,22 +191,33 @@ def together(
         )
     light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.52, 0.67))
     here = light.views(np.arange(len(fitted)))
-    standing = sight if first.alike(params.directions) else None
+    if not first.alike(params.directions):
+        sight = sight_of(who, state, depth, light.directions, params, progress.part(0.66, 0.67))
+    drift = np.zeros(len(poses.registered))
+    drift[first.views] = first.setting.drift
+    drift, who = drift[fitted], who.exposed(drift[fitted])
+    if room.drift:
+        seeing = as_photographed(who, state, sight, light.directions)
+        left = drift_of(state, who.responses(here, params, device, seeing), seeing, who)
+        settled = np.isin(fitted, first.views)
+        # Settled views stay, and with them the scale.
+        left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
+        drift, who = drift + left, who.exposed(left)
     state, depth, turns = until_still(
-        who, state, depth, standing, here, z, params, device, progress.part(0.67, 0.99)
+        who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
     )
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    return Solved(who, state, depth, sight, here, there), first, fitted, emitters, turns
+    return Solved(who, state, depth, sight, here, there, drift), first, fitted, emitters, turns
 
 
 def until_still(
     who: Subject,
     state: State,
     depth: Float[np.ndarray, "h w"],
-    sight: Sight | None,
+    sight: Sight,
     light: Incident,
     distance: float,
     params: SurfaceParams,
@@ -205,12 +226,12 @@ def until_still(
 ) -> tuple[State, Float[np.ndarray, "h w"], int]:
     """All pixels under a light that is settled, round by round with their depth; and how many rounds it took.
 
-    `sight` is what the depth hides, where that is known for the light's directions.
+    `sight` is what the depth hides, for the light's directions.
     """
     turn, moving = 0, True
     while moving:
         span = progress.part(turn / params.rounds, (turn + 1) / params.rounds)
-        if turn or sight is None:
+        if turn:
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         before = state.normals
         state = improve(who, state, light, sight, params, device, span.part(0.2, 0.85))
@@ -242,7 +263,8 @@ def whole_light(
     there = poses.cam_from_world[rest]
     light = light_at(lattice, emitters, there, params.directions, params.probe_face_px, progress)
     if len(known):
-        light, rest = first.parts.under(first.setting.gain).beside(light), np.concatenate([known, rest])
+        gathered = first.parts.under(first.setting.gain, first.setting.aside)
+        light, rest = gathered.beside(light), np.concatenate([known, rest])
     order = np.argsort(rest)
     return light.views(order[np.searchsorted(rest[order], views)])
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from engine.geometry import inverse
+from engine.geometry import inverse, tangents
 from engine.light.cells import sharpened
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.gaussians import joined
@@ -46,18 +46,23 @@ class Room:
     group: Int[np.ndarray, " k"]  # of every Gaussian of the field; the lamps are the groups after these
     kind: UInt8[np.ndarray, " g"]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`groups.py`)
     prior: float  # spread of a known group's log gain
+    drift: float  # spread of a view's log exposure; 0: none drifts
+    astray: float  # of the lamps' directions, radians; 0: all stand where they were found
 
     def size(self) -> float:
         """Median distance from the cameras to the Gaussians."""
         centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
         return float(np.median(np.linalg.norm(self.emitters.field().means[None] - centres[:, None], axis=2)))
 
-    def under(self, gain: Float[np.ndarray, "g 3"]) -> Emitters:
-        """The emitters, every group under its gain."""
+    def under(
+        self, gain: Float[np.ndarray, "g 3"], shift: Float[np.ndarray, "l 3"] | None = None
+    ) -> Emitters:
+        """The emitters, every group under its gain, every lamp `shift` (world) from where it was."""
         lamps = self.emitters.lamps
         count = len(gain) - len(lamps.radii)
         field = brightened(self.emitters.field(), self.group, gain[:count])
-        lamps = replace(lamps, radiance=lamps.radiance * gain[count:])
+        centres = lamps.centres if shift is None else lamps.centres + shift
+        lamps = replace(lamps, centres=centres, radiance=lamps.radiance * gain[count:])
         return replace(self.emitters, gaussians=beside(field, lamps), lamps=lamps)
 
 
@@ -70,6 +75,8 @@ def furnished(
     groups: int,
     prior: float,
     seed: int,
+    drift: float = 0.0,
+    astray: float = 0.0,
 ) -> Room:
     """The room closed, and its emitters grouped: whatever is bright one by one, `groups` for the rest, the unseen by
     direction.
@@ -88,7 +95,7 @@ def furnished(
     ]
     emitters = Emitters(beside(joined(field, unseen), lamps), lamps, len(unseen.means))
     every = np.concatenate([group, len(clipped) + beyond])
-    return Room(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior)
+    return Room(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior, drift, astray)
 
 
 def light_at(
@@ -131,7 +138,18 @@ def parts_at(
     near = near_of(room.emitters.lamps, room.emitters.shown(), poses, points.mean(0), directions)
     no_lamps = Near.none(len(views), directions)
     total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
-    return Parts(total, came_from, near, np.append(room.kind, np.uint8(FILLED)), room.prior)
+    kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
+    across = across_of(room)
+    return Parts(total, came_from, near, kind, room.prior, turned, across, room.drift, room.astray)
+
+
+def across_of(room: Room) -> Float[np.ndarray, "l 2 3"]:
+    """The two ways, world frame, in which a lamp moves across as seen from amid the cameras: a step per radian."""
+    away = room.emitters.lamps.centres - inverse(room.poses.cam_from_world[room.poses.registered])[
+        ..., 3
+    ].mean(0)
+    distance = np.linalg.norm(away, axis=1)
+    return np.stack(tangents(away / np.maximum(distance, 1e-12)[:, None]), 1) * distance[:, None, None]
 
 
 def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]:

@@ -23,7 +23,8 @@ from app.bench.sizes import SIZES
 from app.bench.stored import Stored, fewer_views
 from engine import metrics
 from engine.errors import RoomlightError
-from engine.geometry import rays
+from engine.geometry import inverse, rays, tangents
+from engine.light.globes import apart, beside
 from engine.light.train import LightParams, fit
 from engine.progress import Progress
 from engine.surface.pixels import SurfaceParams
@@ -37,6 +38,8 @@ from tests.bench.table import markdown
 SIZE = SIZES["small"]
 FEW = 12
 TURNED_DEG = 0.5
+DRIFT = 0.03
+ASIDE_DEG = 2.0
 PASSES_EVERY = 8  # a person is in every so many-th view
 STRANGE = 0.3  # share of a picture's width and height that something which does not belong there takes
 SCREEN = np.array([[1.597, 0.5, 0.98], [0.0, -0.29, 0.0], [0.0, 0.0, -0.17]])
@@ -52,6 +55,7 @@ class Case:
     room: str
     motion: str
     spoil: Callable[[Stored, np.random.Generator], Stored]
+    spoil_lit: Callable[[Stored, np.random.Generator], Stored] = lambda given, rng: given  # after it
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +128,24 @@ def screen_of(camera: Camera, cam_from_world: Float[np.ndarray, "3 4"]) -> Bool[
     return inside & (reach > 0)
 
 
+def drifting(given: Stored, rng: np.random.Generator) -> Stored:
+    """Every photograph brighter or darker by a factor of its own."""
+    factor = np.exp(DRIFT * rng.normal(size=len(given.frames.names)))
+    radiance = (given.frames.radiance * factor[:, None, None, None]).astype(np.float32)
+    return replace(given, frames=replace(given.frames, radiance=radiance))
+
+
+def lamps_aside(given: Stored, rng: np.random.Generator) -> Stored:
+    """Every lamp that was found in another direction, as seen from amid the cameras."""
+    lamps = given.lamps
+    away = lamps.centres - inverse(given.poses.cam_from_world[given.poses.registered])[..., 3].mean(0)
+    first, second = tangents(away / np.linalg.norm(away, axis=1, keepdims=True))
+    turn = rng.uniform(0, 2 * np.pi, (len(away), 1))
+    far = np.tan(np.radians(ASIDE_DEG)) * np.linalg.norm(away, axis=1, keepdims=True)
+    moved = replace(lamps, centres=lamps.centres + far * (np.cos(turn) * first + np.sin(turn) * second))
+    return replace(given, lamps=moved, gaussians=beside(apart(given.gaussians, lamps), moved))
+
+
 CASES = (
     Case("as it should be", "study", "gimbal", untouched),
     Case(f"{FEW} views", "study", "gimbal", few),
@@ -136,6 +158,9 @@ CASES = (
     Case("a floor like a mirror", "polished", "gimbal", untouched),
     Case("a lamp behind leaves", "leafy", "gimbal", untouched),
     Case("a chink 10,000 times brighter than the walls", "chink", "gimbal", untouched),
+    Case(f"exposures drift by {DRIFT:.0%}", "study", "gimbal", drifting),
+    Case(f"exposures drift by {DRIFT:.0%}, after the light", "study", "gimbal", untouched, drifting),
+    Case(f"lamps {ASIDE_DEG:.0f} degrees off", "lamps", "gimbal", untouched, lamps_aside),
 )
 
 
@@ -163,7 +188,7 @@ def measured(case: Case, on: sets.Set) -> Row:
     spoilt, truth = case.spoil(on.stored, np.random.default_rng(0)), on.truth
     clock = Clock()
     gaussians, lamps, light = fit(spoilt.frames, spoilt.masks, spoilt.poses, LightParams(), 0, Progress())
-    spoilt = replace(spoilt, gaussians=gaussians, lamps=lamps)
+    spoilt = case.spoil_lit(replace(spoilt, gaussians=gaussians, lamps=lamps), np.random.default_rng(0))
     surface, *_, report = solve(*spoilt.inputs, SurfaceParams(), "cpu", 0, told(case.title))
     seconds, _ = clock.read()
     found, off = (

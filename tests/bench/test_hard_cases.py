@@ -28,6 +28,17 @@ def test_cameras_are_turned_by_half_a_degree_about_their_places():
     assert np.allclose(places[0], places[1], atol=1e-12)
 
 
+def test_drift_changes_whole_photographs_by_a_factor_each():
+    given = stored()
+    after = hard_cases.drifting(given, RNG).frames.radiance
+    some = given.frames.radiance > 0
+    logs = np.log(after[some] / given.frames.radiance[some])
+    view = np.nonzero(some)[0]
+    each = [logs[view == v] for v in np.unique(view)]
+    assert all(np.ptp(x) < 1e-5 for x in each)
+    assert 0.01 < np.std([x[0] for x in each]) < 0.06
+
+
 def test_strangers_stand_before_the_background_of_their_views_alone():
     given = stored()
     mask = np.zeros(given.masks.background.shape, bool)

@@ -157,6 +157,13 @@ def test_no_distance_is_told_before_a_surface_has_found_it():
     assert "from the camera to the object" not in " ".join(read(report.html(full())).text)
 
 
+@pytest.mark.parametrize("drift", [-0.035, 0.015])
+def test_exposures_that_drift_are_warned_of(drift: float):
+    stage = StageRun("surface", 9.0, "cpu", {}, {"exposure_drift": [0.0, drift, 0.01]})
+    lines = " ".join(cautions(replace(full(), stages=(stage,))))
+    assert ("one photograph is 3.6 % off the others" in lines) == (drift < -0.02)
+
+
 def test_what_was_clipped_lost_or_guessed_is_listed():
     text = " ".join(read(report.html(full())).text)
     assert "2.1 % of all pixels are clipped" in text

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from engine.geometry import rays
+from engine.geometry import rays, tangents
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.distance import find_distance
+from engine.surface.drift import DRIFT
 from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
 from engine.surface.observations import observe
@@ -24,6 +26,7 @@ CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0)
 VIEWS, CELLS = 24, 600
 TRUE_Z = 0.5
 RADIUS, COLOUR = 0.1, (1.0, 0.9, 0.8)
+AWAY = 0.85
 
 
 def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
@@ -36,13 +39,17 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
     points = lattice.points()
     energy = np.full((len(points), CELLS, VIEWS, 3), 0.15)
     group = np.full((len(points), CELLS, VIEWS), 3)
-    bulbs = np.zeros((VIEWS, 1, 3))
+    bulb = np.array([0.6, -0.5, 0.33]) / np.linalg.norm([0.6, -0.5, 0.33])
+    turned = Rotation.from_quat(np.random.default_rng(11).normal(size=(VIEWS, 4))).as_matrix()
+    turned[:, 2, :] *= np.where(
+        (turned @ bulb)[:, 2:] > 0.3, -1.0, 1.0
+    )  # before the tile rather than behind it
+    bulbs = AWAY * (turned @ bulb)[:, None] + [0, 0, TRUE_Z]
     for lamp in range(3):
         for n in range(VIEWS):
             at = rng.normal(size=3) * [1, 1, 0.6] + [0, 0, -0.2]
             at = at / np.linalg.norm(at) * rng.uniform(0.7, 1.0) + [0, 0, TRUE_Z]
             if lamp == 2:
-                bulbs[n, 0] = at
                 continue
             away = at - points
             distance = np.linalg.norm(away, axis=1, keepdims=True)
@@ -55,7 +62,8 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
     near = Near(bulbs, np.array([RADIUS]), radiance, CELLS)
     light = Incident(lattice, directions, energy, Near.none(VIEWS, CELLS))
     kind = np.array([KNOWN, KNOWN, CLIPPED if clipped else KNOWN, FILLED], np.uint8)
-    return Parts(light, group, near, kind, 0.15)
+    across = AWAY * np.stack(tangents(bulb[None]), 1)
+    return Parts(light, group, near, kind, 0.15, turned, across)
 
 
 def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.ndarray]:
@@ -196,3 +204,61 @@ def test_settings_of_one_light_add_up_to_it():
     whole += light.near.levels(light.lattice.points()).sum(0)
     np.testing.assert_allclose((parts.levels() * gain).sum(0), whole, rtol=1e-4)
     assert isinstance(untouched(parts, 1.0), Setting)
+
+
+def drifted(sample: Sample, drift: np.ndarray) -> Sample:
+    """The same photographed with every view's log exposure off."""
+    return sample.exposed(-drift)
+
+
+def jitter(spread: float) -> np.ndarray:
+    drift = np.random.default_rng(8).normal(0, spread, VIEWS)
+    return drift - drift.mean()
+
+
+def test_exposures_that_drift_by_3_percent_are_known_to_half_a_percent():
+    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=DRIFT)
+    sample, state, albedo = sample_of(parts, np.ones((4, 3)))
+    drift = jitter(0.03)
+    sample = drifted(sample, drift)
+    found, state = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    assert np.abs(found.drift - drift).max() < 0.005
+    assert abs(found.drift.mean()) < 1e-4
+    assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.01)
+    left, _ = settle(
+        untouched(parts, TRUE_Z), replace(parts, drift=0.0), sample, state, False, True, 3, 3, Progress()
+    )
+    assert (left.drift == 0).all()
+
+
+def aside_of(parts: Parts) -> np.ndarray:
+    """Two degrees, some way."""
+    return np.radians(2.0) * np.array([[0.6, -0.8]])
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+def test_a_lamp_two_degrees_off_is_put_right_to_half_a_degree(clipped: bool):
+    parts = replace(parts_of_lamps(np.random.default_rng(10), clipped), astray=np.radians(0.5))
+    true = aside_of(parts)
+    sample, state, _ = sample_of(replace(parts, near=parts.moved(true)), np.ones((4, 3)))
+    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
+    assert np.degrees(np.linalg.norm(found.aside - true)) < 0.5
+    at = parts.under(found.gain, found.aside).near.centres
+    back = np.einsum("nji,nlj->nli", parts.turned, at - parts.near.centres)
+    np.testing.assert_allclose(back, np.broadcast_to(parts.shift(found.aside), back.shape), atol=1e-12)
+    left, _ = settle(
+        untouched(parts, TRUE_Z), replace(parts, astray=0.0), sample, state, False, True, 1, 1, Progress()
+    )
+    assert (left.aside == 0).all()
+
+
+def test_where_nothing_is_off_nothing_moves():
+    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=DRIFT, astray=np.radians(0.5))
+    sample, state, _ = sample_of(parts, np.ones((4, 3)))
+    noise = 0.01 * np.random.default_rng(12).normal(size=sample.seen.radiance.shape)
+    radiance = (sample.seen.radiance * np.exp(noise)).astype(np.float32)
+    sample = replace(sample, seen=replace(sample.seen, radiance=radiance), photographed=radiance)
+    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    # 108 pixels in three channels tell a view's mean to 0.6 permille, were their residuals all their own.
+    assert found.drift.std() < 0.002
+    assert np.degrees(np.linalg.norm(found.aside)) < 0.2
