@@ -17,6 +17,7 @@ from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.budget import VIEWS, worth
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
+from engine.light.doubt import believed
 from engine.light.gaussians import Y00, radiance_towards, sh_degree
 from engine.light.globes import measured, put_back, without
 from engine.light.harmonics import grown
@@ -96,6 +97,8 @@ def fit(
         count = 0
         for passes, width in zip(params.passes, widths, strict=True):
             photographs = room(width)
+            if count:
+                photographs = believed(photographs, cloud.geometry, np.exp(cloud.log_radiance), knee, run)
             surface = surface_of(emptiness, photographs)
             for _ in range(passes):
                 progress.step(
