@@ -293,6 +293,13 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.relight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Refine the light"), "",
         QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),
+    ("surface.exposure_drift", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Exposures drift"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let every view's exposure be off by a factor of its own, told by the object's shading: for lights or shutters that waver."),
+        advanced=False)),
+    ("surface.lamp_shift", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Lamps may move"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let the object's shading correct the directions in which lamps were found."), advanced=False)),
     ("surface.relight_groups", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Groups of emitters"), "",
         QT_TRANSLATE_NOOP("parameters", "Groups whose brightness is refined, besides the lamps."),

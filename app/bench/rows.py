@@ -208,7 +208,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_robust", "w/o robust weights", robust=False),
         without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),
         without("no_accord", "w/o neighbours that agree", accord=False),
-        without("no_drift", "w/o exposure drift", exposure_drift=False),
+        without("drift", "with exposures that may drift", exposure_drift=True),
         without("no_shift", "w/o moving lamps", lamp_shift=False),
         without("no_relight", "w/o refining the light", relight=False),
         # The turns that find the distance keep their own few probes.

@@ -66,9 +66,7 @@ class SurfaceParams:
     robust: bool = True  # views that fit badly count less; False: plain least squares
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
-    exposure_drift: bool = (
-        True  # let every view's exposure be off by a factor, told by the object's own shading
-    )
+    exposure_drift: bool = False  # let every view's exposure be off by a factor, told by the object's shading
     lamp_shift: bool = True  # let lamps stand in other directions than they were found in, told by the same
     relight_groups: int = 12  # groups besides the lamps
     relight_prior: float = 0.02  # how far a group's log brightness may be off before it has to be argued
