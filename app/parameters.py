@@ -295,7 +295,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),
     ("surface.exposure_drift", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Exposures drift"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let every view's exposure be off by a factor of its own, told by the object's shading: for lights or shutters that waver."),
+        QT_TRANSLATE_NOOP("parameters", "Let every view's exposure be off by a factor of its own, told by the object's shading."),
         advanced=False)),
     ("surface.lamp_shift", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Lamps may move"), "",
