@@ -16,6 +16,7 @@ from tests.engine.reference.lit_room import DISTANCE, glossy, scene
 PARAMS = replace(
     SurfaceParams(), rough_views=12, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
     rounds=1, accord=False, probes_across=1, probes_deep=1,
+    lamp_shift=False,  # 184 pixels tell a lamp's direction worse than 729: that is not the tiles'
 )  # fmt: skip
 
 

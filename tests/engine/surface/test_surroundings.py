@@ -102,7 +102,9 @@ def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: 
         SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=1.1, relight=relight
     )
     room = room_of(stored)
-    found = rough(stored.frames, stored.masks.object, room, np.arange(1, 16), params, "cpu", 0, Progress())
+    found = rough(
+        stored.frames, stored.masks.object, room, np.arange(1, 16), None, params, "cpu", 0, Progress()
+    )
     assert found.distance == Distance(1.1, 0.0, "given")
     unseen = np.append(room.kind == UNSEEN, False)
     assert (found.setting.gain[unseen] == 1).all() != relight
