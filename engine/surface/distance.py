@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
+import numpy as np
+
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.pixels import SurfaceParams
@@ -25,6 +27,9 @@ LEVELS = (1.0, 5.0)
 ceiling all look up to it, and no gain leads away from there."""
 AGAIN, FALLEN = 4, 0.98
 """Where there is any, normals are sought so often once more under the best gains so far, as long as the misfit falls so far."""
+BRIGHTER, EVERY = (10.0, 100.0, 1000.0), 3
+"""How many times brighter than expected clipped lamps are tried, at every so many-th layer: a chink in the shutters was
+recorded at a five-hundredth of its radiance, and from so far away no gain finds the way."""
 
 
 _misfit = attrgetter("misfit")
@@ -50,23 +55,31 @@ def find_distance(
     """The best of the lattice's layers, with the light that suits it; and the curve: distances and their misfits.
 
     What no photograph shows, where there is any, is as bright as suits the object best; one brightness serves to begin
-    with at every distance, for it hardly depends on that.
+    with at every distance, for it hardly depends on that. Clipped lamps are made brighter as long as that suits it better.
     """
     layers = parts.incident.lattice.depths()
     levels = LEVELS if parts.unseen.any() and params.relight else (1.0,)
-    times = len(levels) + (AGAIN if len(levels) > 1 else 0)
+    brighter = BRIGHTER if parts.clipped.any() and params.relight else ()
+    again = AGAIN if len(levels) > 1 else 0
+    turns = iter(progress.parts(len(levels) + len(brighter) + (AGAIN if brighter else again)))
 
-    def looked(begun: Sequence[Setting], span: Progress) -> list[Setting]:
-        each = [span.part(i / len(layers), (i + 1) / len(layers)) for i in range(len(layers))]
-        return [_settled(one, parts, sample, params, share) for one, share in zip(begun, each, strict=True)]
+    def looked(begun: Sequence[Setting]) -> list[Setting]:
+        spans = next(turns).parts(len(begun))
+        return [_settled(one, parts, sample, params, span) for one, span in zip(begun, spans, strict=True)]
 
-    turns = [progress.part(k / times, (k + 1) / times) for k in range(times)]
     best: list[Setting] = []
-    for level, span in zip(levels, turns, strict=False):
-        best = _better(best, looked([untouched(parts, float(z), level) for z in layers], span))
-    for span in turns[len(levels) :]:
+    for level in levels:
+        best = _better(best, looked([untouched(parts, float(z), level) for z in layers]))
+    for factor in brighter:
+        some = best[EVERY // 2 :: EVERY]
+        least = min(some, key=_misfit)
+        tried = looked([_outshone(least, parts, factor, one.distance) for one in some])
+        if min(map(_misfit, tried)) > FALLEN * least.misfit:
+            break
+        best[EVERY // 2 :: EVERY], again = _better(some, tried), AGAIN
+    for _ in range(again):
         least = min(best, key=_misfit)
-        best = _better(best, looked([replace(least, distance=float(z)) for z in layers], span))
+        best = _better(best, looked([replace(least, distance=float(z)) for z in layers]))
         if _misfit(min(best, key=_misfit)) > FALLEN * least.misfit:
             break
     return min(best, key=_misfit), tuple(map(float, layers)), tuple(map(_misfit, best))
@@ -90,6 +103,13 @@ def _settled(
         PASSES,
         progress.part(0.4, 1),
     )[0]
+
+
+def _outshone(setting: Setting, parts: Parts, factor: float, distance: float) -> Setting:
+    """A setting whose clipped lamps shine so many times brighter than they are expected to."""
+    expected = factor * untouched(parts, distance).gain
+    gain = np.where(parts.clipped[:, None], expected, setting.gain)
+    return replace(setting, distance=distance, gain=gain)
 
 
 def _better(some: Sequence[Setting], others: Sequence[Setting]) -> list[Setting]:

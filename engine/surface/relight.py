@@ -276,9 +276,10 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     count = len(setting.gain)
     sample = sample.exposed(setting.drift)
     views, far = len(setting.drift), 3 * count
-    # Log gains, log distance, log exposures, both angles of each lamp.
-    exposures, angles = slice(far + 1, far + 1 + views), far + 1 + views
-    unknowns = angles + setting.aside.size
+    # Log gains, log distance; where they are open, log exposures and both angles of each lamp.
+    angles = far + 1 + views * bool(parts.drift)
+    exposures = slice(far + 1, angles)
+    unknowns = angles + setting.aside.size * bool(parts.astray)
     system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     seen, sight = sample.seen, sample.at(setting.distance)
     responses = sample.responses(parts.incident)

@@ -16,7 +16,7 @@ from engine.progress import Progress
 from engine.surface import newton, start_maps
 from engine.surface.bounced import lit
 from engine.surface.distance import Distance, find_distance
-from engine.surface.groups import UNSEEN
+from engine.surface.groups import CLIPPED, UNSEEN
 from engine.surface.observations import numbered, thinned
 from engine.surface.pixels import (
     Subject,
@@ -63,6 +63,8 @@ ACROSS = 2
 """Probes along each image axis of the wide lattice; the tight one has as many as the full solve. With 2 in that as well the
 light fades sideways too: 2.4 and 2.3 % too near in a lit room, 1.0 and 1.2 % with 3; more, or more layers, bring half
 a percent at most."""
+OUTSHONE = 5.0
+"""A clipped lamp that the first look found so many times brighter than expected keeps that, and the surface is sought anew."""
 ROUNDS, PASSES = 4, 2
 
 
@@ -113,7 +115,7 @@ def rough(
     free = params.object_distance <= 0
     distance, tried, misfits = params.object_distance, (), ()
     who, begun = levels[0], None
-    open_to_doubt = params.relight and bool((room.kind == UNSEEN).any())
+    open_to_doubt = params.relight & np.isin(room.kind, (CLIPPED, UNSEEN)).any()
     if free or open_to_doubt:
         begun, *curve = first_look(who, room, views, params, seed, progress.part(0, 0.2))
         if free:
@@ -132,8 +134,11 @@ def rough(
     wide = lattice_around(camera, mask, (distance / margin, distance * margin), (ACROSS, ACROSS, 2))
     parts = light_around(wide, progress.part(0.2, 0.3))
     setting, sight = untouched(parts, distance), who.flat(distance)
+    surprising = parts.unseen
     if begun is not None:
-        setting = replace(setting, gain=np.where(parts.unseen[:, None], begun.gain, setting.gain))
+        surprising = parts.clipped & (begun.gain > OUTSHONE * setting.gain).any(1) | parts.unseen
+        setting = replace(setting, gain=np.where(surprising[:, None], begun.gain, setting.gain))
+    surprised = params.relight and surprising.any()
     state = first_surface(who, parts.under(setting.gain), sight, progress.part(0.3, 0.35))
     residuals = []
     # The last turn stands where the ones before it have put it.
@@ -160,7 +165,7 @@ def rough(
             state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
             who = following
         even = who.exposed(setting.drift)
-        if turn == 1 and open_to_doubt:  # much light that the first search did not know of
+        if turn == 1 and surprised:  # much light that the first search did not know of
             state = first_surface(even, light, sight, span.part(0.2, 0.3))
         state = improve(even, state, light, sight, params, device, span.part(0.3, 0.65))
         residuals.append(float(np.median(state.spread)))

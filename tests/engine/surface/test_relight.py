@@ -185,6 +185,20 @@ def test_distance_and_unseen_light_are_found_from_nothing():
     assert (left.gain == 1).all()
 
 
+def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_nothing():
+    parts = parts_of_lamps(np.random.default_rng(8), True)
+    gain = np.ones((4, 3))
+    gain[2] = [250.0, 300.0, 350.0]
+    sample, _, _ = sample_of(parts, gain)
+    found, _, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
+    layers = parts.incident.lattice.depths()
+    assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
+    assert found.misfit == min(misfits)
+    np.testing.assert_allclose(np.log(found.gain[2] / gain[2]), 0, atol=0.5)
+    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), relight=False), Progress())
+    np.testing.assert_array_equal(left.gain, untouched(parts, TRUE_Z).gain)
+
+
 def test_a_clipped_lamp_is_never_dimmer_than_it_was_recorded():
     parts = parts_of_lamps(np.random.default_rng(3), True)
     gain = np.ones((4, 3))
