@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_erosion
 
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import newton, start_maps
 from engine.surface.bounced import lit
@@ -65,6 +66,8 @@ light fades sideways too: 2.4 and 2.3 % too near in a lit room, 1.0 and 1.2 % wi
 a percent at most."""
 OUTSHONE = 5.0
 """A clipped lamp that the first look found so many times brighter than expected keeps that, and the surface is sought anew."""
+STILL = np.radians(0.3)
+"""Mean turn of the normals in a turn below which those that are left of this size are left out."""
 ROUNDS, PASSES = 4, 2
 
 
@@ -143,7 +146,9 @@ def rough(
     residuals = []
     # The last turn stands where the ones before it have put it.
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
-    for turn, following in enumerate(levels):
+    turn = 0
+    while turn < len(levels):
+        following = levels[turn]
         begin = 0.35 + 0.65 * turn / len(levels)
         span = progress.part(begin, begin + 0.65 / len(levels))
         if turn == 1 or (turn and drifted(distance, middle)):  # the first turn gives points to put it around
@@ -167,7 +172,10 @@ def rough(
         even = who.exposed(setting.drift)
         if turn == 1 and surprised:  # much light that the first search did not know of
             state = first_surface(even, light, sight, span.part(0.2, 0.3))
+        before = state.normals
         state = improve(even, state, light, sight, params, device, span.part(0.3, 0.65))
+        if 1 < turn < placing and angle_between(before, state.normals).mean() < STILL:
+            turn = placing
         residuals.append(float(np.median(state.spread)))
         state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
@@ -188,6 +196,7 @@ def rough(
                 stderr = setting.distance_stderr
             moved, distance = setting.distance / distance, setting.distance
             sight, depth = sight.at(moved), depth * moved
+        turn += 1
     if who is not whole:
         state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 from engine.geometry import fibonacci_sphere, unproject
 from engine.surface.brdf import lobe_floor, rows_into
 from engine.surface.near import Near
-from engine.surface.visibility import Occlusion
+from engine.surface.visibility import Occlusion, owned
 from engine.types import Camera
 
 BLOCK = 16
@@ -175,6 +175,11 @@ class Block:
     energy: Float[np.ndarray, "d v"]  # the light they share: all but the lamps
     hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
     lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
+
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "Block":
+        """The same of a few of them; the light they share stays that of all."""
+        hidden = None if self.hidden is None else owned(self.hidden, pixels)
+        return Block(self.points[pixels], self.views[pixels], self.energy, hidden, self.lamps[pixels])
 
 
 @runtime_checkable

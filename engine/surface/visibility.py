@@ -47,6 +47,18 @@ class Walls:
         return replace(self, points=self.points * scale)
 
 
+def owned(
+    hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]],
+    pixels: Int[np.ndarray, " p"],
+) -> tuple[Int[np.ndarray, " t"], Int[np.ndarray, " f"], Int[np.ndarray, " f"]]:
+    """(start, direction, source) of a few pixels: pixel p owns the entries start[p]:start[p + 1] of the others."""
+    start, direction, source = hidden
+    lengths = start[pixels + 1] - start[pixels]
+    begins = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    take = np.repeat(start[pixels] - begins[:-1], lengths) + np.arange(begins[-1])
+    return begins, direction[take], source[take]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
     """Hidden directions of each pixel, as rows of a sparse matrix (pixels in mask order)."""
@@ -81,10 +93,7 @@ class Occlusion:
         self, pixels: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
         """The same three arrays for a few pixels, in their order."""
-        lengths = self.start[pixels + 1] - self.start[pixels]
-        start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-        take = np.repeat(self.start[pixels] - start[:-1], lengths) + np.arange(start[-1])
-        return start, self.direction[take], self.source[take]
+        return owned((self.start, self.direction, self.source), pixels)
 
 
 def depth_mesh(
