@@ -29,7 +29,7 @@ AGAIN, FALLEN = 4, 0.98
 """Where there is any, normals are sought so often once more under the best gains so far, as long as the misfit falls so far."""
 BRIGHTER, EVERY = (10.0, 100.0, 1000.0), 3
 """How many times brighter than expected clipped lamps are tried, at every so many-th layer: a chink in the shutters was
-recorded at a five-hundredth of its radiance, and from so far away no gain finds the way."""
+recorded with a three-hundredth of its light, and from so far away no gain finds the way."""
 
 
 _misfit = attrgetter("misfit")
@@ -70,13 +70,14 @@ def find_distance(
     best: list[Setting] = []
     for level in levels:
         best = _better(best, looked([untouched(parts, float(z), level) for z in layers]))
+    some_layers = slice(min(EVERY // 2, len(layers) - 1), None, EVERY)
     for factor in brighter:
-        some = best[EVERY // 2 :: EVERY]
+        some = best[some_layers]
         least = min(some, key=_misfit)
         tried = looked([_outshone(least, parts, factor, one.distance) for one in some])
         if min(map(_misfit, tried)) > FALLEN * least.misfit:
             break
-        best[EVERY // 2 :: EVERY], again = _better(some, tried), AGAIN
+        best[some_layers], again = _better(some, tried), AGAIN
     for _ in range(again):
         least = min(best, key=_misfit)
         best = _better(best, looked([replace(least, distance=float(z)) for z in layers]))

@@ -185,11 +185,23 @@ def test_distance_and_unseen_light_are_found_from_nothing():
     assert (left.gain == 1).all()
 
 
-def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_nothing():
+def nearest_layer(parts: Parts) -> Parts:
+    """The light at the layer of probes nearest to the object alone, as where its distance is given."""
+    lattice = parts.incident.lattice
+    z = lattice.points()[:, 2]
+    kept = np.abs(z - TRUE_Z) <= np.abs(z - TRUE_Z).min() + 1e-9
+    low, high = (np.append(corner[:2], z[kept][0]) for corner in (lattice.low, lattice.high))
+    alone = replace(parts.incident, lattice=Lattice(low, high, (2, 2, 1)), energy=parts.incident.energy[kept])
+    return replace(parts, incident=alone, group=parts.group[kept])
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_nothing(given: bool):
     parts = parts_of_lamps(np.random.default_rng(8), True)
     gain = np.ones((4, 3))
     gain[2] = [250.0, 300.0, 350.0]
     sample, _, _ = sample_of(parts, gain)
+    parts = nearest_layer(parts) if given else parts
     found, _, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
     layers = parts.incident.lattice.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
