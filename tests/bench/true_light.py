@@ -214,7 +214,7 @@ def bounds(
     known: Known, true: State, sight: Sight, params: SurfaceParams, parts: list[Int[np.ndarray, " _"]]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Degrees that each normal is off at least on average: with the path tracer's noise, and without."""
-    responses = known.who.responses(known.light, params, "cpu")
+    responses = known.who.responses(known.light, params, "cpu", sight)
     sensor = Scatter(known.scatter.shot, known.scatter.floor, 0.0)
     found: list[list[np.ndarray]] = [[], []]
     for pixels in parts:
@@ -237,7 +237,7 @@ def from_truth(
 ) -> State:
     """Where Gauss-Newton ends that begins at the truth and sees what the true depth hides."""
     who = known.who
-    responses = who.responses(known.light, params, "cpu")
+    responses = who.responses(known.light, params, "cpu", sight)
     begun = respread(true, responses, sight, parts, who.seen)
     return iterate(begun, responses, sight, parts, who.seen, params.passes, progress)
 
