@@ -290,6 +290,12 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.accord", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Neighbours agree"), "",
         QT_TRANSLATE_NOOP("parameters", "Let neighbours decide what a pixel's own photographs leave open."), advanced=False)),
+    ("surface.gloss", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Gloss of what looks alike"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let pixels expect the roughness that pixels of the same colour near by have."), advanced=False)),
+    ("surface.rim", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Background in the rim"), "",
+        QT_TRANSLATE_NOOP("parameters", "Let pixels of the object's rim hold a share of what is photographed beside it."), advanced=False)),
     ("surface.relight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Refine the light"), "",
         QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),

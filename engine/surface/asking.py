@@ -47,6 +47,7 @@ class Asked:
     seen: Observations
     beside: Int[np.ndarray, "p s"]
     spread: Float[np.ndarray, " p"]
+    gloss: Float[np.ndarray, "p 2"]
     usual: float
     run: Run
 
@@ -62,7 +63,7 @@ class Asked:
         """`horizons.explain` for some of the mask's pixels."""
         return horizons.explain(
             self.responses, self.sight, of, normals, roughness, level, self.energy, self.around,
-            self.seen.part(of), self.spread[of], self.usual, self.beside, self.run, sweeps, prices,
+            self.seen.part(of), self.spread[of], self.gloss[of], self.usual, self.beside, self.run, sweeps, prices,
         )  # fmt: skip
 
 
@@ -93,7 +94,7 @@ def inquiry(
                 energy = horizons.by_channel(responses.whole_energy(sight, block))
                 around = horizons.compass(light.directions, sight.middle(block))
                 yield Asked(
-                    pixels, responses, sight, energy, around, seen, beside, state.spread, usual, run
+                    pixels, responses, sight, energy, around, seen, beside, state.spread, state.gloss, usual, run
                 )  # fmt: skip
 
 

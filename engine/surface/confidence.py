@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from engine.progress import Progress
-from engine.surface.newton import State, by_stretches
+from engine.surface.newton import State, by_stretches, reduced
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 
@@ -66,12 +66,12 @@ def jackknifed(
         np.linalg.solve(_regular(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
         for k in range(STRETCHES)
     ])  # fmt: skip
-    variance = (STRETCHES - 1) * without.var(0) * FEW
-    return np.maximum(variance, formal(system, state.spread))
+    variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
+    return np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
 
 
-def _regular(system: Float[np.ndarray, "p 6 6"]) -> Float[np.ndarray, "p 6 6"]:
-    return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(6)
+def _regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
+    return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
 
 
 def confidence(

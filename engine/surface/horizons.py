@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.light.rasterise import Run
 from engine.surface.brdf import rows
-from engine.surface.newton import ALBEDO, ROUGHNESS_PRIOR
+from engine.surface.newton import ALBEDO
 from engine.surface.observations import Observations, aside
 from engine.surface.transport import Responses, Sight
 from engine.surface.visibility import SECTORS, Occlusion
@@ -145,6 +145,7 @@ def explain(
     around: tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]],
     seen: Observations,
     spread: Float[np.ndarray, " p"],
+    gloss: Float[np.ndarray, "p 2"],
     usual: float,
     beside: Int[np.ndarray, "every s"],
     run: Run,
@@ -154,7 +155,7 @@ def explain(
     """The levels that explain the photographs of a block's pixels best, their misfit, and albedo.
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
-    of the depth; `energy` and `around` (the compass) belong to the block, `seen` and `spread` to the given pixels;
+    of the depth; `energy` and `around` (the compass) belong to the block, `seen`, `spread` and `gloss` to the given pixels;
     `usual` is the object's median spread; `run` does the work; all light and photographs are `by_channel`. Misfits
     compare between normals, roughnesses and levels of one pixel. `prices` (float32), if given, takes what each level of
     each sector would add to the misfit, all others as they are found to be, in the spreads of `PRICE`.
@@ -177,7 +178,7 @@ def explain(
         start, direction, source = hidden.of(pixels)
     if prices is None:
         prices = np.empty((0, SECTORS, LEVELS), np.float32)
-    away = ((roughness - ROUGHNESS_PRIOR[0]) / ROUGHNESS_PRIOR[1]) ** 2
+    away = ((roughness - gloss[:, 0]) / gloss[:, 1]) ** 2
     answer = level.copy(), np.empty(len(level)), np.empty((len(level), 3))
     run(_descend, (
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,

@@ -1,6 +1,9 @@
 """Damped Gauss-Newton on every pixel's own six unknowns: normal (2), albedo (3), roughness (1).
 
-Residual: log((I + eps) / (a D + S + eps)) per view and channel, weighted by its variance and by a Cauchy
+A pixel of the object's rim holds a share b of what is photographed beside it, which is a seventh unknown and is eliminated
+from the systems that others see.
+
+Residual: log((I + eps) / ((1 - b) (a D + S) + b I_beside + eps)) per view and channel, weighted by its variance and by a Cauchy
 weight whose width is the pixel's own spread of residuals, so that views with a passing shadow or a
 highlight the model misses count little. Marquardt damping per pixel; a step that does not lower the misfit
 is taken back. Albedo is solved as its logarithm. Derivatives of D and S by forward differences of the rows.
@@ -25,11 +28,21 @@ STEP = 0.01
 """Forward-difference step: radians of normal, units of roughness."""
 ROUGHNESS = (0.06, 1.0)
 ALBEDO = (0.004, 1.0)
-ROUGHNESS_PRIOR = (0.5, 0.25)
-"""Mean and spread of a weak prior, one observation's worth: it decides only where no highlight was seen."""
+GLOSS = (0.5, 0.25)
+"""Mean and spread of what is expected of a roughness of which nothing is known."""
 
-AT_REST = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3])
+SHARE = (0.0, 0.8)
+SHARE_SPREAD = 0.3
+"""Of a weak prior, one observation's worth, around no share at all."""
+
+AT_REST = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
 """Steps that are not worth the rows they take: a tenth, or so, of the errors that are left."""
+
+
+FRESH = 1e-2
+"""Damping of a pixel that has not stepped yet."""
+LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
+"""Trust region: beyond these lengths the linearisation says nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +52,15 @@ class State:
     normals: Float[np.ndarray, "p 3"]
     albedo: Float[np.ndarray, "p 3"]
     roughness: Float[np.ndarray, " p"]
+    share: Float[np.ndarray, " p"]  # of what is beside the object in what the pixel photographed
     spread: Float[np.ndarray, " p"]  # robust standard deviation of the weighted residuals
     damping: Float[np.ndarray, " p"]
     misfit: Float[np.ndarray, " p"]  # robust misfit at the accepted state
-    system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state
+    system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state, the share eliminated
     slope: Float[np.ndarray, "p 6"]
+    gloss: Float[
+        np.ndarray, "p 2"
+    ]  # mean and spread of the roughness that is expected, one observation's worth
     level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
     lift: Float[np.ndarray, " p"]  # of `steps`: log of how much nearer the point is than normals tell
 
@@ -69,11 +86,13 @@ def begin(
         normals,
         np.clip(albedo, *ALBEDO),
         np.clip(roughness, *ROUGHNESS),
+        np.zeros(count),
         np.full(count, np.nan),
-        np.full(count, 1e-2),
+        np.full(count, FRESH),
         np.full(count, np.inf),
         np.zeros((count, 6, 6)),
         np.zeros((count, 6)),
+        np.tile(GLOSS, (count, 1)),
         np.zeros((count, SECTORS), np.int8) if level is None else level,
         np.zeros(count) if lift is None else lift,
     )
@@ -95,15 +114,18 @@ def respread(
         diffuse, specular = responses(
             responses.block(sight, pixels), state.normals[pixels][:, None], state.roughness[pixels][:, None]
         )
-        residual = _residuals(diffuse[:, 0], specular[:, 0], state.albedo[pixels], seen, pixels)
+        residual = _residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)
         spread[pixels] = 1.4826 * np.nanmedian(np.abs(residual), axis=1)
     spread = np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
     return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
 
 
-def _residuals(diffuse, specular, albedo, seen, pixels):
+def _residuals(diffuse, specular, state, seen, pixels):
     eps = seen.eps[pixels][:, None]
-    model = diffuse * np.tile(albedo, diffuse.shape[1] // 3) + specular
+    model = diffuse * np.tile(state.albedo[pixels], diffuse.shape[1] // 3) + specular
+    mixed = np.nonzero(seen.row[pixels] >= 0)[0]
+    share = state.share[pixels[mixed], None]
+    model[mixed] += share * (seen.beside[seen.row[pixels[mixed]]] - model[mixed])
     weight = seen.weight[pixels]
     logs = np.log((seen.radiance[pixels] + eps) / (np.maximum(model, 0) + eps))
     return np.where(weight > 0, logs * np.sqrt(weight), np.nan)
@@ -137,26 +159,33 @@ def iterate(
     A pixel whose next step would be less than `AT_REST` is left where it is.
     """
     kept = state.copy()
+    tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "solving pixels")
         block = responses.block(sight, pixels)
-        n, a, r = kept.normals[pixels], kept.albedo[pixels], kept.roughness[pixels]
+        n, a, r, b = (x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.share))
         for turn in range(passes):
             leaning, rough, inward = variants(n, r)
             diffuse, specular = responses(block, leaning, rough)
             misfit, system, slope = _normal_equations(
-                diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels],
-                seen.eps[pixels], kept.spread[pixels], seen.cauchy, r, 1.0,
+                diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels],
+                kept.spread[pixels], seen.cauchy, r, kept.gloss[pixels], b, seen.row[pixels], seen.beside, 1.0,
             )  # fmt: skip
             better = misfit <= kept.misfit[pixels]
             won, lost = pixels[better], pixels[~better]
             kept.normals[won], kept.albedo[won], kept.roughness[won] = n[better], a[better], r[better]
-            kept.misfit[won], kept.system[won], kept.slope[won] = (x[better] for x in (misfit, system, slope))
+            kept.share[won], kept.misfit[won] = b[better], misfit[better]
+            kept.system[won], kept.slope[won] = reduced(system[better], slope[better])
+            tie[0][won], tie[1][won] = system[better, 6], slope[better, 6]
             kept.damping[won] = np.maximum(kept.damping[won] * 0.3, 1e-4)
             kept.damping[lost] = np.minimum(kept.damping[lost] * 6, 1e4)
             if turn + 1 == passes:
                 break
             move = _damped_step(kept.system[pixels], kept.slope[pixels], kept.damping[pixels])
+            # Unknown, and then nothing, where not even the first evaluation was an improvement.
+            stiff = np.where(tie[0][pixels, 6] > 0, tie[0][pixels, 6], np.inf)
+            shift = (tie[1][pixels] - (tie[0][pixels, :6] * move).sum(1)) / stiff
+            move = np.clip(np.column_stack([move, shift]), -LONGEST, LONGEST)
             moving = np.nonzero((np.abs(move) > AT_REST).any(1))[0]
             if not len(moving):
                 break
@@ -165,7 +194,17 @@ def iterate(
             n = facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
             a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
+            b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
     return kept
+
+
+def reduced(
+    system: Float[np.ndarray, "*p 7 7"], slope: Float[np.ndarray, "*p 7"]
+) -> tuple[Float[np.ndarray, "*p 6 6"], Float[np.ndarray, "*p 6"]]:
+    """A system and slope whose last unknown, the share, is eliminated."""
+    tie = system[..., :6, 6] / system[..., 6:, 6]
+    left = system[..., :6, :6] - tie[..., None] * system[..., 6:, :6]
+    return left, slope[..., :6] - tie * slope[..., 6:]
 
 
 def by_stretches(
@@ -176,12 +215,12 @@ def by_stretches(
     seen: Observations,
     count: int,
     progress: Progress,
-) -> tuple[Float[np.ndarray, "p g 6 6"], Float[np.ndarray, "p g 6"]]:
-    """(J^T W J, J^T W e) at the state, parted by stretches of `g` = `count` views in a row; each bears its share of
+) -> tuple[Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
+    """(J^T W J, J^T W e) of all seven unknowns at the state, parted by stretches of `g` = `count` views in a row; each bears its share of
     the prior."""
     pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
-    system, slope = np.empty((pixels_in_all, count, 6, 6)), np.empty((pixels_in_all, count, 6))
+    system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "judging the answer by parts of the views")
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
@@ -190,12 +229,13 @@ def by_stretches(
             *responses(responses.block(sight, pixels), leaning, rough),
             seen.radiance[pixels],
             seen.weight[pixels],
+            seen.beside,
         )
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
-            d, s, radiance, weight = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
+            d, s, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
             _, system[pixels, k], slope[pixels, k] = _normal_equations(
                 d, s, a, inward, radiance, weight, seen.eps[pixels], state.spread[pixels], seen.cauchy, r,
-                1 / count,
+                state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
             )  # fmt: skip
     return system, slope
 
@@ -204,9 +244,7 @@ def _damped_step(system, slope, damping):
     diagonal = np.einsum("pii->pi", system)
     damped = system + np.eye(6) * (diagonal * damping[:, None] + 1e-6)[:, None]
     move = np.linalg.solve(damped, slope[..., None])[..., 0]
-    # Trust region: beyond these lengths the linearisation says nothing.
-    limit = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2])
-    return np.clip(move, -limit, limit)
+    return np.clip(move, -LONGEST[:6], LONGEST[:6])
 
 
 def facing(normals, views):
@@ -219,30 +257,40 @@ def facing(normals, views):
 @numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def _normal_equations(
-    diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, prior
+    diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
+    prior,
 ):  # fmt: skip
     count, _, channels = diffuse.shape
     misfit = np.zeros(count)
-    system = np.zeros((count, 6, 6))
-    slope = np.zeros((count, 6))
+    system = np.zeros((count, 7, 7))
+    slope = np.zeros((count, 7))
     for p in numba.prange(count):
         width = (cauchy * spread[p]) ** 2
         tilt_step, rough_step = np.float32(1 / STEP), np.float32(1) / np.float32(inward[p])
         d, s = diffuse[p], specular[p]
+        mixed, q = row[p] >= 0, max(row[p], 0)
+        own, part = np.float32(1) - np.float32(share[p]), np.float32(share[p])
         total = 0.0
         for c in range(3):
             a = np.float32(albedo[p, c])
             # One channel sees four unknowns: two tilts, its own albedo, roughness.
             h00 = h01 = h02 = h03 = h11 = h12 = h13 = h22 = h23 = h33 = 0.0
             g0 = g1 = g2 = g3 = 0.0
+            h04 = h14 = h24 = h34 = h44 = g4 = 0.0
             for v in range(c, channels, 3):
                 w = weight[p, v]
                 model = a * d[0, v] + s[0, v]
+                other = np.float32(0)
+                if mixed:
+                    other = beside[q, v] - model
+                    model += part * other
                 over = np.float32(1) / (max(model, np.float32(0)) + eps[p])
+                other *= over
                 e = np.float32(math.log((radiance[p, v] + eps[p]) * over))
                 ratio = w * e * e / width
                 total += width * math.log1p(ratio)
                 robust = w / (1 + ratio)
+                over *= own
                 j0 = (a * (d[1, v] - d[0, v]) + s[1, v] - s[0, v]) * over * tilt_step
                 j1 = (a * (d[2, v] - d[0, v]) + s[2, v] - s[0, v]) * over * tilt_step
                 j2 = a * d[0, v] * over
@@ -261,6 +309,13 @@ def _normal_equations(
                 h22 += robust * j2 * j2
                 h23 += robust * j2 * j3
                 h33 += robust * j3 * j3
+                if mixed:
+                    g4 += robust * other * e
+                    h04 += robust * j0 * other
+                    h14 += robust * j1 * other
+                    h24 += robust * j2 * other
+                    h34 += robust * j3 * other
+                    h44 += robust * other * other
             k = 2 + c
             slope[p, 0] += g0
             slope[p, 1] += g1
@@ -276,12 +331,22 @@ def _normal_equations(
             system[p, 1, k] = h12
             system[p, k, k] = h22
             system[p, k, 5] = h23
-        mean, spread_r = ROUGHNESS_PRIOR
-        off = (roughness[p] - mean) / spread_r
+            slope[p, 6] += g4
+            system[p, 0, 6] += h04
+            system[p, 1, 6] += h14
+            system[p, k, 6] = h24
+            system[p, 5, 6] += h34
+            system[p, 6, 6] += h44
+        spread_r = gloss[p, 1]
+        off = (roughness[p] - gloss[p, 0]) / spread_r
         misfit[p] = total + prior * off * off * spread[p] ** 2
         slope[p, 5] -= prior * off / spread_r * spread[p] ** 2
         system[p, 5, 5] += prior * (spread[p] / spread_r) ** 2
-        for k in range(6):
+        off = share[p] / SHARE_SPREAD
+        misfit[p] += prior * off * off * spread[p] ** 2
+        slope[p, 6] -= prior * off / SHARE_SPREAD * spread[p] ** 2
+        system[p, 6, 6] += prior * (spread[p] / SHARE_SPREAD) ** 2
+        for k in range(7):
             for j in range(k):
                 system[p, k, j] = system[p, j, k]
     return misfit, system, slope

@@ -49,6 +49,8 @@ class Observations:
     eps: Float[np.ndarray, " p"]
     saturated: Float[np.ndarray, " p"]  # share of views clipped
     edge: Bool[np.ndarray, " p"]  # the pixel may hold some background
+    row: Int[np.ndarray, " p"]  # of `beside`; -1: nothing is beside it
+    beside: Float[np.ndarray, "b v"]  # float32, radiance photographed just outside the object's rim
     cauchy: float = CAUCHY  # width of the weight that residuals are given
 
     def part(
@@ -58,18 +60,22 @@ class Observations:
         columns = slice(None)
         if views is not None:
             columns = (3 * views[:, None] + np.arange(3)).ravel()
+        row = self.row[pixels]
+        kept = np.where(row >= 0, np.cumsum(row >= 0) - 1, -1)
         return Observations(
             np.ascontiguousarray(self.radiance[pixels][:, columns]),
             np.ascontiguousarray(self.weight[pixels][:, columns]),
             self.eps[pixels],
             self.saturated[pixels],
             self.edge[pixels],
+            kept,
+            np.ascontiguousarray(self.beside[row[row >= 0]][:, columns]),
             self.cauchy,
         )
 
     def exposed(self, drift: Float[np.ndarray, " n"]) -> "Observations":
         """As photographed had no view's log exposure drifted; weights, in logarithms, stay."""
-        return replace(self, radiance=evened(self.radiance, drift))
+        return replace(self, radiance=evened(self.radiance, drift), beside=evened(self.beside, drift))
 
 
 def evened(radiance: Float[np.ndarray, "q v"], drift: Float[np.ndarray, " n"]) -> Float[np.ndarray, "q v"]:
@@ -83,9 +89,11 @@ def observe(
     views: Int[np.ndarray, " n"],
     model_error: float,
     cauchy: float = CAUCHY,
+    mixed: bool = True,
 ) -> Observations:
     """Gather the mask's pixels (row order). `model_error` is the relative misfit expected of a good model:
-    it keeps a bright, nearly noiseless value from outvoting all others."""
+    it keeps a bright, nearly noiseless value from outvoting all others. `mixed`: pixels of the rim may hold a share of what is
+    beside them."""
     radiance = np.ascontiguousarray(frames.radiance[views][:, mask].transpose(1, 0, 2)).astype(np.float32)
     usable = ~(frames.clipped[views] | frames.dark[views])[:, mask].T
     positive = np.maximum(radiance, 0)
@@ -96,14 +104,37 @@ def observe(
     weight = usable[..., None] / variance
     edge = mask & ~np.asarray(binary_erosion(mask, np.ones((3, 3), bool)), bool)
     count = len(radiance)
+    row, place = rim(mask)
+    if not mixed:
+        row, place = np.full(count, -1), (place[0][:0], place[1][:0])
+    outside = np.maximum(frames.radiance[views][:, *place].transpose(1, 0, 2), 0).astype(np.float32)
     return Observations(
         positive.reshape(count, -1),
         weight.astype(np.float32).reshape(count, -1),
         eps.astype(np.float32),
         frames.clipped[views][:, mask].mean(0).astype(np.float32),
         edge[mask],
+        row,
+        np.ascontiguousarray(outside.reshape(len(outside), radiance.shape[1] * 3)),
         cauchy,
     )
+
+
+def rim(
+    mask: Bool[np.ndarray, "h w"],
+) -> tuple[Int[np.ndarray, " p"], tuple[Int[np.ndarray, " b"], Int[np.ndarray, " b"]]]:
+    """Which of the pixels have one straight beside them that is not the object's, numbered; and where that one is."""
+    v, u = np.nonzero(mask)
+    place = np.stack([v, u])
+    found = np.zeros(len(v), bool)
+    for step in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        there = np.stack([v, u]) + np.reshape(step, (2, 1))
+        framed = np.clip(there, 0, np.reshape(mask.shape, (2, 1)) - 1)
+        fresh = (there == framed).all(0) & ~mask[tuple(framed)] & ~found
+        place[:, fresh] = there[:, fresh]
+        found |= fresh
+    row = np.where(found, np.cumsum(found) - 1, -1)
+    return row, (place[0, found], place[1, found])
 
 
 def thinned(views: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:

@@ -65,6 +65,8 @@ class SurfaceParams:
     )
     robust: bool = True  # views that fit badly count less; False: plain least squares
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
+    gloss: bool = True  # let pixels expect the roughness of those that look alike
+    rim: bool = True  # let pixels of the rim hold a share of what is photographed beside the object
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
     exposure_drift: bool = False  # let every view's exposure be off by a factor, told by the object's shading
     lamp_shift: bool = True  # let lamps stand in other directions than they were found in, told by the same
@@ -147,13 +149,13 @@ def subject(
 ) -> Subject:
     """The object in some views, at the photographs' resolution."""
     cauchy = CAUCHY if params.robust else PLAIN
-    return Subject(camera, mask, observe(frames, mask, views, params.model_error, cauchy))
+    return Subject(camera, mask, observe(frames, mask, views, params.model_error, cauchy, params.rim))
 
 
 def halved(
     frames: Frames, mask: Bool[np.ndarray, "h w"], camera: Camera
 ) -> tuple[Frames, Bool[np.ndarray, "h2 w2"], Camera]:
-    """Photographs of half the size, for the object alone: means over the object's pixels of each 2 x 2."""
+    """Photographs of half the size: means over the object's pixels of each 2 x 2 where they are the object's, else over the others."""
     height, width = mask.shape[0] // 2 * 2, mask.shape[1] // 2 * 2
 
     def fours(x: Shaped[np.ndarray, "*n h w"]) -> Shaped[np.ndarray, "*n h2 w2 4"]:
@@ -162,11 +164,12 @@ def halved(
 
     inside = fours(mask)
     small = inside.sum(-1) >= 2
-    count = np.maximum(inside.sum(-1), 1)
+    own = inside == small[..., None]
+    count = np.maximum(own.sum(-1), 1)
     radiance = np.empty((len(frames.names), *small.shape, 3), np.float32)
     for view, photograph in enumerate(frames.radiance):  # one by one: all of them may be more than fits
         for c in range(3):
-            radiance[view, ..., c] = (fours(photograph[..., c]) * inside).sum(-1) / count
+            radiance[view, ..., c] = (fours(photograph[..., c]) * own).sum(-1) / count
     clipped, dark = (
         np.stack([(fours(view) & inside).any(-1) for view in views])
         for views in (frames.clipped, frames.dark)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from engine.progress import Progress
 from engine.surface import newton, steps
 from engine.surface.asking import ask, prices
+from engine.surface.gloss import reconsidered
 from engine.surface.pixels import Subject, SurfaceParams, as_photographed, depth_of, lifted
 from engine.surface.transport import Incident, Sight, blocks
 
@@ -29,10 +30,14 @@ def improve(
     for turn, passes in enumerate((params.passes, 3) if params.ask else (params.passes,)):
         span = progress.part(0, 0.3) if turn == 0 else progress.part(0.8, 1)
         if turn:
-            state = ask(who, state, light, sight, params, progress.part(0.3, 0.8))
+            state = ask(who, state, light, sight, params, progress.part(0.4, 0.8))
         seeing = as_photographed(who, state, sight, light.directions)
         state = newton.respread(state, responses, seeing, parts, who.seen)
         state = newton.iterate(state, responses, seeing, parts, who.seen, passes, span)
+        if params.gloss and not turn:
+            state = reconsidered(
+                state, responses, seeing, parts, who.seen, who.mask, passes, progress.part(0.3, 0.4)
+            )
     return state
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
-from engine.surface.observations import numbered
+from engine.surface.observations import aside, numbered
 from engine.surface.walls import Patches, faces_of, patches
 
 TEAR = 0.3
@@ -27,6 +27,9 @@ BELOW = 0.5
 """Sine of how far below a pixel's horizon rays are cast too: the solver is about to turn the normal, and a
 direction that then rises above the horizon must not come in as if nothing stood there."""
 
+
+LIFT = (0.05, 0.5)
+"""Pixels' footprints that rays start above the surface, at least and at most."""
 
 SECTORS = 12
 """Parts of the azimuth around the viewing ray, for each of which `horizons` may overrule the depth."""
@@ -124,8 +127,7 @@ def occlusion(
 ) -> Occlusion:
     """Cast every pixel's rays at the depth mesh.
 
-    Origins are lifted along the normal by half a pixel's footprint: less and the facets of the mesh shade
-    themselves, more and real contact shadows leak. With the pixels' `albedo` given, the walls that no pixel shows are
+    With the pixels' `albedo` given, the walls that no pixel shows are
     sources of their own; without, the nearest pixel of their rim stands for each.
     """
     vertices, triangles = depth_mesh(points, mask, tear)
@@ -136,9 +138,7 @@ def occlusion(
     if albedo is not None:
         cut = patches(vertices, triangles, flat_normals, albedo, mask)
     mesh = _Mesh(vertices, triangles, cut.of)
-    # Facing the camera a little more than the surface does keeps origins off back-tilted facets.
-    towards = -vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
-    origins = vertices + (flat_normals + towards) * footprint[:, None] * 0.5
+    origins = vertices + lifted(vertices, flat_normals, footprint, mask)
     found = mesh.hidden(origins, flat_normals, directions, -BELOW, progress)
     if not len(cut.points):
         return found
@@ -146,6 +146,29 @@ def occlusion(
     clear = cut.points + cut.normals * (footprint.mean() * cut.points[:, 2:] / vertices[:, 2].mean())
     hidden = mesh.hidden(clear, cut.normals, directions, 0.0, progress)
     return replace(found, walls=Walls(cut.points, cut.normals, cut.albedo, cut.parts, hidden))
+
+
+def lifted(
+    points: Float[np.ndarray, "p 3"],
+    normals: Float[np.ndarray, "p 3"],
+    footprint: Float[np.ndarray, " p"],
+    mask: Bool[np.ndarray, "h w"],
+) -> Float[np.ndarray, "p 3"]:
+    """How far above its point every pixel's rays begin: as far as its neighbours' points rise above its own plane, for so far
+    do facets and normals disagree.
+
+    Where they agree, hardly at all: half a footprint everywhere, as once, let a twentieth of what is hidden in a flute's
+    bottom shine in, and cost half a degree. Where they do not, at rims and tears, less lets facets shade their
+    own corners. Towards the camera as well as along the normal: that keeps origins off back-tilted facets.
+    """
+    beside = aside(mask, np.array([(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1) if v or u]))
+    rise = np.zeros(len(points))
+    for other in beside.T:
+        above = ((points[other] - points) * normals).sum(1)
+        rise = np.maximum(rise, np.where(other >= 0, above, 0))
+    far = np.clip(rise, *(share * footprint for share in LIFT))
+    towards = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    return (normals + towards) * far[:, None]
 
 
 class _Mesh:

@@ -57,7 +57,7 @@ def moved(told) -> newton.State:
 def test_what_stands_still_comes_out_as_if_it_had_been_evaluated_to_the_end(told, monkeypatch):
     start = moved(told)
     found, asked = iterated(told, start, 9)
-    monkeypatch.setattr(newton, "AT_REST", np.zeros(6))
+    monkeypatch.setattr(newton, "AT_REST", np.zeros(7))
     whole, every = iterated(told, start, 9)
     assert sum(every) == 9 * len(start.normals)
     assert sum(asked) < 0.8 * sum(every)
@@ -83,3 +83,36 @@ def test_a_block_of_a_few_has_what_reaches_them(told):
     )
     for all_of_them, some in zip(whole, part, strict=True):
         np.testing.assert_allclose(some, all_of_them[few], rtol=1e-5, atol=1e-7)
+
+
+def test_a_share_of_what_is_beside_the_rim_is_found_and_does_not_lean_the_normals(told):
+    sample, state, _ = told
+    pixels, rng = np.arange(0, len(state.normals), 3), np.random.default_rng(4)
+    seen, truth = sample.seen, rng.uniform(0.0, 0.5, len(pixels)).astype(np.float32)
+    beside = rng.permuted(seen.radiance[pixels].reshape(len(pixels), -1, 3), axis=1).reshape(len(pixels), -1)
+    radiance = seen.radiance.copy()
+    radiance[pixels] += truth[:, None] * (beside - radiance[pixels])
+    row = np.full(len(state.normals), -1)
+    row[pixels] = np.arange(len(pixels))
+    errors = {}
+    for name, rows in (("told", row), ("untold", np.full_like(row, -1))):
+        there = replace(sample, seen=replace(seen, radiance=radiance, row=rows, beside=beside))
+        found, _ = iterated((there, state, told[2]), moved((there, state, told[2])), 15)
+        errors[name] = np.degrees(angle_between(found.normals, state.normals))
+        if name == "told":
+            np.testing.assert_allclose(found.share[pixels], truth, atol=0.035)  # the prior's pull
+            assert not np.delete(found.share, pixels).any()
+    assert np.median(errors["told"][pixels]) < 0.1 * np.median(errors["untold"][pixels])
+    others = np.delete(np.arange(len(row)), pixels)
+    np.testing.assert_allclose(errors["told"][others], errors["untold"][others], atol=0.05)
+
+
+def test_a_system_without_its_share_steps_the_others_as_the_whole_one_does():
+    rng = np.random.default_rng(0)
+    jacobian, misfit = rng.normal(size=(5, 40, 7)), rng.normal(size=(5, 40))
+    system = np.einsum("pvi,pvj->pij", jacobian, jacobian)
+    slope = np.einsum("pvi,pv->pi", jacobian, misfit)
+    left, pull = newton.reduced(system, slope)
+    whole = np.linalg.solve(system, slope[..., None])[..., 0]
+    np.testing.assert_allclose(np.linalg.solve(left, pull[..., None])[..., 0], whole[:, :6])
+    np.testing.assert_allclose(np.linalg.inv(left), np.linalg.inv(system)[:, :6, :6])

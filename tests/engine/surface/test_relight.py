@@ -80,7 +80,7 @@ def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.
     frames = Frames(
         tuple("x" * VIEWS), np.zeros((VIEWS, 30, 40, 3), np.float32), nothing, nothing, (1e-7, 1e-7)
     )
-    blank = observe(frames, mask, np.arange(VIEWS), 0.01)
+    blank = observe(frames, mask, np.arange(VIEWS), 0.01, mixed=False)
     regions = coarse_regions(mask)
     sample = Sample(Sight(q, -r, None), blank, blank.radiance, regions, True, False)
     for pixels, answer in predict(
@@ -88,7 +88,7 @@ def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, newton.State, np.
     ):
         rows = np.argwhere(mask)[pixels]
         frames.radiance[:, rows[:, 0], rows[:, 1]] = answer.transpose(1, 0, 2)
-    seen = observe(frames, mask, np.arange(VIEWS), 0.01)
+    seen = observe(frames, mask, np.arange(VIEWS), 0.01, mixed=False)
     sample = replace(sample, seen=seen, photographed=seen.radiance)
     return sample, newton.begin(normals, albedo, roughness), albedo
 

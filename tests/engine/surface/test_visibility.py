@@ -46,3 +46,25 @@ def test_a_plane_hides_nothing_from_itself_however_it_is_seen(slant_deg: float) 
     normals = np.broadcast_to(normal, q.shape).copy()
     share = occlusion(points, normals, mask, CELLS, Progress()).share
     assert share.max() < 2e-3
+
+
+def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
+    """Two walls at right angles: of the sky over a strip of one the other hides (1 - s / sqrt(s^2 + l^2)) / 2."""
+    q = rays(Camera(128, 400, 400.0, 400.0, 64.0, 200.0))
+    q = q / q[..., 2:]
+    mask = np.zeros(q.shape[:2], bool)
+    mask[:, 32:96] = True
+    depth = 1.0
+    side = np.sign(q[..., 0])
+    z = depth / (1 + side * q[..., 0])  # z = depth - |x|
+    points = q * z[..., None]
+    normals = np.stack([-side, np.zeros_like(side), -np.ones_like(side)], -1) / np.sqrt(2)
+    found = np.zeros(mask.shape)
+    found[mask] = occlusion(points, normals, mask, direction_cells(4000), Progress()).share
+    row = found[200]
+    x = np.abs(points[200, :, 0]) * np.sqrt(2)
+    length = np.array([x[95], x[32]])  # of the right wall, and of the left
+    for columns, other in ((slice(40, 62), length[0]), (slice(66, 88), length[1])):
+        told = (1 - x[columns] / np.hypot(x[columns], other)) / 2
+        np.testing.assert_allclose(row[columns], told, atol=0.02)
+        assert abs((row[columns] - told).mean()) < 0.004
