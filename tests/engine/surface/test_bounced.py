@@ -95,8 +95,8 @@ def test_a_wall_throws_what_a_direct_sum_says_and_lights_the_lower_plane_so():
     diffuse, _ = responses(
         responses.block(sight, pixels), np.tile([0, 0, -1.0], (len(pixels), 1, 1)), np.ones((len(pixels), 1))
     )
-    # Rays start a pixel's width above the plane, and the mesh's wall rises to where the upper plane's last pixel stands.
-    lifted, up = sight.points[pixels] + [0.5 * UP / CAMERA.fx, 0, -PIXEL], np.array([0, 0, -1.0])
+    # Rays start a tenth of a pixel's width above the plane, and the mesh's wall rises to where the upper plane's last pixel stands.
+    lifted, up = sight.points[pixels] + [0.5 * UP / CAMERA.fx, 0, -0.1 * PIXEL], np.array([0, 0, -1.0])
     wanted = np.array([thrown_by_hand(point, up, wall_by_hand) for point in lifted])
     np.testing.assert_allclose(diffuse[:, 0, 0], wanted, rtol=0.005)
     # Where a wall is as bright as the pixel at its rim, that is wrong by several times as much.
