@@ -19,6 +19,11 @@ CAUCHY, PLAIN = 2.0, 1e6
 in full: plain least squares."""
 
 
+DARK = 0.1
+"""What is beside a pixel of the rim tells its share if it is brighter than so many times the pixel itself. Of black a share and
+a lower albedo look alike."""
+
+
 def islands(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, " p"], int]:
     """Which connected part every pixel of the mask belongs to, from 0, and how many there are."""
     found: tuple[np.ndarray, int] = label(mask)  # pyright: ignore[reportAssignmentType]
@@ -105,9 +110,10 @@ def observe(
     edge = mask & ~np.asarray(binary_erosion(mask, np.ones((3, 3), bool)), bool)
     count = len(radiance)
     row, place = rim(mask)
-    if not mixed:
-        row, place = np.full(count, -1), (place[0][:0], place[1][:0])
     outside = np.maximum(frames.radiance[views][:, *place].transpose(1, 0, 2), 0).astype(np.float32)
+    outside = outside.reshape(len(outside), 3 * len(views))
+    tells = np.median(outside, axis=1) > DARK * level[row >= 0] if mixed else np.zeros(len(outside), bool)
+    row[row >= 0] = np.where(tells, np.cumsum(tells) - 1, -1)
     return Observations(
         positive.reshape(count, -1),
         weight.astype(np.float32).reshape(count, -1),
@@ -115,7 +121,7 @@ def observe(
         frames.clipped[views][:, mask].mean(0).astype(np.float32),
         edge[mask],
         row,
-        np.ascontiguousarray(outside.reshape(len(outside), radiance.shape[1] * 3)),
+        np.ascontiguousarray(outside[tells]),
         cauchy,
     )
 

@@ -15,6 +15,7 @@ from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.asking import ask
 from engine.surface.near import Near
+from engine.surface.observations import observe
 from engine.surface.pixels import (
     LEAST,
     LEAST_OR_NONE,
@@ -280,3 +281,27 @@ def test_blocks_cover_every_pixel_once():
     mask, _, _ = ball()
     together = np.concatenate(blocks(mask))
     np.testing.assert_array_equal(np.sort(together), np.arange(mask.sum()))
+
+
+def test_a_rim_s_pixels_know_what_is_beside_them_unless_it_is_dark():
+    mask = np.zeros((6, 8), bool)
+    mask[1:5, 0:6] = (
+        True  # the object is cut off by the picture's left side: nothing is photographed beside it there
+    )
+    radiance = np.full((3, 6, 8, 3), 0.2, np.float32)
+    radiance[:, 0] = [[[0.5]], [[0.6]], [[0.7]]]
+    radiance[:, :, 6] = 0.01
+    radiance[:, 5] = 0.1
+    nothing = np.zeros((3, 6, 8), bool)
+    frames = Frames(("a", "b", "c"), radiance, nothing, nothing, (1e-6, 1e-6))
+    seen = observe(frames, mask, np.arange(3), 0.02)
+    row = image(mask, seen.row + 1).astype(int) - 1
+    told = np.zeros(mask.shape, bool)
+    told[1, :5] = told[4, :5] = True  # the right column has black on its right, which comes first
+    np.testing.assert_array_equal(row >= 0, told)
+    np.testing.assert_allclose(seen.beside[row[1, 2]], np.repeat([0.5, 0.6, 0.7], 3))
+    np.testing.assert_allclose(seen.beside[row[4, 2]], 0.1)
+    few = seen.part(np.nonzero(seen.row >= 0)[0][::2], np.array([2]))
+    assert few.row.tolist() == list(range(5))
+    assert few.beside.shape == (5, 3)
+    assert (observe(frames, mask, np.arange(3), 0.02, mixed=False).row == -1).all()
