@@ -61,7 +61,8 @@ def uncalibrated(
     Raises:
         SurfaceError: too few views, or an empty mask.
     """
-    who, _ = seen_object(frames, masks, poses, SurfaceParams(model_error=params.model_error))
+    # Under a light that is not known yet, a share of the background would take up what the light leaves unexplained.
+    who, _ = seen_object(frames, masks, poses, SurfaceParams(model_error=params.model_error, rim=False))
     sight = who.flat(params.object_distance)
     states = []
     for i, height in enumerate(HEIGHTS):
