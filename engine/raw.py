@@ -8,6 +8,7 @@ object are rigid to one another, so the object must not turn in the image when t
 import datetime
 import io
 import math
+import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,6 +134,8 @@ def _open(path: Path) -> rawpy.RawPy:
     except FileNotFoundError as fault:
         raise RawError(f"{path}: no such file; check the folder") from fault
     except rawpy.LibRawIOError as fault:
+        if path.exists() and not os.access(path, os.R_OK):
+            raise RawError(f"{path}: no permission to read it; change its permissions") from fault
         cause = "no such file" if not path.exists() else "it cannot be read or is cut off"
         raise RawError(f"{path}: {cause} ({_reason(fault)}); copy the file again") from fault
     except rawpy.LibRawError as fault:

@@ -92,6 +92,14 @@ def test_a_missing_file_is_refused(tmp_path):
         read_facts(tmp_path / "gone.dng")
 
 
+def test_a_file_that_may_not_be_read_is_refused_as_that(tmp_path, monkeypatch):
+    path = tmp_path / "locked.dng"
+    path.touch()
+    monkeypatch.setattr("os.access", lambda file, mode: False)  # whoever runs this may read everything
+    with pytest.raises(RawError, match=r"locked\.dng: no permission to read it; change its permissions"):
+        read_mosaic(path)
+
+
 def test_xtrans_is_refused_with_a_remedy(tmp_path, monkeypatch):
     bayer = dng._image
     # G B G G R G / R G R B G B / G B G G R G, and the same with red and blue changed over.
