@@ -44,7 +44,7 @@ def shadows_of(
 ) -> Shadows:
     """The mesh over the mask's points; rays begin at the pixels solved, whose normals are `normals`.
 
-    Origins are lifted by half a pixel's footprint along the normal and towards the camera, as our own solver's are.
+    Origins are lifted by half a pixel's footprint along the normal and towards the camera, as our own solver's once were.
     """
     import open3d as o3d
 

@@ -16,7 +16,7 @@ from engine.light.rasterise import Run, workers
 from engine.progress import Progress
 from engine.surface import horizons
 from engine.surface.bounced import lit
-from engine.surface.newton import State, facing
+from engine.surface.newton import FRESH, State, facing
 from engine.surface.observations import Observations, aside
 from engine.surface.pixels import Subject, SurfaceParams
 from engine.surface.transport import Incident, Responses, Sight, blocks
@@ -128,7 +128,7 @@ def ask(
             won = mine[better]
             least[of[better]] = misfit[better]
             kept.normals[won], kept.roughness[won] = normals[better], state.roughness[theirs[better]]
-            kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], 1e-2
+            kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], FRESH
     return kept
 
 

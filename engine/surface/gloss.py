@@ -46,9 +46,11 @@ def reconsidered(
     mean, spread = state.gloss.T
     surprised = np.abs(state.roughness - mean) > UNEXPECTED * spread
     few = [part for block in parts if len(part := block[surprised[block]])]
-    fresh = np.full(len(mean), np.inf), np.full(len(mean), FRESH)
     other = replace(
-        state, roughness=np.where(surprised, mean, state.roughness), misfit=fresh[0], damping=fresh[1]
+        state,
+        roughness=np.where(surprised, mean, state.roughness),
+        misfit=np.full(len(mean), np.inf),
+        damping=np.full(len(mean), FRESH),
     )
     other = iterate(other, responses, sight, few, seen, passes, progress)
     better = surprised & (other.misfit < state.misfit)
@@ -94,10 +96,9 @@ def expected(state: State, mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "
 
 def own_error(state: State) -> Float[np.ndarray, " p"]:
     """Standard error of the roughness by the photographs alone; 1 at most."""
-    system = state.system / np.maximum(state.spread, 1.0)[:, None, None] ** 2
-    system[:, 5, 5] -= (state.spread / np.maximum(state.spread, 1.0) / state.gloss[:, 1]) ** 2
-    system = system + 1e-6 * np.eye(6)
-    variance = np.linalg.inv(system)[:, 5, 5]
+    alone = expecting(state, np.tile([0.0, np.inf], (len(state.roughness), 1))).system
+    square = np.maximum(state.spread, 1.0)[:, None, None] ** 2
+    variance = np.linalg.inv(alone / square + 1e-6 * np.eye(6))[:, 5, 5]
     return np.sqrt(np.clip(np.where(variance > 0, variance, 1), 0, 1))
 
 

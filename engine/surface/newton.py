@@ -29,16 +29,14 @@ STEP = 0.01
 ROUGHNESS = (0.06, 1.0)
 ALBEDO = (0.004, 1.0)
 GLOSS = (0.5, 0.25)
-"""Mean and spread of what is expected of a roughness of which nothing is known."""
-
+"""Mean and spread of what is expected of a roughness of which nothing is known. One observation's worth, as every
+expectation is."""
 SHARE = (0.0, 0.8)
 SHARE_SPREAD = 0.3
 """Of a weak prior, one observation's worth, around no share at all."""
 
 AT_REST = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
 """Steps that are not worth the rows they take: a tenth, or so, of the errors that are left."""
-
-
 FRESH = 1e-2
 """Damping of a pixel that has not stepped yet."""
 LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
@@ -58,9 +56,7 @@ class State:
     misfit: Float[np.ndarray, " p"]  # robust misfit at the accepted state
     system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state, the share eliminated
     slope: Float[np.ndarray, "p 6"]
-    gloss: Float[
-        np.ndarray, "p 2"
-    ]  # mean and spread of the roughness that is expected, one observation's worth
+    gloss: Float[np.ndarray, "p 2"]  # mean and spread of the roughness that is expected
     level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
     lift: Float[np.ndarray, " p"]  # of `steps`: log of how much nearer the point is than normals tell
 
@@ -216,8 +212,8 @@ def by_stretches(
     count: int,
     progress: Progress,
 ) -> tuple[Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
-    """(J^T W J, J^T W e) of all seven unknowns at the state, parted by stretches of `g` = `count` views in a row; each bears its share of
-    the prior."""
+    """(J^T W J, J^T W e) of all seven unknowns at the state, parted by stretches of `g` = `count` views in a row; each bears
+    its share of the priors."""
     pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
     system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))

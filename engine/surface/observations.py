@@ -20,8 +20,8 @@ in full: plain least squares."""
 
 
 DARK = 0.1
-"""What is beside a pixel of the rim tells its share if it is brighter than so many times the pixel itself. Of black a share and
-a lower albedo look alike."""
+"""What is beside a pixel of the rim tells its share if it is brighter than so many times the pixel itself. Of black, a share
+and a lower albedo look alike."""
 
 
 def islands(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, " p"], int]:
@@ -97,9 +97,10 @@ def observe(
     mixed: bool = True,
 ) -> Observations:
     """Gather the mask's pixels (row order). `model_error` is the relative misfit expected of a good model:
-    it keeps a bright, nearly noiseless value from outvoting all others. `mixed`: pixels of the rim may hold a share of what is
-    beside them."""
-    radiance = np.ascontiguousarray(frames.radiance[views][:, mask].transpose(1, 0, 2)).astype(np.float32)
+    it keeps a bright, nearly noiseless value from outvoting all others. `mixed`: pixels of the rim may hold a
+    share of what is beside them."""
+    v, u = np.nonzero(mask)
+    radiance = photographed(frames, views, (v, u))
     usable = ~(frames.clipped[views] | frames.dark[views])[:, mask].T
     positive = np.maximum(radiance, 0)
     level = np.median(positive.reshape(len(radiance), -1), axis=1)
@@ -110,8 +111,7 @@ def observe(
     edge = mask & ~np.asarray(binary_erosion(mask, np.ones((3, 3), bool)), bool)
     count = len(radiance)
     row, place = rim(mask)
-    outside = np.maximum(frames.radiance[views][:, *place].transpose(1, 0, 2), 0).astype(np.float32)
-    outside = outside.reshape(len(outside), 3 * len(views))
+    outside = np.maximum(photographed(frames, views, place), 0).reshape(len(place[0]), 3 * len(views))
     tells = np.median(outside, axis=1) > DARK * level[row >= 0] if mixed else np.zeros(len(outside), bool)
     row[row >= 0] = np.where(tells, np.cumsum(tells) - 1, -1)
     return Observations(
@@ -121,9 +121,18 @@ def observe(
         frames.clipped[views][:, mask].mean(0).astype(np.float32),
         edge[mask],
         row,
-        np.ascontiguousarray(outside[tells]),
+        outside[tells],
         cauchy,
     )
+
+
+def photographed(
+    frames: Frames,
+    views: Int[np.ndarray, " n"],
+    place: tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]],
+) -> Float[np.ndarray, "p n 3"]:
+    """Radiance (float32) at rows and columns, in some views, which may be none."""
+    return np.ascontiguousarray(frames.radiance[views[:, None], *place].transpose(1, 0, 2), np.float32)
 
 
 def rim(

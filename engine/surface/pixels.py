@@ -17,7 +17,7 @@ from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.bounced import lit
 from engine.surface.integrate import integrate
-from engine.surface.observations import CAUCHY, PLAIN, Observations, islands, numbered, observe
+from engine.surface.observations import CAUCHY, PLAIN, Observations, islands, numbered, observe, photographed
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Responses, Sight, blocks, predict
 from engine.surface.visibility import occlusion
@@ -155,7 +155,7 @@ def subject(
 def halved(
     frames: Frames, mask: Bool[np.ndarray, "h w"], camera: Camera
 ) -> tuple[Frames, Bool[np.ndarray, "h2 w2"], Camera]:
-    """Photographs of half the size: means over the object's pixels of each 2 x 2 where they are the object's, else over the others."""
+    """Photographs of half the size: means over each 2 x 2, of the object's pixels where it is the object, else of the others."""
     height, width = mask.shape[0] // 2 * 2, mask.shape[1] // 2 * 2
 
     def fours(x: Shaped[np.ndarray, "*n h w"]) -> Shaped[np.ndarray, "*n h2 w2 4"]:
@@ -291,8 +291,8 @@ def photographed_in(
     frames: Frames, mask: Bool[np.ndarray, "h w"], views: Sequence[int]
 ) -> Float[np.ndarray, "p v"]:
     """The mask's pixels in some views, which may be none; view-major."""
-    seen = frames.radiance[list(views)][:, mask].transpose(1, 0, 2)
-    return np.ascontiguousarray(seen.reshape(int(mask.sum()), 3 * len(views)))
+    v, u = np.nonzero(mask)
+    return photographed(frames, np.array(views, int), (v, u)).reshape(len(v), 3 * len(views))
 
 
 def painted(

@@ -22,22 +22,24 @@ def improve(
     device: str,
     progress: Progress,
 ) -> newton.State:
-    """Gauss-Newton on every pixel; then each looks at what its neighbours found, and again.
+    """Gauss-Newton on every pixel; then each looks at what is expected of it and at what its neighbours found, and again.
 
     `sight` is what the depth says hides the room; the photographs may know better.
     """
     responses, parts = who.responses(light, params, device, sight), blocks(who.mask)
-    for turn, passes in enumerate((params.passes, 3) if params.ask else (params.passes,)):
-        span = progress.part(0, 0.3) if turn == 0 else progress.part(0.8, 1)
-        if turn:
-            state = ask(who, state, light, sight, params, progress.part(0.4, 0.8))
+
+    def settled(state: newton.State, passes: int, span: Progress) -> tuple[newton.State, Sight]:
         seeing = as_photographed(who, state, sight, light.directions)
         state = newton.respread(state, responses, seeing, parts, who.seen)
-        state = newton.iterate(state, responses, seeing, parts, who.seen, passes, span)
-        if params.gloss and not turn:
-            state = reconsidered(
-                state, responses, seeing, parts, who.seen, who.mask, passes, progress.part(0.3, 0.4)
-            )
+        return newton.iterate(state, responses, seeing, parts, who.seen, passes, span), seeing
+
+    state, seeing = settled(state, params.passes, progress.part(0, 0.3))
+    if params.gloss:
+        span = progress.part(0.3, 0.4)
+        state = reconsidered(state, responses, seeing, parts, who.seen, who.mask, params.passes, span)
+    if params.ask:
+        state = ask(who, state, light, sight, params, progress.part(0.4, 0.8))
+        state, _ = settled(state, 3, progress.part(0.8, 1))
     return state
 
 

@@ -127,8 +127,8 @@ def occlusion(
 ) -> Occlusion:
     """Cast every pixel's rays at the depth mesh.
 
-    With the pixels' `albedo` given, the walls that no pixel shows are
-    sources of their own; without, the nearest pixel of their rim stands for each.
+    With the pixels' `albedo` given, the walls that no pixel shows are sources of their own; without, the nearest pixel of
+    their rim stands for each.
     """
     vertices, triangles = depth_mesh(points, mask, tear)
     flat_normals = normals[mask].astype(float)
@@ -138,7 +138,7 @@ def occlusion(
     if albedo is not None:
         cut = patches(vertices, triangles, flat_normals, albedo, mask)
     mesh = _Mesh(vertices, triangles, cut.of)
-    origins = vertices + lifted(vertices, flat_normals, footprint, mask)
+    origins = vertices + clearance(vertices, flat_normals, footprint, mask)
     found = mesh.hidden(origins, flat_normals, directions, -BELOW, progress)
     if not len(cut.points):
         return found
@@ -148,14 +148,14 @@ def occlusion(
     return replace(found, walls=Walls(cut.points, cut.normals, cut.albedo, cut.parts, hidden))
 
 
-def lifted(
+def clearance(
     points: Float[np.ndarray, "p 3"],
     normals: Float[np.ndarray, "p 3"],
     footprint: Float[np.ndarray, " p"],
     mask: Bool[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "p 3"]:
-    """How far above its point every pixel's rays begin: as far as its neighbours' points rise above its own plane, for so far
-    do facets and normals disagree.
+    """From every pixel's point to where its rays begin: as far up as its neighbours' points rise above its own plane, for so
+    far do facets and normals disagree.
 
     Where they agree, hardly at all: half a footprint everywhere, as once, let a twentieth of what is hidden in a flute's
     bottom shine in, and cost half a degree. Where they do not, at rims and tears, less lets facets shade their

@@ -285,9 +285,8 @@ def test_blocks_cover_every_pixel_once():
 
 def test_a_rim_s_pixels_know_what_is_beside_them_unless_it_is_dark():
     mask = np.zeros((6, 8), bool)
-    mask[1:5, 0:6] = (
-        True  # the object is cut off by the picture's left side: nothing is photographed beside it there
-    )
+    # Cut off by the picture's left side: nothing is photographed beside it there.
+    mask[1:5, 0:6] = True
     radiance = np.full((3, 6, 8, 3), 0.2, np.float32)
     radiance[:, 0] = [[[0.5]], [[0.6]], [[0.7]]]
     radiance[:, :, 6] = 0.01
