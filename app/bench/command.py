@@ -127,11 +127,12 @@ def run(args: Namespace) -> int:
     call = Call(args)
     metrics = WHAT[args.what](call)
     held = {group: [parts.row(one) for one in found] for group, found in call.rows.items()}
+    size = call.size.thinned() if args.what == "views" else call.size
     measured = Record(
-        args.what, call.size.name, call.size.told(), args.seed, record.machine(call.device), record.versions(),
+        args.what, size.name, size.told(), args.seed, record.machine(call.device), record.versions(),
         tuple(metrics), held,
     )  # fmt: skip
-    print(f"\n{call.size.told()}\n{record.told(measured)}")
+    print(f"\n{size.told()}\n{record.told(measured)}")
     if args.json:
         record.write(measured, args.json)
     if args.write_baseline:
@@ -156,7 +157,7 @@ def views(call: Call) -> list[Metric]:
     counted: dict[int, Groups] = {}
     for count in call.size.counts:
         counted[count] = call.groups(methods, call.sets(max(call.size.counts), count))
-    print("the light too is that of so many photographs; true poses and masks given\n")
+    print("the light too is that of so many photographs\n")
     metrics: list[Metric] = []
     for group in dict.fromkeys(group for held in counted.values() for group in held):
         here = [(count, one) for count, held in counted.items() for one in held[group]]

@@ -1,7 +1,7 @@
 """How large the benchmark's sets are, and which rooms and objects each size takes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 OBJECTS = ("blob", "sphere", "vase", "relief", "thin", "duo")
@@ -41,6 +41,10 @@ class Size:
         light = ", a light of few Gaussians" if self.settings else ""
         views = f"{self.views} views of {self.width} x {self.height} on a {self.motion}"
         return f"sets of size {self.name} ({views}), {self.inputs}{light}"
+
+    def thinned(self) -> "Size":
+        """As `bench views` takes it: sets of the most views, which fewer are taken out of with the truth's poses and mask."""
+        return replace(self, views=max(self.counts), given=True)
 
 
 SIZES = {

@@ -219,8 +219,16 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert str(tmp_path / "drawn" / "chart.svg") in capsys.readouterr().out
     assert main(["bench", "views", *to, "--json", str(tmp_path / "m.json")]) == 0
     assert "| 20 " in capsys.readouterr().out
-    keys = {m["key"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
+    record = json.loads((tmp_path / "m.json").read_text())
+    keys = {m["key"] for m in record["metrics"]}
     assert {"20-views/window-blob/standard/normal", "40-views/window-blob/standard/normal"} <= keys
+    assert "true poses and masks given" in record["inputs"]
+
+
+def test_sets_that_views_are_taken_out_of_are_told_by_their_most():
+    said = SIZES["standard"].thinned().told()
+    assert "(150 views of 512 x 384" in said
+    assert "true poses and masks given" in said
 
 
 def test_an_ablation_compares_our_switches_over_all_pixels(
