@@ -43,7 +43,8 @@ class Call:
 
     def __init__(self, args: Namespace):
         self.args = args
-        self.size: Size = SIZES["quick" if args.quick else args.size]
+        size = SIZES["quick" if args.quick else args.size]
+        self.size: Size = size.thinned() if args.what == "views" else size
         # One set says as much about a switch or a chart as nine, in a ninth of the time.
         many = args.what == "table"
         self.rooms = args.rooms or (self.size.rooms if many else self.size.rooms[:1])
@@ -69,19 +70,11 @@ class Call:
         self.behind = False  # of the reference, where that was looked at
         self.rows: Groups = {}  # of the table, for the record
 
-    def sets(self, views: int | None = None, count: int | None = None) -> list[Set]:
-        """Every room and object, of `views` photographs (the size's if None) or `count` of them."""
+    def sets(self, count: int | None = None) -> list[Set]:
+        """Every room and object, of all the size's photographs or `count` of them."""
+        size, seed = self.size, self.args.seed
         return [
-            sets.ready(
-                self.folder,
-                room,
-                thing,
-                self.size,
-                views or self.size.views,
-                self.args.seed,
-                self.device,
-                count,
-            )
+            sets.ready(self.folder, room, thing, size, size.views, seed, self.device, count)
             for room in self.rooms
             for thing in self.objects
         ]
@@ -127,12 +120,11 @@ def run(args: Namespace) -> int:
     call = Call(args)
     metrics = WHAT[args.what](call)
     held = {group: [parts.row(one) for one in found] for group, found in call.rows.items()}
-    size = call.size.thinned() if args.what == "views" else call.size
     measured = Record(
-        args.what, size.name, size.told(), args.seed, record.machine(call.device), record.versions(),
+        args.what, call.size.name, call.size.told(), args.seed, record.machine(call.device), record.versions(),
         tuple(metrics), held,
     )  # fmt: skip
-    print(f"\n{size.told()}\n{record.told(measured)}")
+    print(f"\n{call.size.told()}\n{record.told(measured)}")
     if args.json:
         record.write(measured, args.json)
     if args.write_baseline:
@@ -156,7 +148,7 @@ def views(call: Call) -> list[Metric]:
     methods = call.chosen((*usual, *rows.others(call.size, call.least(rows.FEW))))
     counted: dict[int, Groups] = {}
     for count in call.size.counts:
-        counted[count] = call.groups(methods, call.sets(max(call.size.counts), count))
+        counted[count] = call.groups(methods, call.sets(count))
     print("the light too is that of so many photographs\n")
     metrics: list[Metric] = []
     for group in dict.fromkeys(group for held in counted.values() for group in held):
