@@ -1,12 +1,12 @@
-"""Model what is photographed: six bodies with their albedo and roughness, in the camera's frame.
+"""Model what is photographed: bodies with their albedo, roughness and what they are made of, in the camera's frame.
 
 Camera frame (x right, y down, z forward), metres; the middle of each body lies on the optical axis at
 `DISTANCE_M`, and it fills about a fifth of a 4:3 picture of 62 degrees. Albedo is linear Rec.709;
-roughness is the Disney parameter (alpha = roughness^2).
+roughness is the Disney parameter (alpha = roughness^2), and so are metalness and specular level.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,8 @@ class Body:
     solid: Solid
     albedo: Float[np.ndarray, "v 3"]
     roughness: Float[np.ndarray, " v"]
+    metalness: Float[np.ndarray, " v"] | None = None  # None: nothing of it is metal
+    specular: float = 0.5  # level: 0.08 of it is reflected head on, where it is not metal
 
 
 def clouds(seed: int, size_m: float, octaves: int = 1, gain: float = 0.5) -> Field:
@@ -252,8 +254,26 @@ def duo() -> Body:
     return Body("duo", both, albedo, np.where(is_nut, glossy, matte))
 
 
+def gilded() -> Body:
+    """The blob, a quarter of it gilded: satin metal between paint."""
+    body = blob()
+    p = body.solid.vertices
+    gold = step(clouds(701, 0.16)(p) - 0.3, 0.02)
+    leaf = np.exp(0.05 * clouds(702, 0.03)(p))[:, None] * [0.9, 0.66, 0.3]
+    satin = np.clip(0.42 + 0.06 * clouds(703, 0.1)(p), 0.3, 0.55)
+    albedo = body.albedo + (np.clip(leaf, 0, 0.95) - body.albedo) * gold[:, None]
+    return Body("gilded", body.solid, albedo, body.roughness + (satin - body.roughness) * gold, gold)
+
+
+def lacquered() -> Body:
+    """The blob in a coat that mirrors twice as much as paint does."""
+    body = blob()
+    return Body("lacquered", body.solid, body.albedo, body.roughness, None, 1.0)
+
+
 OBJECTS: dict[str, Callable[[], Body]] = {
     "sphere": sphere, "blob": blob, "vase": vase, "relief": relief, "thin": thin, "duo": duo,
+    "gilded": gilded, "lacquered": lacquered,
 }  # fmt: skip
 
 
@@ -267,4 +287,4 @@ def model(name: str) -> Body:
         raise StudioError(f"there is no object called {name!r}; choose one of {', '.join(OBJECTS)}")
     body = OBJECTS[name]()
     away = solids.moved(body.solid, np.eye(3), np.array([0.0, 0.0, DISTANCE_M]))
-    return Body(body.name, away, body.albedo, body.roughness)
+    return replace(body, solid=away)

@@ -53,8 +53,7 @@ class _Vertices:
     normal: Any  # of the triangle
     shading: Any  # normal
     wi: Any  # local, towards where the path came from
-    albedo: Any
-    roughness: Any
+    made: tuple[Any, ...]  # as `LanePaint.of` has it
     weight: Any
 
 
@@ -65,7 +64,7 @@ class Relighter:
         self.mi = mi = tracer.load(device)
         self.glow = Glow(mi, room, atlas)
         self.body = mi.load_dict({"type": "scene", "body": tracer.body_mesh(mi, body)})
-        self.paint = tracer.LanePaint(mi)
+        self.paint = tracer.LanePaint(mi, body)
         rows, columns = np.nonzero(touched)
         self.rows, self.columns = rows.astype(np.uint32), columns.astype(np.uint32)
         self.size = (touched.shape[1], touched.shape[0])
@@ -149,7 +148,7 @@ class _Batch:
             u = self.numbers.stratum(0, sample, pixel, salt)
 
             def rival(at: Any, out: Any, _: Any) -> Any:
-                return effort.glossy * self._glossy_pdf(at, vertices.roughness, out) / self.count
+                return effort.glossy * self._glossy_pdf(at, vertices.made[1], out) / self.count
 
             chosen = dr.opaque(mi.UInt32, lamp)
             return self._summed(self._lit(vertices, chosen, mi.Float(1.0), u, world_from_cam, rival), hit)
@@ -181,19 +180,18 @@ class _Batch:
         import drjit as dr
 
         at, hit = self.at, self.at.is_valid()
-        albedo = mi.Color3f(at.shape.eval_attribute_3("vertex_albedo", at, hit))
-        roughness = at.shape.eval_attribute_1("vertex_roughness", at, hit)
+        made = self.paint.of(at, hit)
         u = self.numbers.stratum(0, self.sample, self.pixel, self.salt)
         if kind == "diffuse":
             out = mi.warp.square_to_cosine_hemisphere(u)
         else:
-            half, _ = self._facets(roughness).sample(at.wi, u)
+            half, _ = self._facets(made[1]).sample(at.wi, u)
             out = 2 * dr.dot(at.wi, half) * half - at.wi
-        finding = effort.glossy * self._glossy_pdf(at, roughness, out)
+        finding = effort.glossy * self._glossy_pdf(at, made[1], out)
         density = finding + effort.diffuse * mi.warp.square_to_cosine_hemisphere_pdf(out)
         if kind == "diffuse":
             finding = mi.Float(0.0)
-        value, _ = self.paint.eval_pdf(at, albedo, roughness, out)
+        value, _ = self.paint.eval_pdf(at, made, out)
         good = hit & (density > 0) & (dr.max(value) > 0)
         ray = at.spawn_ray(at.to_world(out))
         ray.o, ray.d = dr.select(hit, ray.o, self.primary.o), dr.select(hit, ray.d, self.primary.d)
@@ -221,9 +219,7 @@ class _Batch:
             vertices = self._vertices(at, active, carried)
             sets.append(vertices)
             noise = self.numbers.noise(active, self.salt + 7919 * bounce)
-            sample, factor = self.paint.sample(
-                at, vertices.albedo, vertices.roughness, noise[2], mi.Point2f(noise[0], noise[1])
-            )
+            sample, factor = self.paint.sample(at, vertices.made, noise[2], mi.Point2f(noise[0], noise[1]))
             onward = at.spawn_ray(at.to_world(sample.wo))
             dr.eval(onward, carried, factor, sample)
             dr.scatter(ray.o, onward.o, active)
@@ -264,7 +260,7 @@ class _Batch:
         at.p, at.n, at.wi = vertices.point, vertices.normal, vertices.wi
         at.sh_frame = mi.Frame3f(vertices.shading)
         out = at.to_local(direction)
-        value, pdf = self.paint.eval_pdf(at, vertices.albedo, vertices.roughness, out)
+        value, pdf = self.paint.eval_pdf(at, vertices.made, out)
         density = probability * aim.density
         active = (density > 0) & (dr.max(value) > 0)
         active &= ~self.body.ray_test(at.spawn_ray(direction), active)
@@ -280,13 +276,10 @@ class _Batch:
 
         # Only the normal of the shading frame is kept, so `wi` is turned into the frame made from it again.
         wi = mi.Frame3f(at.sh_frame.n).to_local(at.to_world(at.wi))
-        vertices = _Vertices(
-            lane, at.p, at.n, at.sh_frame.n, wi, mi.Color3f(at.shape.eval_attribute_3("vertex_albedo", at)),
-            at.shape.eval_attribute_1("vertex_roughness", at), weight,
-        )  # fmt: skip
+        vertices = _Vertices(lane, at.p, at.n, at.sh_frame.n, wi, self.paint.of(at), weight)
         dr.eval(
-            vertices.lane, vertices.point, vertices.normal, vertices.shading, vertices.wi, vertices.albedo,
-            vertices.roughness, vertices.weight,
+            vertices.lane, vertices.point, vertices.normal, vertices.shading, vertices.wi, *vertices.made,
+            vertices.weight,
         )  # fmt: skip
         return vertices
 

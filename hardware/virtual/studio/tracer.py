@@ -181,17 +181,20 @@ def quad_corners(panels: Sequence[Panel | Sheet]) -> Float[np.ndarray, "p 4 3"]:
 
 
 def body_mesh(mi: Any, body: Body) -> Any:
-    """The body with its shading normals and per-vertex albedo and roughness."""
+    """The body with its shading normals and per-vertex albedo, roughness and, if some of it is metal, metalness."""
     solid = body.solid
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({
-        **PAINT,
+        "type": "principled", "specular": body.specular,
         "base_color": {"type": "mesh_attribute", "name": "vertex_albedo"},
         "roughness": {"type": "mesh_attribute", "name": "vertex_roughness"},
+        **({} if body.metalness is None else {"metallic": {"type": "mesh_attribute", "name": "vertex_metalness"}}),
     })  # fmt: skip
     mesh = mi.Mesh("body", len(solid.vertices), len(solid.faces), has_vertex_normals=True, props=properties)
     mesh.add_attribute("vertex_albedo", 3, np.ravel(body.albedo).astype(np.float32))
     mesh.add_attribute("vertex_roughness", 1, np.ravel(body.roughness).astype(np.float32))
+    if body.metalness is not None:
+        mesh.add_attribute("vertex_metalness", 1, np.ravel(body.metalness).astype(np.float32))
     params = mi.traverse(mesh)
     params["vertex_positions"] = np.ravel(solid.vertices).astype(np.float32)
     params["vertex_normals"] = np.ravel(solid.normals).astype(np.float32)
@@ -201,10 +204,10 @@ def body_mesh(mi: Any, body: Body) -> Any:
 
 
 class LanePaint:
-    """The body's reflectance where albedo and roughness are at hand, one per lane, and need no mesh."""
+    """The body's reflectance where what it is made of is at hand, one per lane, and needs no mesh."""
 
-    def __init__(self, mi: Any):
-        self.mi = mi
+    def __init__(self, mi: Any, body: Body):
+        self.mi, self.metal = mi, body.metalness is not None
 
         class Lanes(mi.Texture):
             # Calls that Mitsuba dispatches by pointer visit every reflectance alive, this one's too: between
@@ -218,24 +221,35 @@ class LanePaint:
                 return mi.Float(self.value)
 
         mi.register_texture("lanes", Lanes)
-        self.albedo, self.roughness = mi.load_dict({"type": "lanes"}), mi.load_dict({"type": "lanes"})
-        self.bsdf = mi.load_dict({**PAINT, "base_color": self.albedo, "roughness": self.roughness})
+        self.lanes = [mi.load_dict({"type": "lanes"}) for _ in range(3 if self.metal else 2)]
+        names = ("base_color", "roughness", "metallic")
+        looks = dict(zip(names, self.lanes, strict=False))
+        self.bsdf = mi.load_dict({"type": "principled", "specular": body.specular, **looks})
 
-    def eval_pdf(self, at: Any, albedo: Any, roughness: Any, out: Any) -> tuple[Any, Any]:
+    def of(self, at: Any, active: Any = True) -> tuple[Any, ...]:
+        """Albedo, roughness and, if some of the body is metal, metalness at points of its mesh."""
+        mi, shape = self.mi, at.shape
+        albedo = mi.Color3f(shape.eval_attribute_3("vertex_albedo", at, active))
+        one = ("vertex_roughness", "vertex_metalness")[: len(self.lanes) - 1]
+        return albedo, *(shape.eval_attribute_1(name, at, active) for name in one)
+
+    def eval_pdf(self, at: Any, made: tuple[Any, ...], out: Any) -> tuple[Any, Any]:
         """Reflectance times cosine, and its sampling density, for local directions `at.wi` and `out`."""
-        with self._painted(albedo, roughness):
+        with self._painted(made):
             return self.bsdf.eval_pdf(self.mi.BSDFContext(), at, out)
 
-    def sample(self, at: Any, albedo: Any, roughness: Any, lobe: Any, u: Any) -> tuple[Any, Any]:
+    def sample(self, at: Any, made: tuple[Any, ...], lobe: Any, u: Any) -> tuple[Any, Any]:
         """A local direction with its density, and reflectance times cosine over density."""
-        with self._painted(albedo, roughness):
+        with self._painted(made):
             return self.bsdf.sample(self.mi.BSDFContext(), at, lobe, u)
 
     @contextmanager
-    def _painted(self, albedo: Any, roughness: Any) -> Iterator[None]:
-        self.albedo.value, self.roughness.value = albedo, roughness
+    def _painted(self, made: tuple[Any, ...]) -> Iterator[None]:
+        for lanes, value in zip(self.lanes, made, strict=True):
+            lanes.value = value
         yield
-        self.albedo.value = self.roughness.value = 0.5
+        for lanes in self.lanes:
+            lanes.value = 0.5
 
 
 def lens(mi: Any, width: int, height: int, field_deg: float,
@@ -268,7 +282,6 @@ def move_room(mi: Any, params: Any, room: Room, corners: Float[np.ndarray, "p 4 
     params.update()
 
 
-PAINT = {"type": "principled", "specular": 0.5}
 BLACK = {"type": "conductor", "specular_reflectance": 0.0}  # a delta lobe: no light sampling is spent on it
 
 

@@ -53,8 +53,8 @@ def nook() -> tuple[rooms.Room, bake.Atlas]:
     return room, bake.pack(room.panels, [p.albedo.astype(np.float32) for p in panels])
 
 
-def cup(roughness: float) -> objects.Body:
-    """A deep bowl, opening towards the camera: what it reflects meets it again."""
+def cup(roughness: float, metal: float | None = None) -> objects.Body:
+    """A deep bowl, opening towards the camera: what it reflects meets it again. Of paint, or so much of it metal."""
     t = np.linspace(0, np.pi / 2, 24)
     outer = np.stack([0.1 * np.sin(t), 0.1 * np.cos(t)], 1)
     inner = np.stack([0.085 * np.sin(t[::-1]), 0.085 * np.cos(t[::-1])], 1)
@@ -62,7 +62,11 @@ def cup(roughness: float) -> objects.Body:
     tilted = motion.turn(X, np.zeros(3), 0.4)[:, :3]
     solid = solids.moved(solid, tilted, np.array([0.0, 0.0, 0.45]))
     count = len(solid.vertices)
-    return objects.Body("cup", solid, np.full((count, 3), [0.8, 0.7, 0.5]), np.full(count, roughness))
+    metalness = None if metal is None else np.full(count, metal)
+    albedo = np.full((count, 3), [0.8, 0.7, 0.5])
+    return objects.Body(
+        "cup", solid, albedo, np.full(count, roughness), metalness, 0.5 if metal is None else 0.9
+    )
 
 
 POSES = np.stack([
@@ -128,10 +132,10 @@ def test_aimed_rays_meet_their_lamp_with_the_stated_density(mi):
         np.testing.assert_allclose(found, np.array(aim.radiance).T[both], rtol=5e-3, atol=5e-3)
 
 
-@pytest.mark.parametrize("roughness", [0.7, 0.2])
-def test_shared_paths_have_the_mean_of_plain_ones(mi, roughness):
+@pytest.mark.parametrize(("roughness", "metal"), [(0.7, None), (0.2, None), (0.5, 0.6)])
+def test_shared_paths_have_the_mean_of_plain_ones(mi, roughness, metal):
     room, atlas = nook()
-    body = cup(roughness)
+    body = cup(roughness, metal)
     mask = truth.maps(body, 24, 18)["mask"]
     plain = render.Foreground(room, atlas, body, mask, "cpu")
     lit = relight.Relighter(room, atlas, body, mask, "cpu")
