@@ -22,7 +22,7 @@ from engine.errors import ExportError
 from engine.light.gaussians import to_3dgs
 from engine.posefiles import write_colmap, write_transforms
 from engine.progress import Progress
-from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface
+from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface, material_of
 
 INDEX = "export.json"
 GREEN = {"opengl": "up", "directx": "down"}
@@ -212,10 +212,13 @@ def told(fault: OSError, place: Path) -> ExportError:
 
 
 def _write_maps(path: Path, surface: Surface, camera: Camera, unit: str) -> None:
+    level, metalness = np.moveaxis(material_of(surface), -1, 0)
     channels = {
         **{f"normal.{axis}": surface.normal[..., k] for k, axis in enumerate("XYZ")},
         **{f"albedo.{colour}": surface.albedo[..., k] for k, colour in enumerate("RGB")},
         "roughness.Y": surface.roughness,
+        "specular.Y": level,
+        "metalness.Y": metalness,
         "depth.Z": surface.depth,
         "mask.Y": surface.mask,
         "stderr.normal_deg": np.degrees(surface.stderr_normal),
@@ -229,7 +232,8 @@ def _write_maps(path: Path, surface: Surface, camera: Camera, unit: str) -> None
         "unit.depth": unit,
         "unit.stderr.normal_deg": "degree",
         "colour": "albedo: linear Rec.709, 0..1",
-        "roughness": "alpha = roughness^2 (GGX), normal reflectance 0.04",
+        "roughness": "alpha = roughness^2 (GGX)",
+        "specular": "normal reflectance 0.08 specular where metalness is 0, albedo where it is 1",
         "flags": "bit field: 1 grazing, 2 shadowed in most views, 4 saturated, 8 ill-conditioned, 16 lit by what no photograph shows",
         "camera": json.dumps(asdict(camera)),
         "camera.model": "OpenCV pinhole k1 k2 p1 p2; the centre of the first pixel is (0.5, 0.5)",

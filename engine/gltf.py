@@ -2,7 +2,7 @@
 
 Source: glTF 2.0, Khronos 2021, Sec. 3.9.3 (material, tangent space) and 5. Frame: x right, y up, z towards
 the viewer, the depth's unit; the node moves the object's middle to the origin. The BRDF is glTF's own:
-alpha = roughness**2 and a normal reflectance of 0.04. Texture coordinates are image coordinates.
+alpha = roughness**2 and a normal reflectance of 0.04, or what `KHR_materials_specular` and metalness say. Texture coordinates are image coordinates.
 Vertices carry the mesh's own normals, the normal texture what the photographs say beyond them. Where the two
 disagree by more than `AGREE_DEG` (next to a cut the mesh knows least) the vertex takes the recovered normal,
 so that the texture stays within the half space that glTF gives it.
@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from engine import png
 from engine.geometry import opencv_from_opengl
 from engine.mesh import Mesh, along_columns, vertex_normals
-from engine.types import Surface
+from engine.types import Surface, material_of
 
 AGREE_DEG = 70.0
 
@@ -59,7 +59,7 @@ def surface_glb(mesh: Mesh, surface: Surface, unit: str, generator: str) -> byte
         pbrMetallicRoughness=gl.PbrMetallicRoughness(
             baseColorTexture=gl.TextureInfo(index=0),
             metallicRoughnessTexture=gl.TextureInfo(index=1),
-            metallicFactor=0.0,
+            metallicFactor=0.0 if surface.material is None else 1.0,
             roughnessFactor=1.0,
         ),
         normalTexture=gl.NormalMaterialTexture(index=2),
@@ -67,6 +67,13 @@ def surface_glb(mesh: Mesh, surface: Surface, unit: str, generator: str) -> byte
         alphaMode=gl.OPAQUE,
         alphaCutoff=None,
     )
+    extensions = []
+    if surface.material is not None:
+        # Its reflectance head on is 0.04 times this colour: a level of 1 is twice that of paint.
+        extensions.append("KHR_materials_specular")
+        material.extensions = {
+            extensions[0]: {"specularColorFactor": [2.0] * 3, "specularColorTexture": {"index": 3}}
+        }
     primitive = gl.Primitive(
         attributes=gl.Attributes(POSITION=0, NORMAL=1, TANGENT=2, TEXCOORD_0=3), indices=4, material=0
     )
@@ -78,7 +85,8 @@ def surface_glb(mesh: Mesh, surface: Surface, unit: str, generator: str) -> byte
         nodes=[gl.Node(name="surface", mesh=0, translation=(-middle).tolist())],
         meshes=[gl.Mesh(name="surface", primitives=[primitive])],
         materials=[material],
-        textures=[gl.Texture(source=k, sampler=0) for k in range(3)],
+        textures=[gl.Texture(source=k, sampler=0) for k in range(len(textures))],
+        extensionsUsed=extensions,
         samplers=[
             gl.Sampler(
                 magFilter=gl.LINEAR, minFilter=gl.LINEAR_MIPMAP_LINEAR,
@@ -87,7 +95,7 @@ def surface_glb(mesh: Mesh, surface: Surface, unit: str, generator: str) -> byte
         ],
         images=[
             gl.Image(name=name, mimeType="image/png", bufferView=5 + k)
-            for k, name in enumerate(("albedo", "roughness", "normal"))
+            for k, name in enumerate(("albedo", "roughness", "normal", "specular")[: len(textures)])
         ],
         accessors=accessors,
         bufferViews=views,
@@ -121,8 +129,9 @@ def _textures(
     surface: Surface,
     normals: Float[np.ndarray, "v 3"],
     tangents: Float[np.ndarray, "v 4"],
-) -> tuple[bytes, bytes, bytes]:
-    """Base colour (sRGB), occlusion-roughness-metal (linear), tangent-space normals (green is up)."""
+) -> list[bytes]:
+    """Base colour (sRGB), occlusion-roughness-metal (linear), tangent-space normals (green is up); where it is not all of
+    paint, the specular level (sRGB)."""
     row, column = mesh.pixels.T
     known = np.zeros(surface.mask.shape, bool)
     known[row, column] = True
@@ -134,12 +143,17 @@ def _textures(
     local_map = np.tile([0.0, 0.0, 1.0], (*surface.mask.shape, 1))
     local_map[row, column] = local
     rough = png.to_8_bit(surface.roughness)
-    packed = np.stack([np.full_like(rough, 255), rough, np.zeros_like(rough)], axis=-1)
-    return (
+    made = material_of(surface)
+    packed = np.stack([np.full_like(rough, 255), rough, png.to_8_bit(made[..., 1])], axis=-1)
+    pictures = [
         png.encode(_spread(png.to_8_bit(png.srgb(surface.albedo)), known), "srgb"),
         png.encode(_spread(packed, known)),
         png.encode(_spread(png.to_8_bit(local_map * 0.5 + 0.5), known)),
-    )
+    ]
+    if surface.material is not None:
+        level = np.repeat(made[..., :1], 3, axis=-1)
+        pictures.append(png.encode(_spread(png.to_8_bit(png.srgb(level)), known), "srgb"))
+    return pictures
 
 
 def _spread(image: UInt8[np.ndarray, "h w 3"], known: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:

@@ -61,6 +61,7 @@ def draw(
         "roughness_16.png": png.encode(
             png.to_16_bit(surface.roughness), "data", {"Description": "roughness = sample / 65535"}
         ),
+        **_materials(surface),
         "depth_16.png": png.encode(depth, "data", depth_text),
         "stderr_normal_16.png": png.encode(png.to_16_bit(stderr / limit), "data", stderr_text),
         "mask.png": png.encode(mask.astype(np.uint8) * 255),
@@ -73,6 +74,22 @@ def draw(
         "photograph": {"radiance_shown_white": white},
     }
     return pictures, facts
+
+
+def _materials(surface: Surface) -> dict[str, bytes]:
+    """Nothing where all is of paint."""
+    if surface.material is None:
+        return {}
+    level, metalness = np.moveaxis(surface.material, -1, 0)
+    head_on = "where it is no metal; its reflectance head on is 0.08 times that"
+    return {
+        "specular_16.png": png.encode(
+            png.to_16_bit(level), "data", {"Description": f"specular level = sample / 65535, {head_on}"}
+        ),
+        "metalness_16.png": png.encode(
+            png.to_16_bit(metalness), "data", {"Description": "metalness = sample / 65535"}
+        ),
+    }
 
 
 def coverage(grounds: Grounds) -> bytes:

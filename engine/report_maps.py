@@ -41,6 +41,7 @@ def maps(photograph: Float[np.ndarray, "h w 3"] | None, surface: Surface | None,
             plates.scalar(s.roughness[cut], m, 0.0, 1.0, "viridis"),
             "<b>Roughness</b>, no unit (GGX, alpha = roughness²)" + page.bar("viridis", "0", "1"),
         ),
+        *_materials(s, cut),
         page.figure(
             plates.scalar(s.depth[cut], m, near, far, "cividis"),
             f"<b>Depth</b> along the viewing axis, {escape(unit)}"
@@ -48,6 +49,26 @@ def maps(photograph: Float[np.ndarray, "h w 3"] | None, surface: Surface | None,
         ),
     ]
     return page.section("Maps", "<p>Camera frame, cropped to the object.</p>", figures)
+
+
+def _materials(s: Surface, cut: tuple[slice, slice]) -> list[str]:
+    """Nothing where all is of paint."""
+    if s.material is None:
+        return []
+    level, metalness = np.moveaxis(s.material[cut], -1, 0)
+    m = s.mask[cut]
+    return [
+        page.figure(
+            plates.scalar(metalness, m, 0.0, 1.0, "viridis"),
+            f"<b>Metalness</b>: {100 * float(metalness[m].mean()):.0f} % of the pixels are metal, whose highlights have"
+            " the albedo's colour" + page.bar("viridis", "0", "1"),
+        ),
+        page.figure(
+            plates.scalar(level, m & (metalness < 1), 0.0, 1.0, "viridis"),
+            "<b>Specular level</b> of what is no metal: 0.08 times this is reflected head on"
+            + page.bar("viridis", "0", "1"),
+        ),
+    ]
 
 
 def confidence(surface: Surface | None) -> str:

@@ -155,6 +155,15 @@ class Surface:
     stderr_roughness: Float[np.ndarray, "h w"]
     residual: Float[np.ndarray, "h w"]  # robust relative misfit
     flags: UInt8[np.ndarray, "h w"]
+    material: Float[np.ndarray, "h w 2"] | None = (
+        None  # Disney's specular level, metalness; None: 0.5, 0 everywhere
+    )
+
+
+def material_of(surface: Surface) -> Float[np.ndarray, "h w 2"]:
+    """Specular level and metalness of every pixel, zero outside the mask; float32."""
+    made = np.array([0.5, 0.0]) if surface.material is None else surface.material
+    return np.where(surface.mask[..., None], made, 0).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -209,6 +209,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),
         without("no_gloss", "w/o gloss expected of what looks alike", gloss=False),
         without("no_rim", "w/o background in the rim's pixels", rim=False),
+        without("no_material", "w/o metal and other specular levels than paint's", material=False),
         without("no_accord", "w/o neighbours that agree", accord=False),
         without("drift", "with exposures that may drift", exposure_drift=True),
         without("no_shift", "w/o moving lamps", lamp_shift=False),

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from app.inspect import falsecolour
 from app.inspect.falsecolour import MINUS
 from app.inspect.maps import RADIANCE_UNIT, Maps, photograph
+from engine.types import Surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +49,20 @@ def under(maps: Maps, x: int, y: int, view: int, normal_frame: str) -> tuple[Rea
             f"{np.degrees(float(s.stderr_normal[y, x])):.2g}°",
         ),
         Reading("Albedo", " ".join(f"{v:.3f}" for v in s.albedo[y, x]), "R G B", f"{float(s.stderr_albedo[y, x]):.2g}"),
-        Reading("Roughness", f"{float(s.roughness[y, x]):.3f}", "", f"{float(s.stderr_roughness[y, x]):.2g}"),
+        Reading("Roughness", f"{float(s.roughness[y, x]):.3f}", _material(s, x, y), f"{float(s.stderr_roughness[y, x]):.2g}"),
         Reading("Depth", f"{depth:.5g}" if depth > 0 else "unknown", maps.unit if depth > 0 else ""),
         Reading("Misfit", f"{100 * float(s.residual[y, x]):.2g}", "%"),
         Reading("Flags", falsecolour.told_flags(int(s.flags[y, x]))),
     ]  # fmt: skip
     return tuple(readings)
+
+
+def _material(s: Surface, x: int, y: int) -> str:
+    """Nothing where all is of paint."""
+    if s.material is None:
+        return ""
+    level, metalness = map(float, s.material[y, x])
+    return "metal" if metalness else f"specular {level:.2f}"
 
 
 def numbers(three: Float[np.ndarray, " 3"]) -> str:

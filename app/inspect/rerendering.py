@@ -9,7 +9,7 @@ mask's pixels), and told when it is there.
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,6 +159,8 @@ class Scene:
         )  # fmt: skip
         one = np.nonzero(s.poses.registered)[0][:1]
         who = subject(s.frames, mask, s.poses.camera, one, s.params)
+        if surface.material is not None:
+            who = replace(who, material=surface.material[mask].astype(float))
         cells = direction_cells(s.directions)
         by_depth = sight_of(who, self._state, surface.depth, cells, s.params, progress)
         self.sight: Sight = as_photographed(who, self._state, by_depth, cells)

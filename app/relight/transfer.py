@@ -56,6 +56,7 @@ class Small:
     roughness: Float[np.ndarray, "h w"]
     depth: Float[np.ndarray, "h w"]
     box: tuple[int, int, int, int]  # left, top, right, bottom of what is shown, pixels
+    material: Float[np.ndarray, "h w 2"] | None = None  # as the surface has it
 
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
@@ -117,7 +118,9 @@ def shrunk(surface: Surface, camera: Camera, side: int = SIDE_PX) -> Small:
         max(int(columns[0] / by - pad), 0), max(int(rows_[0] / by - pad), 0),
         min(int(columns[-1] / by + pad) + 2, width // by), min(int(rows_[-1] / by + pad) + 2, height // by),
     )  # fmt: skip
-    return Small(lens, mask, normal, mean(surface.albedo), mean(surface.roughness), mean(surface.depth), box)
+    made = None if surface.material is None else mean(surface.material)
+    albedo, roughness, depth = (mean(values) for values in (surface.albedo, surface.roughness, surface.depth))
+    return Small(lens, mask, normal, albedo, roughness, depth, box, made)
 
 
 def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, np.ndarray]:
@@ -127,6 +130,7 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
     directions = fibonacci_sphere(CELLS)
     hidden = occlusion(points, small.normal, mask, directions, progress.part(0, 0.5))
     normals, rough = small.normal[mask], small.roughness[mask]
+    made = None if small.material is None else small.material[mask]
     towards = -q[mask]
     tile, tiles = _tiles(mask)
     parts = blocks(mask)
@@ -138,8 +142,9 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
         progress.step(0.5 + 0.5 * i / len(parts), "what light does to each pixel")
         everything = np.ones((len(block), CELLS), np.uint8)
         diffuse, specular = rows(
-            normals[block], rough[block], towards[block], directions, everything, full_diffuse, floor
-        )
+            normals[block], rough[block], towards[block], directions, everything, full_diffuse, floor,
+            None if made is None else made[block],
+        )  # fmt: skip
         answers = _with_tiles(hidden, block, (diffuse, specular), tile, tiles)
         matters = float(np.linalg.norm(diffuse * light[block, None]))
         for table, least in zip(answers, (0.0, matters), strict=True):

@@ -38,7 +38,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 5, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
+            "export", 6, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 26, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 27, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
     )  # fmt: skip
 

@@ -5,10 +5,11 @@ A file of its own: torch takes seconds to load, and neither planning nor solving
 
 import math
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from engine.surface.brdf import INDEX
+from engine.surface.brdf import PAINT
 
 
 def rows_reference(
@@ -19,6 +20,7 @@ def rows_reference(
     visible: Tensor,
     full_diffuse: bool,
     floor: float,
+    material: Float[Tensor, "p 2"] | None = None,
 ) -> tuple[Float[Tensor, "p d"], Float[Tensor, "p d"]]:
     """(diffuse, specular) rows in the tensors' own precision; arguments as `brdf.rows` takes them."""
     nl = (normals @ directions.T).clamp(min=0) * visible
@@ -27,11 +29,19 @@ def rows_reference(
     lh = ((1 + views @ directions.T) / 2).clamp(min=1e-6).sqrt()
     nh = ((nl + nv) / (2 * lh)).clamp(max=1)
     ggx = a2 / (math.pi * (nh**2 * (a2 - 1) + 1) ** 2)
-    g = (INDEX**2 - 1 + lh**2).sqrt()
+    if material is None:
+        material = torch.tensor(PAINT, dtype=normals.dtype, device=normals.device).expand(len(normals), 2)
+    level, metal = material[:, :1], material[:, 1:]
+    g = (((1 + (0.08 * level).sqrt()) / (1 - (0.08 * level).sqrt())) ** 2 - 1 + lh**2).sqrt()
     fresnel = ((g - lh) / (g + lh)) ** 2 / 2 * (1 + ((lh * (g + lh) - 1) / (lh * (g - lh) + 1)) ** 2)
     masking = 1 / ((nl + (a2 + (1 - a2) * nl**2).sqrt()) * (nv + (a2 + (1 - a2) * nv**2).sqrt()))
     diffuse = nl / math.pi
     if full_diffuse:
         retro = 2 * roughness[:, None] * lh**2 - 0.5
         diffuse = diffuse * (1 + retro * (1 - nl) ** 5) * (1 + retro * (1 - nv) ** 5)
-    return diffuse, ggx * fresnel * masking * nl
+    facets = ggx * masking * nl
+    white = (1 - lh).clamp(min=0) ** 5
+    return (
+        (1 - metal) * diffuse + metal * facets * (1 - white),
+        facets * ((1 - metal) * fresnel + metal * white),
+    )

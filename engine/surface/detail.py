@@ -158,6 +158,8 @@ def in_detail(
         part = picture.part(*wide)
         pixels = index[wide][part.mask]
         who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.drift)
+        if found.who.material is not None:
+            who = replace(who, material=found.who.material[take[pixels]])
         state = found.state.part(take[pixels])
         state = begin(state.normals, state.albedo, state.roughness, state.level, state.lift)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None

@@ -16,7 +16,8 @@ import numpy as np
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.pixels import SurfaceParams
-from engine.surface.relight import Parts, Sample, Setting, settle, untouched
+from engine.surface.relight import Parts, Setting, settle, untouched
+from engine.surface.sample import Sample
 from engine.surface.start import global_start
 
 CANDIDATES = 150

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
-from engine.surface.newton import FRESH, GLOSS, State, iterate
+from engine.surface.newton import FRESH, GLOSS, State, either, iterate
 from engine.surface.observations import Observations, aside
 from engine.surface.transport import Rows, Sight
 
@@ -42,7 +42,7 @@ def reconsidered(
     progress: Progress,
 ) -> State:
     """The state under what its pixels may expect; those far off it begin once more with it, and keep what explains better."""
-    state = expecting(state, expected(state, mask))
+    state = expecting(state, expected(state, mask, sight.material))
     mean, spread = state.gloss.T
     surprised = np.abs(state.roughness - mean) > UNEXPECTED * spread
     few = [part for block in parts if len(part := block[surprised[block]])]
@@ -53,9 +53,7 @@ def reconsidered(
         damping=np.full(len(mean), FRESH),
     )
     other = iterate(other, responses, sight, few, seen, passes, progress)
-    better = surprised & (other.misfit < state.misfit)
-    both = ((getattr(other, name), getattr(state, name)) for name in State.__slots__)
-    return State(*(np.where(better.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in both))
+    return either(surprised & (other.misfit < state.misfit), other, state)
 
 
 def expecting(state: State, gloss: Float[np.ndarray, "p 2"]) -> State:
@@ -70,8 +68,10 @@ def expecting(state: State, gloss: Float[np.ndarray, "p 2"]) -> State:
     return replace(state, misfit=misfit, system=system, slope=slope, gloss=gloss)
 
 
-def expected(state: State, mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "p 2"]:
-    """Mean and spread of the roughness that every pixel may expect."""
+def expected(
+    state: State, mask: Bool[np.ndarray, "h w"], material: Float[np.ndarray, "p 2"] | None = None
+) -> Float[np.ndarray, "p 2"]:
+    """Mean and spread of the roughness that every pixel may expect, `material` as in `Sight`."""
     count = len(state.roughness)
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(ASKED)
     reach = REACH * np.sqrt(count) * np.sqrt((np.arange(ASKED) + 0.5) / ASKED)
@@ -85,6 +85,8 @@ def expected(state: State, mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "
         other = others[part]
         away = ((logs[other] - logs[part][:, None]) ** 2).mean(-1) / ALIKE**2
         weight = np.exp(-away / 2) * (other >= 0) * KNOWN**2 / (error[other] ** 2 + KNOWN**2)
+        if material is not None:
+            weight = weight * (material[other, 1] == material[part, None, 1])
         told = state.roughness[other]
         mean = weighted_median(told, weight)
         spread = 1.4826 * weighted_median(np.abs(told - mean[:, None]), weight)

@@ -9,6 +9,7 @@ sector keeps what the depth says unless another horizon explains the pixel's pho
 A level of 0 stands for "as the depth has it"; level l >= 1 hides the rings l and beyond. Camera frame.
 """
 
+from dataclasses import replace
 from typing import no_type_check
 
 import numba
@@ -92,7 +93,7 @@ def overruled(
     start = np.concatenate([[0], np.cumsum(counts)])
     direction, source = np.empty(start[-1], np.int32), np.empty(start[-1], np.int32)
     _merge(*tables, start[:-1], direction, source, share, True)
-    return Sight(sight.points, sight.views, Occlusion(start, direction, source, share, known.walls))
+    return replace(sight, occlusion=Occlusion(start, direction, source, share, known.walls))
 
 
 def by_channel(x: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
@@ -170,6 +171,7 @@ def explain(
         everything,
         responses.full_diffuse,
         responses.floor,
+        None if sight.material is None else sight.material[pixels],
     )
     hidden = sight.occlusion
     if hidden is None:

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from engine.geometry import fibonacci_sphere, sphere_solid_angle, transform
 from engine.light.cells import FACES, CellMap, shared_cells
 from engine.light.globes import passing
-from engine.surface.brdf import lobes
+from engine.surface.brdf import lobes, optics
 from engine.types import Gaussians, Lamps
 
 SIDE = 128
@@ -95,13 +95,15 @@ class Near:
         roughness: Float[np.ndarray, "p k"],
         seen: Float[np.ndarray, "p n l"],
         full_diffuse: bool,
+        material: Float[np.ndarray, "p 2"] | None = None,
     ) -> tuple[Float[np.ndarray, "p k n l"], Float[np.ndarray, "p k n l"]]:
-        """(diffuse, specular) of variants of each point to every lamp at unit radiance, no albedo; float32."""
+        """(diffuse, specular) of variants of each point to every lamp at unit radiance, no albedo; float32. No `material`: all
+        of paint."""
         shape = (*normals.shape[:2], *seen.shape[1:])
         diffuse, specular = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         # As if every lamp shone in a channel of its own.
         apart = np.tile(np.eye(len(self.radii), dtype=np.float32), (len(self.centres), 1, 1))
-        self._send(points, views, normals, roughness, seen, full_diffuse, apart, diffuse, specular)
+        self._send(points, views, normals, roughness, material, seen, full_diffuse, apart, diffuse, specular)
         return diffuse, specular
 
     def add(
@@ -114,23 +116,24 @@ class Near:
         full_diffuse: bool,
         diffuse: Float[np.ndarray, "p k v"],
         specular: Float[np.ndarray, "p k v"],
+        material: Float[np.ndarray, "p 2"] | None = None,
     ) -> None:
         """Add what all lamps send to the answers of variants of each point."""
         if not len(self.radii):
             return
         shape = (*normals.shape[:2], len(self.centres), 3)
         self._send(
-            points, views, normals, roughness, seen, full_diffuse, self.radiance, diffuse.reshape(shape),
-            specular.reshape(shape),
+            points, views, normals, roughness, material, seen, full_diffuse, self.radiance,
+            diffuse.reshape(shape), specular.reshape(shape),
         )  # fmt: skip
 
     def _send(
-        self, points, views, normals, roughness, seen, full_diffuse, radiance, diffuse, specular
+        self, points, views, normals, roughness, material, seen, full_diffuse, radiance, diffuse, specular
     ) -> None:
         views, normals, roughness = (np.ascontiguousarray(x, np.float32) for x in (views, normals, roughness))
         _add(
-            points, views, normals, roughness, self.centres, self.radii, seen, full_diffuse, radiance, diffuse,
-            specular,
+            points, views, normals, roughness, optics(material, len(points)), self.centres, self.radii, seen,
+            full_diffuse, radiance, diffuse, specular,
         )  # fmt: skip
 
     def shone(self, unit: Float[np.ndarray, "p k n l"]) -> Float[np.ndarray, "p k n 3"]:
@@ -223,7 +226,7 @@ def _towards(centres, radii, points, p, n, l):
 
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
 @no_type_check
-def _answers(nl, nv, lv, sine, r, full_diffuse):
+def _answers(nl, nv, lv, sine, r, full_diffuse, bend, metal):
     """(diffuse, specular) per solid angle of a lamp whose middle and the view stand at these cosines."""
     if nl < sine:
         # It rises above the horizon: the mean over a disc of the cosine's positive part.
@@ -235,15 +238,18 @@ def _answers(nl, nv, lv, sine, r, full_diffuse):
     a2 = r * r * r * r + sine * sine * np.float32(0.125)
     smith_v = nv + math.sqrt(a2 + (np.float32(1) - a2) * nv * nv)
     mv = np.float32(1) - nv
-    a, b = lobes(nl, nv, smith_v, mv * mv * mv * mv * mv, lv, r, a2, full_diffuse)
+    a, b = lobes(nl, nv, smith_v, mv * mv * mv * mv * mv, lv, r, a2, full_diffuse, bend, metal)
     return a, b
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
-def _add(points, views, normals, roughness, centres, radii, seen, full_diffuse, radiance, diffuse, specular):
+def _add(
+    points, views, normals, roughness, matter, centres, radii, seen, full_diffuse, radiance, diffuse, specular
+):  # fmt: skip
     for p in numba.prange(points.shape[0]):
         vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
+        bend, metal = matter[p, 0], matter[p, 1]
         for n in range(centres.shape[0]):
             for l in range(centres.shape[1]):
                 if seen[p, n, l] <= 0:
@@ -257,7 +263,7 @@ def _add(points, views, normals, roughness, centres, radii, seen, full_diffuse, 
                     if nl <= -sine:
                         continue
                     nv = max(nx * vx + ny * vy + nz * vz, np.float32(1e-3))
-                    a, b = _answers(nl, nv, lv, sine, roughness[p, k], full_diffuse)
+                    a, b = _answers(nl, nv, lv, sine, roughness[p, k], full_diffuse, bend, metal)
                     a, b = a * solid, b * solid
                     for c in range(radiance.shape[2]):
                         diffuse[p, k, n, c] += a * radiance[n, l, c]

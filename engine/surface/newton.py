@@ -16,7 +16,7 @@ from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from engine.geometry import tangents
 from engine.progress import Progress
@@ -67,6 +67,14 @@ class State:
     def part(self, pixels: Int[np.ndarray, " k"]) -> "State":
         """The same of a few pixels."""
         return State(*(getattr(self, name)[pixels] for name in State.__slots__))
+
+
+def either(first: Bool[np.ndarray, " p"], one: State, other: State) -> State:
+    """Of every pixel the one state where `first`, else the other."""
+    return State(*(
+        np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y)
+        for x, y in ((getattr(one, name), getattr(other, name)) for name in State.__slots__)
+    ))  # fmt: skip
 
 
 def begin(

@@ -64,6 +64,7 @@ class SurfaceParams:
         True  # let pixels that explain badly try their neighbours' answers, and all look for their horizons
     )
     robust: bool = True  # views that fit badly count less; False: plain least squares
+    material: bool = True  # let photographs say how much the object mirrors head on, and whether it is metal
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open
     gloss: bool = True  # let pixels expect the roughness of those that look alike
     rim: bool = True  # let pixels of the rim hold a share of what is photographed beside the object
@@ -102,6 +103,7 @@ class Subject:
     camera: Camera
     mask: Bool[np.ndarray, "h w"]
     seen: Observations
+    material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
 
     def exposed(self, drift: Float[np.ndarray, " n"]) -> "Subject":
         """The same had no view's log exposure drifted."""
@@ -126,7 +128,7 @@ class Subject:
     def at(self, z: Float[np.ndarray, " p"]) -> Sight:
         """The points at their z, nothing hidden."""
         directions = self.rays
-        return Sight(directions / directions[:, 2:] * z[:, None], -directions, None)
+        return Sight(directions / directions[:, 2:] * z[:, None], -directions, None, material=self.material)
 
     def standing(self, depth: Float[np.ndarray, "h w"], follow: bool) -> Sight:
         """The points where a depth puts them, or all at its mean; nothing hidden yet."""
@@ -259,9 +261,11 @@ def finer(
     sight: Sight,
     distance: float,
     progress: Progress,
-) -> tuple[newton.State, Float[np.ndarray, "h w"], Sight]:
-    """What `halved` pixels know as a start for the full ones, each taking the nearest one's; with a depth of their own."""
+) -> tuple[Subject, newton.State, Float[np.ndarray, "h w"], Sight]:
+    """What `halved` pixels know as a start for the full ones (`who`), each taking the nearest one's; with a depth of their
+    own. The full ones are of the half ones' material then."""
     take = doubled(half.mask, who.mask)
+    who = replace(who, material=None if half.material is None else half.material[take])
     state = newton.begin(
         state.normals[take], state.albedo[take], state.roughness[take], state.level[take], state.lift[take]
     )
@@ -272,7 +276,7 @@ def finer(
         behind = np.full(count, -1, np.int32)
         behind[take] = np.arange(len(take))
         hidden = sight.occlusion.part(take).told(count, behind, len(take))
-    return state, depth, replace(who.standing(depth, sight.cast_z is None), occlusion=hidden)
+    return who, state, depth, replace(who.standing(depth, sight.cast_z is None), occlusion=hidden)
 
 
 def answering(

@@ -32,8 +32,8 @@ from engine.radiance import luminance
 from engine.surface import newton
 from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
-from engine.surface.observations import Observations, evened
-from engine.surface.transport import Incident, Responses, Sight
+from engine.surface.sample import Sample
+from engine.surface.transport import Incident, Responses
 
 TOTAL = 0.001
 """How well the background fixes the sum of the light that is neither clipped nor unseen, per channel (relative): as good as wholly. As
@@ -147,31 +147,6 @@ def _add_by_group(energy, group, gain, out):
             k = group[d, n]
             for c in range(3):
                 out[k, d, 3 * n + c] += gain[k, c] * energy[d, 3 * n + c]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sample:
-    """The pixels that vote: where they are up to the one factor, what they see, what they were seen as."""
-
-    sight: Sight  # with the object at distance 1
-    seen: Observations
-    photographed: Float[np.ndarray, "q v"]  # of all the object's pixels, for the light they throw
-    regions: list[Int[np.ndarray, " _"]]
-    full_diffuse: bool
-    bounce: bool
-    walls: Float[np.ndarray, "w v"] | None = None  # the same of the walls that no photograph shows
-
-    def at(self, distance: float) -> Sight:
-        """What the pixels see when the object stands at `distance`."""
-        return self.sight.at(distance)
-
-    def responses(self, light: Incident) -> Responses:
-        """How they answer a light."""
-        return Responses(light, self.photographed, self.full_diffuse, self.bounce, "cpu", self.walls)
-
-    def exposed(self, drift: Float[np.ndarray, " n"]) -> "Sample":
-        """The same had no view's log exposure drifted."""
-        return replace(self, seen=self.seen.exposed(drift), photographed=evened(self.photographed, drift))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,7 +274,8 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         variants, rough, inward = newton.variants(n, r)
         diffuse, specular = responses(replace(block, energy=total), variants, rough)
         seen_lamps = near.visible(points, block.hidden[:2] if block.hidden else None)
-        shining = near.each(points, block.views, variants, rough, seen_lamps, sample.full_diffuse)
+        made = sample.full_diffuse, block.material
+        shining = near.each(points, block.views, variants, rough, seen_lamps, *made)
         diffuse += near.shone(shining[0]).reshape(diffuse.shape)
         specular += near.shone(shining[1]).reshape(specular.shape)
         channels = total.shape[1]
@@ -325,9 +301,7 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         sent = (len(pixels), len(others) + 1, channels)
         share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
         # What hides what does not change when the whole object moves along the viewing rays.
-        moved = near.each(
-            points * np.exp(NUDGE), block.views, n[:, None], r[:, None], seen_lamps, sample.full_diffuse
-        )
+        moved = near.each(points * np.exp(NUDGE), block.views, n[:, None], r[:, None], seen_lamps, *made)
         for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
             change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / NUDGE
             share[:, -1] += gain_of * change
@@ -346,9 +320,7 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
                 light[:, c::3, exposures] = known[:, c::3, None] * np.eye(views)
         if parts.astray:
             for way, there in enumerate(lean):
-                d, s = there.each(
-                    points, block.views, n[:, None], r[:, None], seen_lamps, sample.full_diffuse
-                )
+                d, s = there.each(points, block.views, n[:, None], r[:, None], seen_lamps, *made)
                 for c in range(3):
                     change = a[:, c, None, None] * (d[:, 0] - shining[0][:, 0]) + s[:, 0] - shining[1][:, 0]
                     change = change * near.radiance[..., c] / (ASIDE * base[:, c::3, None])

@@ -10,27 +10,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import binary_erosion
 
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import newton, start_maps
-from engine.surface.bounced import lit
 from engine.surface.distance import Distance, find_distance
 from engine.surface.groups import CLIPPED, UNSEEN
-from engine.surface.observations import numbered, thinned
+from engine.surface.material import kind, same, told
+from engine.surface.observations import thinned
 from engine.surface.pixels import (
     Subject,
     SurfaceParams,
     as_photographed,
-    coarse_regions,
     finer,
     halved,
     search,
     sight_of,
     subject,
 )
-from engine.surface.relight import Parts, Sample, Setting, place, settle, untouched
+from engine.surface.relight import Parts, Setting, place, settle, untouched
+from engine.surface.sample import voters
 from engine.surface.spacing import spaced
 from engine.surface.start_maps import StartMaps
 from engine.surface.surroundings import Room, parts_at
@@ -49,9 +48,6 @@ LOOKS = 12
 """Views of the first look, at most; its curve is the same in twice as many."""
 VOTERS = 600
 """Pixels that settle the light."""
-EXPLAINED = 0.3
-"""Share of the pixels to pick them from: those whose photographs are explained best. Shadows that are not foreseen quite
-right pull the light, and the distance most: 7 and 11 % too near by all pixels of two reliefs, 2 and 2 % by these."""
 WIDE, TIGHT, DRIFT = 1.3, 1.1, 1.04
 """The lattice reaches so many times nearer and farther than the object: as long as its distance is a guess, and then.
 Between its layers the light fades over instead of moving, so that a wide lattice makes parallax look weak: the
@@ -83,6 +79,7 @@ class Rough:
     residuals: tuple[float, ...]  # turn by turn
     views: Int[np.ndarray, " n"]  # that served
     parts: Parts  # their light
+    material: Float[np.ndarray, "p 2"] | None  # as in `Subject`
     around: bool  # whether its lattice is around this depth
 
     def alike(self, directions: int) -> bool:
@@ -166,16 +163,27 @@ def rough(
             )
             parts = light_around(tight, span.part(0.02, 0.2))
         light = parts.under(setting.gain, setting.aside)
-        if following is not who:
-            state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
-            who = following
+        if following.mask is not who.mask:
+            who, state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
         even = who.exposed(setting.drift)
         if turn == 1 and surprised:  # much light that the first search did not know of
             state = first_surface(even, light, sight, span.part(0.2, 0.3))
         before = state.normals
-        state = improve(even, state, light, sight, params, device, span.part(0.3, 0.65))
+        state = improve(even, state, light, sight, params, device, span.part(0.3, 0.55))
         if 1 < turn < placing and angle_between(before, state.normals).mean() < STILL:
             turn = placing
+        if params.material and turn in (0, placing):
+            # Metal is plain at once; how much paint mirrors asks for the light as it is settled.
+            seeing = as_photographed(even, state, sight, light.directions)
+            made = told(even, state, light, seeing, 0 < turn == placing, params, seed, span.part(0.55, 0.58))
+            if not same(made, who.material):
+                turned = kind(made, who) != kind(who.material, who)
+                who, even = replace(who, material=made), replace(even, material=made)
+                sight = replace(sight, material=made)
+                if turned.any():
+                    anew = first_surface(even, light, sight, span.part(0.58, 0.6))
+                    state = newton.either(turned, anew, state)
+                state = improve(even, state, light, sight, params, device, span.part(0.6, 0.65))
         residuals.append(float(np.median(state.spread)))
         state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
@@ -197,11 +205,11 @@ def rough(
             moved, distance = setting.distance / distance, setting.distance
             sight, depth = sight.at(moved), depth * moved
         turn += 1
-    if who is not whole:
-        state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
+    if who.mask is not whole.mask:
+        who, state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
-    return Rough(state, depth, sight, setting, found, tuple(residuals), views, parts, around)
+    return Rough(state, depth, sight, setting, found, tuple(residuals), views, parts, who.material, around)
 
 
 def reach(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
@@ -241,38 +249,3 @@ def first_look(
 def _directions(params: SurfaceParams) -> int:
     """Of the rough turns."""
     return min(DIRECTIONS, params.directions or DIRECTIONS)
-
-
-def voters(
-    who: Subject,
-    sight: Sight,
-    distance: float,
-    count: int,
-    params: SurfaceParams,
-    seed: int,
-    views: Int[np.ndarray, " m"] | None = None,
-    spread: Float[np.ndarray, " q"] | None = None,
-    light: Incident | None = None,
-) -> tuple[Int[np.ndarray, " p"], Sample]:
-    """A random part of the pixels, away from the rim where there is enough of it, and of the best explained once
-    `spread` of the residuals tells them: their indices, and what they know in all views or in some, given by
-    their places among the subject's. Walls shine as under `light`, which then has all views."""
-    index = numbered(who.mask)
-    inner = index[np.asarray(binary_erosion(who.mask, np.ones((5, 5), bool)), bool)]
-    if len(inner) < 50:
-        inner = index[who.mask]
-    if spread is not None:
-        inner = inner[spread[inner] <= np.quantile(spread[inner], EXPLAINED)]
-    chosen = np.sort(np.random.default_rng(seed).choice(inner, min(count, len(inner)), replace=False))
-    everybody = np.arange(who.mask.sum())
-    hidden = sight.occlusion.part(chosen) if sight.occlusion is not None else None
-    sample = Sample(
-        Sight(sight.points[chosen] / distance, sight.views[chosen], hidden),
-        who.seen.part(chosen, views),
-        who.seen.radiance if views is None else who.seen.part(everybody, views).radiance,
-        coarse_regions(np.isin(index, chosen)),
-        params.full_diffuse,
-        params.bounce,
-        lit(sight, light, who.seen.radiance) if light is not None and params.bounce else None,
-    )
-    return chosen, sample

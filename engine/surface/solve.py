@@ -16,6 +16,7 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import start_maps
 from engine.surface.accord import accord
+from engine.surface.brdf import PAINT
 from engine.surface.confidence import FLAGS
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
@@ -68,6 +69,8 @@ class SurfaceReport:
     probes: tuple[int, int, int]  # along each axis of their lattice
     directions: int  # of light
     light_gains: tuple[tuple[float, ...], ...]  # per group and channel; without refinement the belief
+    metal: float  # share of the pixels that are taken for metal
+    specular_level: tuple[float, float]  # least and most of the others
     unseen_light: float  # share of the light on the object that no photograph shows, under those gains
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
     exposure_drift: tuple[float, ...]  # of every frame's log exposure; 0 of those that were not fitted
@@ -132,7 +135,8 @@ def solve(
     else:
         maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(0.3, 1))
         z = depth[whole.mask]
-    surface = surface_of(mask, maps, z, params.model_error)
+    made = first.material
+    surface = surface_of(mask, maps, z, params.model_error, None if made is None else made[take])
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
     lattice, drift = found.here.lattice, np.zeros(len(frames.names))
@@ -150,6 +154,7 @@ def solve(
         lattice.shape,
         len(found.here.directions),
         tuple(tuple(map(float, gain)) for gain in first.setting.gain),
+        *made_of(made),
         first.parts.unseen_share(first.setting.gain),
         tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
         tuple(map(float, drift)),
@@ -181,6 +186,7 @@ def together(
     state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
+    who = replace(who, material=first.material)
     aside = first.setting.aside
     emitters = room.under(first.setting.gain[:-1], first.parts.shift(aside))
     views = np.concatenate([fitted, np.array(kept_out, int)])
@@ -282,8 +288,19 @@ def rerendering_error(
     return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
+def made_of(material: Float[np.ndarray, "p 2"] | None) -> tuple[float, tuple[float, float]]:
+    """The share of metal, and the range of the specular level of what is none."""
+    metal = material is not None and material[:, 1] > 0
+    level = PAINT[:1] if material is None or np.all(metal) else material[~metal, 0]
+    return float(np.mean(metal)), (float(np.min(level)), float(np.max(level)))
+
+
 def surface_of(
-    mask: Bool[np.ndarray, "h w"], maps: Maps, z: Float[np.ndarray, " p"], model_error: float
+    mask: Bool[np.ndarray, "h w"],
+    maps: Maps,
+    z: Float[np.ndarray, " p"],
+    model_error: float,
+    material: Float[np.ndarray, "p 2"] | None = None,
 ) -> Surface:
     """What is known of the mask's pixels as maps."""
     return Surface(
@@ -297,4 +314,5 @@ def surface_of(
         image(mask, maps.stderr_roughness),
         image(mask, maps.spread * model_error),
         image(mask, maps.flags).astype(np.uint8),
+        None if material is None else image(mask, material),
     )

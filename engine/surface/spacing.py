@@ -105,7 +105,8 @@ def enough(
     there = cam_from_world[thinned(np.arange(len(cam_from_world)), VIEWS)]
     x, y, z = sight.points[few].mean(0)
     middle = np.array([x / z, y / z, z])
-    alone = Sight(sight.points[few], sight.views[few], None)
+    material = None if sight.material is None else sight.material[few]
+    alone = Sight(sight.points[few], sight.views[few], None, material=material)
     nothing = np.zeros((0, 3 * len(there)), np.float32)
 
     def sent(directions: int) -> Float[np.ndarray, "p n 3"]:

@@ -27,11 +27,13 @@ def global_start(
     candidates: int,
     progress: Progress,
 ) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
-    """(normals, albedo, roughness) of every pixel; `regions` share one light and one view direction."""
+    """(normals, albedo, roughness) of every pixel; `regions` share one light and one view direction. Each pixel is of the
+    sight's material."""
     count = len(sight.points)
     normals, albedo = np.zeros((count, 3)), np.zeros((count, 3))
     roughness = np.zeros(count)
     sphere = fibonacci_sphere(2 * candidates)
+    regions = [part for region in regions for part in _of_one_material(sight, region)]
     for i, pixels in enumerate(regions):
         progress.step(i / len(regions), "searching normals")
         middle = pixels[len(pixels) // 2 : len(pixels) // 2 + 1]
@@ -43,6 +45,7 @@ def global_start(
             np.repeat(sight.points[middle], len(tried), 0),
             np.repeat(sight.views[middle], len(tried), 0),
             None,
+            material=None if sight.material is None else np.repeat(sight.material[middle], len(tried), 0),
         )
         block = responses.block(alike, np.arange(len(tried)))
         block = replace(block, energy=responses.incident.at(sight.points[pixels].mean(0)))
@@ -50,6 +53,13 @@ def global_start(
         best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
     return normals, albedo, roughness
+
+
+def _of_one_material(sight: Sight, pixels: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " _"]]:
+    if sight.material is None:
+        return [pixels]
+    _, which = np.unique(sight.material[pixels], axis=0, return_inverse=True)
+    return [pixels[which == k] for k in range(which.max() + 1)]
 
 
 def _choose(

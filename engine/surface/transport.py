@@ -11,7 +11,7 @@ flattened to one axis `v` = 3 n, view-major.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, no_type_check, runtime_checkable
 
 import numba
@@ -121,12 +121,13 @@ def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """Where the pixels' points are and what they see of the object itself."""
+    """Where the pixels' points are, what they are made of, and what they see of the object itself."""
 
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
     occlusion: Occlusion | None  # None: nothing hides anything
     cast_z: Float[np.ndarray, " p"] | None = None  # z of the depth that hides, where points do not follow it
+    material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
 
     def middle(self, pixels: Int[np.ndarray, " k"]) -> Float[np.ndarray, " 3"]:
         """The mean direction to the camera of a few pixels, unit."""
@@ -137,7 +138,7 @@ class Sight:
         """The same with the object so many times as far away: what hides what does not change."""
         cast_z = None if self.cast_z is None else self.cast_z * scale
         occlusion = self.occlusion and self.occlusion.at(scale)
-        return Sight(self.points * scale, self.views, occlusion, cast_z)
+        return replace(self, points=self.points * scale, occlusion=occlusion, cast_z=cast_z)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
@@ -175,11 +176,15 @@ class Block:
     energy: Float[np.ndarray, "d v"]  # the light they share: all but the lamps
     hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
     lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
+    material: Float[np.ndarray, "p 2"] | None = None  # as in `Sight`
 
     def part(self, pixels: Int[np.ndarray, " k"]) -> "Block":
         """The same of a few of them; the light they share stays that of all."""
         hidden = None if self.hidden is None else owned(self.hidden, pixels)
-        return Block(self.points[pixels], self.views[pixels], self.energy, hidden, self.lamps[pixels])
+        material = None if self.material is None else self.material[pixels]
+        return Block(
+            self.points[pixels], self.views[pixels], self.energy, hidden, self.lamps[pixels], material
+        )
 
 
 @runtime_checkable
@@ -246,7 +251,8 @@ class Responses:
         points = sight.points[pixels]
         hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
         lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
-        return Block(points, sight.views[pixels], self.incident.at(points.mean(0)), hidden, lamps)
+        material = None if sight.material is None else sight.material[pixels]
+        return Block(points, sight.views[pixels], self.incident.at(points.mean(0)), hidden, lamps, material)
 
     def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
         """All the light a block of pixels shares, with the lamps as its middle sees them."""
@@ -269,22 +275,31 @@ class Responses:
             column[kept] = np.arange(len(kept))
             hidden = start, column[direction], source
         run = self._on_cpu if self.device == "cpu" else self._on_device
+        material = None if block.material is None else np.repeat(block.material, variants, 0)
         answer = run(
-            normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0),
+            normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0), material,
             self.incident.directions[kept], block.energy[kept], hidden, variants,
         )  # fmt: skip
         diffuse, specular = answer.reshape(2, count, variants, -1)
         self.incident.near.add(
-            block.points, block.views, normals, roughness, block.lamps, self.full_diffuse, diffuse, specular
+            block.points,
+            block.views,
+            normals,
+            roughness,
+            block.lamps,
+            self.full_diffuse,
+            diffuse,
+            specular,
+            block.material,
         )
         return diffuse, specular
 
-    def _on_cpu(self, normals, roughness, views, directions, energy, hidden, variants):
+    def _on_cpu(self, normals, roughness, views, material, directions, energy, hidden, variants):
         size, d = len(normals), len(directions)
         table = np.empty((2 * size, d), np.float32)
         everything = np.ones((size, d), np.uint8)
         rows_into(
-            normals, roughness, views, directions, everything, self.full_diffuse, self.floor,
+            normals, roughness, views, material, directions, everything, self.full_diffuse, self.floor,
             table[:size], table[size:],
         )  # fmt: skip
         out = np.zeros((2 * size, energy.shape[1]), np.float32)
@@ -294,7 +309,7 @@ class Responses:
         out += table @ energy
         return out
 
-    def _on_device(self, normals, roughness, views, directions, energy, hidden, variants):
+    def _on_device(self, normals, roughness, views, material, directions, energy, hidden, variants):
         # Only here: torch takes seconds to load.
         import torch
 
@@ -308,7 +323,7 @@ class Responses:
         table = torch.cat(
             rows_reference(
                 there(normals), there(roughness), there(views), there(directions), seen,
-                self.full_diffuse, self.floor,
+                self.full_diffuse, self.floor, None if material is None else there(material),
             )
         )  # fmt: skip
         out = torch.zeros((2 * size, energy.shape[1]), device=self.device)

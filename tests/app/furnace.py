@@ -31,8 +31,10 @@ PARAMS = {
 def surface() -> Surface:
     """The ball, matt."""
     made = ball(CAMERA)
-    arrays = {name: np.asarray(getattr(made, name), np.float32) for name in Surface.__slots__}
-    return Surface(**{**arrays, "mask": made.mask, "flags": made.flags})
+    arrays = {
+        name: np.asarray(getattr(made, name), np.float32) for name in Surface.__slots__ if name != "material"
+    }
+    return Surface(**{**arrays, "mask": made.mask, "flags": made.flags, "material": made.material})
 
 
 def room() -> tuple[Gaussians, Lamps]:

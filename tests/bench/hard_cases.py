@@ -56,6 +56,7 @@ class Case:
     motion: str
     spoil: Callable[[Stored, np.random.Generator], Stored]
     spoil_lit: Callable[[Stored, np.random.Generator], Stored] = lambda given, rng: given  # after it
+    thing: str = ""  # the object, where it is what is hard
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +162,8 @@ CASES = (
     Case(f"exposures drift by {DRIFT:.0%}", "study", "gimbal", drifting),
     Case(f"exposures drift by {DRIFT:.0%}, after the light", "study", "gimbal", untouched, drifting),
     Case(f"lamps {ASIDE_DEG:.0f} degrees off", "lamps", "gimbal", untouched, lamps_aside),
+    Case("a quarter of it gilded", "study", "gimbal", untouched, thing="gilded"),
+    Case("a coat that mirrors twice as much", "study", "gimbal", untouched, thing="lacquered"),
 )
 
 
@@ -226,7 +229,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for case in CASES:
             if args.only in case.title:
                 size = replace(SIZE, motion=case.motion)
-                on = sets.ready(args.folder, case.room, args.object, size, size.views, 0, "cpu")
+                on = sets.ready(args.folder, case.room, case.thing or args.object, size, size.views, 0, "cpu")
                 rows.append(measured(case, on))
                 print(table(rows[-1:]).splitlines()[-1], file=sys.stderr)
     except (RoomlightError, StudioError) as fault:

@@ -68,10 +68,16 @@ def grounds() -> Grounds:
     return Grounds(kind, 0.125, 0.0625)
 
 
-def write(to: Path, params: ExportParams | None = None, progress: Progress | None = None, scale: str = "rig"):
+def write(
+    to: Path,
+    params: ExportParams | None = None,
+    progress: Progress | None = None,
+    scale: str = "rig",
+    surface=None,
+):
     photograph = np.tile(np.linspace(0.01, 3, 64)[:, None], (48, 1, 3))
     export.write(
-        to, ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), grounds(), photograph,
+        to, surface or ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), grounds(), photograph,
         params or ExportParams(), progress or Progress(),
     )  # fmt: skip
 
@@ -187,6 +193,28 @@ def test_depth_and_roughness_pictures_decode_to_the_maps(exported):
     assert rough == pytest.approx(surface.roughness, abs=1e-5)
     linear = cv2.imread(str(exported / "albedo_linear_16.png"), cv2.IMREAD_UNCHANGED)[..., ::-1] / 65535
     assert linear == pytest.approx(surface.albedo, abs=1e-5)
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_materials_are_written_as_maps_and_where_not_all_is_of_paint_as_pictures(tmp_path, plain):
+    surface = ball()
+    made = np.zeros((*surface.mask.shape, 2), np.float32)
+    made[surface.mask] = [0.75, 0.0]
+    made[surface.mask & (np.arange(64) >= 32)] = [0.5, 1.0]
+    if not plain:
+        surface = replace(surface, material=made)
+    write(tmp_path / "out", surface=surface)
+    with OpenEXR.File(str(tmp_path / "out" / "maps.exr"), separate_channels=True) as exr:
+        level, metalness = (exr.channels()[name].pixels for name in ("specular.Y", "metalness.Y"))
+    expected = np.where(surface.mask[..., None], [0.5, 0.0], 0) if plain else made
+    np.testing.assert_allclose(np.stack([level, metalness], -1), expected)
+    there = {name: tmp_path / "out" / f"{name}_16.png" for name in ("specular", "metalness")}
+    assert all(path.exists() != plain for path in there.values())
+    if not plain:
+        for k, path in enumerate(there.values()):
+            np.testing.assert_allclose(
+                cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / 65535, made[..., k], atol=1e-4
+            )
 
 
 def test_meshes_poses_and_light_open_in_other_programs(exported):

@@ -43,6 +43,26 @@ def sampled(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return image[np.floor(uv[:, 1] * height).astype(int), np.floor(uv[:, 0] * width).astype(int)]
 
 
+def test_materials_are_said_where_not_all_is_of_paint():
+    plain = ball()
+    document = pygltflib.GLTF2.load_from_bytes(glb(plain))
+    assert document.extensionsUsed == []
+    assert document.materials[0].pbrMetallicRoughness.metallicFactor == 0
+    assert len(document.images) == 3
+    metal = np.arange(plain.mask.shape[1]) >= 32
+    made = np.stack([np.full(plain.mask.shape, 0.8), np.broadcast_to(metal, plain.mask.shape)], -1)
+    document = pygltflib.GLTF2.load_from_bytes(glb(replace(plain, material=made.astype(np.float32))))
+    material = document.materials[0]
+    packed = texture(document, material.pbrMetallicRoughness.metallicRoughnessTexture.index)
+    assert material.pbrMetallicRoughness.metallicFactor == 1
+    assert (packed[plain.mask][:, 2] == 255 * np.broadcast_to(metal, plain.mask.shape)[plain.mask]).all()
+    said = material.extensions["KHR_materials_specular"]
+    encoded = texture(document, said["specularColorTexture"]["index"])[plain.mask] / 255
+    linear = ((encoded + 0.055) / 1.055) ** 2.4
+    # 0.04 times factor times texture: what is reflected head on.
+    np.testing.assert_allclose(0.04 * said["specularColorFactor"][0] * linear, 0.08 * 0.8, rtol=0.02)
+
+
 @pytest.mark.parametrize("turn_deg", [0.0, 25.0, 90.0])
 def test_mesh_frame_and_texture_together_give_the_recovered_normals(turn_deg):
     # Turning the recovered normals away from the mesh's own tests what the texture carries.

@@ -71,6 +71,24 @@ def glossy(roughness: float):
     return reflect
 
 
+def metal(roughness: float):
+    """A highlight of the albedo's colour, by Schlick's power white at grazing, and nothing else."""
+
+    def reflect(n: np.ndarray, v: np.ndarray, light: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+        half = (light + v) / np.linalg.norm(light + v, axis=1, keepdims=True)
+        nl, nv, nh, lh = (
+            np.maximum((a * b).sum(1, keepdims=True), 1e-4)
+            for a, b in ((n, light), (n, v), (n, half), (light, half))
+        )
+        a2 = roughness**4
+        spread = a2 / (np.pi * (nh**2 * (a2 - 1) + 1) ** 2)
+        masking = np.prod([2 * x / (x + np.sqrt(a2 + (1 - a2) * x**2)) for x in (nl, nv)], axis=0)
+        lit = (n * light).sum(1, keepdims=True) > 0
+        return np.where(lit, spread * (albedo + (1 - albedo) * (1 - lh) ** 5) * masking / (4 * nv), 0)
+
+    return reflect
+
+
 def turns(views: int, rng: np.random.Generator, shift: float) -> np.ndarray:
     """Cameras turned anyhow, about the origin."""
     rotation = Rotation.from_quat(rng.normal(size=(views, 4))).as_matrix()

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.geometry import fibonacci_sphere
-from engine.surface.brdf import lobe_floor, rows
+from engine.surface.brdf import index_of, lobe_floor, rows
 from engine.surface.brdf_reference import rows_reference
 
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -22,16 +22,21 @@ def facing(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("full_diffuse", [True, False])
-def test_kernel_agrees_with_its_reference(full_diffuse: bool):
+@pytest.mark.parametrize("plain", [True, False])
+def test_kernel_agrees_with_its_reference(full_diffuse: bool, plain: bool):
     rng = np.random.default_rng(1)
     normals, views, rough = facing(rng, 20), facing(rng, 20), rng.uniform(0.1, 1, 20)
     directions = fibonacci_sphere(300)
     visible = (rng.uniform(size=(20, 300)) > 0.3).astype(np.uint8)
-    diffuse, specular = rows(normals, rough, views, directions, visible, full_diffuse, lobe_floor(300))
+    material = None if plain else np.stack([rng.uniform(0.1, 1, 20), rng.integers(0, 3, 20) / 2], 1)
+    diffuse, specular = rows(
+        normals, rough, views, directions, visible, full_diffuse, lobe_floor(300), material
+    )
     expected = rows_reference(
         *(torch.as_tensor(x) for x in (normals, rough, views, directions, visible)),
         full_diffuse,
         lobe_floor(300),
+        None if material is None else torch.as_tensor(material),
     )
     np.testing.assert_allclose(diffuse, expected[0].numpy(), rtol=2e-4, atol=1e-6)
     np.testing.assert_allclose(specular, expected[1].numpy(), rtol=2e-3, atol=1e-5)
@@ -98,7 +103,24 @@ def test_what_is_hidden_or_below_the_horizon_gives_nothing():
     assert (specular == 0).all()
 
 
-def test_full_model_is_what_mitsuba_calls_principled():
+def test_level_is_an_index_by_hand():
+    # 0.08 of a level: ((n - 1) / (n + 1))^2 = 0.04 at n = 1.5.
+    assert index_of(np.array([0.5]))[0] == pytest.approx(1.5)
+    n = index_of(np.array([1.0]))[0]
+    assert ((n - 1) / (n + 1)) ** 2 == pytest.approx(0.08)
+
+
+def test_metal_head_on_by_hand():
+    # All of D G / 4 = 16 / (4 pi) is of the albedo's colour there, and nothing is white.
+    coloured, white = rows(
+        UP, np.array([0.5]), UP, UP, np.ones((1, 1), np.uint8), False, 0.0, np.array([[0.5, 1.0]])
+    )
+    assert coloured[0, 0] == pytest.approx(16 / (4 * math.pi), rel=1e-5)
+    assert white[0, 0] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("material", [(0.5, 0.0), (1.0, 0.0), (0.2, 0.0), (0.5, 1.0), (0.8, 0.4)])
+def test_full_model_is_what_mitsuba_calls_principled(material: tuple[float, float]):
     """An implementation nobody here wrote."""
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
@@ -110,7 +132,8 @@ def test_full_model_is_what_mitsuba_calls_principled():
                 "type": "principled",
                 "base_color": {"type": "rgb", "value": [0.5, 0.5, 0.5]},
                 "roughness": roughness,
-                "specular": 0.5,
+                "specular": material[0],
+                "metallic": material[1],
             }
         )
         for l, v in zip(light, view, strict=True):
@@ -118,5 +141,7 @@ def test_full_model_is_what_mitsuba_calls_principled():
             interaction.wi = mi.Vector3f(*v)
             theirs = bsdf.eval(mi.BSDFContext(), interaction, mi.Vector3f(*l))[0]
             one = np.ones((1, 1), np.uint8)
-            diffuse, specular = rows(UP, np.array([roughness]), v[None], l[None], one, True, 0.0)
+            diffuse, specular = rows(
+                UP, np.array([roughness]), v[None], l[None], one, True, 0.0, np.array([material])
+            )
             assert 0.5 * diffuse[0, 0] + specular[0, 0] == pytest.approx(theirs, rel=1e-3)

@@ -51,6 +51,16 @@ def test_what_looks_like_nothing_else_expects_what_is_expected_of_anything():
     np.testing.assert_array_equal(expected(replace(state, albedo=albedo), MASK)[100], newton.GLOSS)
 
 
+def test_metal_is_not_asked_what_paint_of_its_colour_expects():
+    state, _ = two_materials()
+    grey = replace(state, albedo=np.full_like(state.albedo, 0.4))
+    metal = np.nonzero(MASK)[1] >= MASK.shape[1] // 2
+    roughness = np.where(metal, 0.3, 0.7)
+    made = np.stack([np.full(len(metal), 0.5), metal], 1)
+    mean, _ = expected(replace(grey, roughness=roughness), MASK, made).T
+    np.testing.assert_allclose(mean, roughness)
+
+
 @pytest.fixture(scope="module")
 def solved():
     parts = parts_of_lamps(np.random.default_rng(9), False)
@@ -86,7 +96,7 @@ def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, mon
     gone = newton.begin(normals, truth.albedo, roughness)
     gone = newton.iterate(newton.respread(gone, *under), *under, 1, Progress())
     told = np.column_stack([truth.roughness, np.full(len(roughness), 0.1)])
-    monkeypatch.setattr(gloss, "expected", lambda state, mask: told)
+    monkeypatch.setattr(gloss, "expected", lambda state, mask, material: told)
     found = reconsidered(gone, *under, MASK, 8, Progress())
     assert (found.misfit <= expecting(gone, told).misfit + 1e-9).all()
     assert np.abs(found.roughness - truth.roughness)[lost].max() < 0.05

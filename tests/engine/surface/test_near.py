@@ -16,7 +16,9 @@ def lamp(centre: tuple[float, float, float], radius: float = 0.06) -> Near:
     return Near(np.array([[centre]]), np.array([radius]), RADIANCE, CELLS)
 
 
-def over_its_disc(near: Near, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray):
+def over_its_disc(
+    near: Near, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
+):  # fmt: skip
     """(diffuse, specular) by brute force: rows without any widening for many rays to the lamp."""
     towards = near.centres[0, 0] - point
     distance = np.linalg.norm(towards)
@@ -29,21 +31,27 @@ def over_its_disc(near: Near, point: np.ndarray, normal: np.ndarray, roughness: 
         np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     )
     seen = np.ones((1, len(rays)), np.uint8)
-    both = rows(normal[None], np.array([roughness]), view[None], rays, seen, True, 0.0)
+    both = rows(normal[None], np.array([roughness]), view[None], rays, seen, True, 0.0, made)
     return [x.mean() * 2 * np.pi * (1 - rim) for x in both]
 
 
-def answer(near: Near, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray):
+def answer(
+    near: Near, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
+):  # fmt: skip
     seen = near.visible(point[None], None)
-    both = near.each(point[None], view[None], normal[None, None], np.array([[roughness]]), seen, True)
+    both = near.each(point[None], view[None], normal[None, None], np.array([[roughness]]), seen, True, made)
     return [float(x[0, 0, 0, 0]) for x in both]
 
 
 # A sharp lobe's tails are not those of a wider one.
 @pytest.mark.parametrize(("roughness", "within"), [(0.25, 0.15), (0.4, 0.06), (0.6, 0.03), (0.9, 0.03)])
 @pytest.mark.parametrize("point", [(0.0, 0, 0.5), (0.1, -0.05, 0.55)])
+@pytest.mark.parametrize("made", [None, (1.0, 0.0), (0.5, 1.0)])
 def test_a_lamp_answers_as_the_sphere_it_is(
-    roughness: float, within: float, point: tuple[float, float, float]
+    roughness: float,
+    within: float,
+    point: tuple[float, float, float],
+    made: tuple[float, float] | None,
 ):
     near, at = lamp((0.3, -0.4, 0.1)), np.array(point)
     view = -at / np.linalg.norm(at)
@@ -51,8 +59,10 @@ def test_a_lamp_answers_as_the_sphere_it_is(
     # Close to the mirror direction, where a highlight is steepest.
     normal = view + towards / np.linalg.norm(towards) + [0.1, 0.05, 0]
     normal /= np.linalg.norm(normal)
-    expected = over_its_disc(near, at, normal, roughness, view)
-    np.testing.assert_allclose(answer(near, at, normal, roughness, view), expected, rtol=within)
+    material = None if made is None else np.array([made])
+    expected = over_its_disc(near, at, normal, roughness, view, material)
+    found = answer(near, at, normal, roughness, view, material)
+    np.testing.assert_allclose(found, expected, rtol=within, atol=1e-5)
 
 
 @pytest.mark.parametrize("sine", [-0.15, -0.05, 0.0, 0.05, 0.12, 0.3])

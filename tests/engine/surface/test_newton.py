@@ -8,7 +8,7 @@ import pytest
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.relight import Sample
+from engine.surface.sample import Sample
 from engine.surface.transport import Responses
 from tests.engine.surface.test_relight import TRUE_Z, parts_of_lamps, sample_of
 

@@ -222,7 +222,12 @@ def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_i
     hidden = occlusion(ball, image(small, -half.rays), small, towards, Progress(), 10.0)
     known = Sight(flat.points, flat.views, hidden)
     whole = subject(frames, mask, CAMERA, some, params)
-    full, depth, sight = finer(whole, half, state, known, 0.5, Progress())
+    made = np.stack([np.full(len(where), 0.5), np.arange(len(where)) % 2], 1)
+    half = replace(half, material=made)
+    who, full, depth, sight = finer(whole, half, state, known, 0.5, Progress())
+    assert who.material is not None
+    np.testing.assert_array_equal(who.material, made[doubled(small, mask)])
+    assert sight.material is who.material
     row = np.nonzero(mask)[0]
     assert np.abs(full.roughness * 24 - row // 2).max() <= 1
     np.testing.assert_allclose(sight.points[:, 2], depth[mask])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import solve as solving
 from engine.surface.observations import thinned
@@ -12,7 +13,7 @@ from engine.surface.pixels import SurfaceParams
 from engine.surface.rough import rough
 from engine.surface.solve import held_out, solve, whole_light
 from engine.surface.surroundings import furnished, light_at
-from tests.engine.reference.lit_room import lambert, scene
+from tests.engine.reference.lit_room import DISTANCE, lambert, metal, scene
 
 
 def test_fewer_views_are_spread_evenly_over_all():
@@ -51,6 +52,27 @@ def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_t
     np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
     assert (light.lattice is first.parts.incident.lattice) == (directions == 400)
+
+
+@pytest.mark.parametrize(("material", "together"), [(True, 400_000), (False, 400_000), (True, 400)])
+def test_a_metal_ball_is_taken_for_metal(material: bool, together: int):
+    """Also where its pixels are solved in tiles."""
+    params = replace(
+        SurfaceParams(), rough_views=16, rough_rounds=2, directions=1200, object_distance=DISTANCE, material=material,
+        visibility=False, relight=False, together=together,
+    )  # fmt: skip
+    ball = scene(metal(0.5), views=24, lamps=8)
+    surface, *_, report = solve(*ball.given, params, "cpu", 0, Progress())
+    off = np.degrees(angle_between(surface.normal[surface.mask], ball.normals))
+    if not material:
+        assert surface.material is None
+        assert report.metal == 0
+        assert np.median(off) > 5
+        return
+    assert surface.material is not None
+    assert report.metal == pytest.approx(surface.material[surface.mask][:, 1].mean())
+    assert report.metal > 0.95
+    assert np.median(off) < (1 if together > 1000 else 3)
 
 
 @pytest.mark.parametrize(("still", "expected"), [(np.pi, 1), (0.0, 3)])
