@@ -22,6 +22,7 @@ from engine.errors import SessionError
 from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
+from engine.surface.brdf import of_pixels
 from engine.surface.pixels import (
     SurfaceParams,
     answering,
@@ -159,8 +160,7 @@ class Scene:
         )  # fmt: skip
         one = np.nonzero(s.poses.registered)[0][:1]
         who = subject(s.frames, mask, s.poses.camera, one, s.params)
-        if surface.material is not None:
-            who = replace(who, material=surface.material[mask].astype(float))
+        who = replace(who, material=of_pixels(surface.material, mask))
         cells = direction_cells(s.directions)
         by_depth = sight_of(who, self._state, surface.depth, cells, s.params, progress)
         self.sight: Sight = as_photographed(who, self._state, by_depth, cells)

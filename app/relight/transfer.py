@@ -26,7 +26,7 @@ from app.relight.sources import recovered
 from engine.geometry import fibonacci_sphere, rays, resized
 from engine.light.cells import shared_cells
 from engine.session import told
-from engine.surface.brdf import lobe_floor, rows
+from engine.surface.brdf import lobe_floor, of_pixels, rows
 from engine.surface.transport import BLOCK, blocks
 from engine.surface.visibility import Occlusion, occlusion
 from engine.types import Camera, Surface
@@ -130,7 +130,7 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
     directions = fibonacci_sphere(CELLS)
     hidden = occlusion(points, small.normal, mask, directions, progress.part(0, 0.5))
     normals, rough = small.normal[mask], small.roughness[mask]
-    made = None if small.material is None else small.material[mask]
+    made = of_pixels(small.material, mask)
     towards = -q[mask]
     tile, tiles = _tiles(mask)
     parts = blocks(mask)
@@ -143,7 +143,7 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
         everything = np.ones((len(block), CELLS), np.uint8)
         diffuse, specular = rows(
             normals[block], rough[block], towards[block], directions, everything, full_diffuse, floor,
-            None if made is None else made[block],
+            of_pixels(made, block),
         )  # fmt: skip
         answers = _with_tiles(hidden, block, (diffuse, specular), tile, tiles)
         matters = float(np.linalg.norm(diffuse * light[block, None]))

@@ -29,6 +29,13 @@ What it reflects otherwise is Fresnel's law and not Schlick's power, which is a 
 60."""
 
 
+def of_pixels(
+    material: Float[np.ndarray, "*p 2"] | None, pixels: np.ndarray
+) -> Float[np.ndarray, "k 2"] | None:
+    """The material of some pixels, by their numbers or a mask; None, all of paint, stays that."""
+    return None if material is None else material[pixels]
+
+
 def index_of(level: Float[np.ndarray, "*p"]) -> Float[np.ndarray, "*p"]:
     """The index of refraction that reflects 0.08 `level` head on (Burley 2012, Sec. 5.5)."""
     return 2 / (1 - np.sqrt(0.08 * level)) - 1
@@ -38,7 +45,7 @@ def optics(material: Float[np.ndarray, "p 2"] | None, count: int) -> Float[np.nd
     """What the kernels ask of `count` pixels' materials (None: all `PAINT`): squared index less one, metalness; float32."""
     if material is None:
         material = np.tile(PAINT, (count, 1))
-    level, metalness = material.T
+    level, metalness = np.asarray(material, float).T
     return np.stack([index_of(level) ** 2 - 1, metalness], 1).astype(np.float32)
 
 

@@ -17,6 +17,7 @@ from engine.progress import Progress
 from engine.surface import start_maps
 from engine.surface.accord import SWEEPS, accord
 from engine.surface.bounced import guessed_share
+from engine.surface.brdf import of_pixels
 from engine.surface.confidence import Confidence, confidence, jackknifed
 from engine.surface.integrate import integrate
 from engine.surface.newton import State, begin, iterate, respread
@@ -158,8 +159,7 @@ def in_detail(
         part = picture.part(*wide)
         pixels = index[wide][part.mask]
         who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.drift)
-        if found.who.material is not None:
-            who = replace(who, material=found.who.material[take[pixels]])
+        who = replace(who, material=of_pixels(found.who.material, take[pixels]))
         state = found.state.part(take[pixels])
         state = begin(state.normals, state.albedo, state.roughness, state.level, state.lift)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None

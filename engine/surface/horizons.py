@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.light.rasterise import Run
-from engine.surface.brdf import rows
+from engine.surface.brdf import of_pixels, rows
 from engine.surface.newton import ALBEDO
 from engine.surface.observations import Observations, aside
 from engine.surface.transport import Responses, Sight
@@ -171,7 +171,7 @@ def explain(
         everything,
         responses.full_diffuse,
         responses.floor,
-        None if sight.material is None else sight.material[pixels],
+        of_pixels(sight.material, pixels),
     )
     hidden = sight.occlusion
     if hidden is None:

@@ -19,7 +19,7 @@ from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.brdf import PAINT
 from engine.surface.pixels import Subject, SurfaceParams
-from engine.surface.sample import Sample, inner, sampled
+from engine.surface.sample import Sample, inner, sampled, some_of
 from engine.surface.start import global_start
 from engine.surface.transport import Incident, Sight, blocks
 
@@ -80,19 +80,17 @@ class Trial:
             answer = newton.either(other.misfit < answer.misfit, other, answer)
         return answer
 
-    def likelihood(self, material: tuple[float, float], progress: Progress) -> Float[np.ndarray, " p"]:
-        """Of every pixel's kept views if it is of this material, per view and channel; a logarithm, up to what is alike
-        for all materials: residuals are as wide as they are so far."""
-        answer = self.tried(material, progress)
+    def likelihood(self, answer: newton.State, material: tuple[float, float]) -> Float[np.ndarray, " p"]:
+        """Of every pixel's kept views by what was `tried` as this material, per view and channel; a logarithm, up to what is
+        alike for all materials: residuals are as wide as they are so far."""
         # What is expected of roughness is no photograph's word.
         free = replace(answer, gloss=np.tile([0.5, ANYTHING], (len(answer.spread), 1)))
         judged = _solved(self.kept, free, np.tile(material, (len(free.spread), 1)), 1, Progress())
         return -judged.misfit / (2 * self.data * self.state.spread**2)
 
-    def spread(self, material: tuple[float, float], progress: Progress) -> Float[np.ndarray, " p"]:
-        """How wide the residuals of every pixel's kept views are if it is of this material."""
+    def spread(self, answer: newton.State, material: tuple[float, float]) -> Float[np.ndarray, " p"]:
+        """How wide the residuals of every pixel's kept views are by what was `tried` as this material."""
         of, light = self.kept
-        answer = self.tried(material, progress)
         sight = replace(of.sight, material=np.tile(material, (len(answer.spread), 1)))
         return newton.respread(answer, of.responses(light), sight, of.regions, of.seen).spread
 
@@ -109,33 +107,35 @@ def told(
 ) -> Float[np.ndarray, "p 2"] | None:
     """The material of every pixel; None: nothing speaks against paint. `sight` is that under which the state was solved, its
     horizons in force; only `exactly` is it asked what else than metal it may be; `seed` picks the pixels that are asked."""
-    some = inner(who)
-    generator = np.random.default_rng(seed)
-    chosen = np.sort(generator.choice(some, min(ASKED, len(some)), replace=False))
+    chosen = some_of(inner(who), ASKED, seed)
     trial = _trial(who, chosen, state, light, sight, params)
-    spans = iter(progress.parts(len(LEVELS) + 3))
-    shiny = metallic(trial, next(spans)) > 0
+    spans = iter(progress.parts(len(LEVELS) + 2))
+    as_paint = trial.tried(PAINT, next(spans))
+    shiny = metallic(trial, as_paint, next(spans)) > 0
     level = np.full(len(state.spread), PAINT[0])
     heard = ~shiny & (trial.state.spread < EXPLAINED * np.quantile(trial.state.spread, WELL))
     if exactly and heard.any():
-        said = np.stack([trial.likelihood((one, PAINT[1]), next(spans)) for one in LEVELS], 1)
+        kinds = [(float(one), PAINT[1]) for one in LEVELS]
+        answers = [as_paint if one == PAINT else trial.tried(one, next(spans)) for one in kinds]
+        said = np.stack([trial.likelihood(*pair) for pair in zip(answers, kinds, strict=True)], 1)
         region = regions(who, chosen, seed)
         level = levels(said[heard], region[chosen][heard], int(region.max()) + 1)[region]
     metal = np.zeros(len(level), bool)
     if shiny.mean() >= SOME:
         everybody = _trial(who, np.arange(len(level)), state, light, sight, params, blocks(who.mask))
         voices = np.zeros(who.mask.shape)
-        voices[who.mask] = metallic(everybody, next(spans))
+        first, second = next(spans).parts(2)
+        voices[who.mask] = metallic(everybody, everybody.tried(PAINT, first), second)
         metal = gaussian_filter(voices, NEIGHBOURS)[who.mask] > 0
     if (level == PAINT[0]).all() and not metal.any():
         return None
     return np.where(metal[:, None], METAL, np.stack([level, np.full(len(level), PAINT[1])], 1))
 
 
-def metallic(trial: Trial, progress: Progress) -> Float[np.ndarray, " p"]:
+def metallic(trial: Trial, as_paint: newton.State, progress: Progress) -> Float[np.ndarray, " p"]:
     """How much narrower each pixel's residuals are as metal's than as paint's: a logarithm, above 0 where that is enough."""
-    as_metal, as_paint = progress.part(0, 0.5), progress.part(0.5, 1)
-    gained = np.log(trial.spread(PAINT, as_paint) / trial.spread(METAL, as_metal)) - np.log(NARROWER)
+    as_metal = trial.tried(METAL, progress)
+    gained = np.log(trial.spread(as_paint, PAINT) / trial.spread(as_metal, METAL)) - np.log(NARROWER)
     return np.clip(gained, -CERTAIN, CERTAIN)
 
 

@@ -16,6 +16,7 @@ from engine.mapfiles import FRAMES
 from engine.progress import Progress
 from engine.surface import horizons, newton
 from engine.surface.bounced import lit
+from engine.surface.brdf import of_pixels
 from engine.surface.integrate import integrate
 from engine.surface.observations import CAUCHY, PLAIN, Observations, islands, numbered, observe, photographed
 from engine.surface.start import global_start
@@ -265,7 +266,7 @@ def finer(
     """What `halved` pixels know as a start for the full ones (`who`), each taking the nearest one's; with a depth of their
     own. The full ones are of the half ones' material then."""
     take = doubled(half.mask, who.mask)
-    who = replace(who, material=None if half.material is None else half.material[take])
+    who = replace(who, material=of_pixels(half.material, take))
     state = newton.begin(
         state.normals[take], state.albedo[take], state.roughness[take], state.level[take], state.lift[take]
     )

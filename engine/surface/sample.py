@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from scipy.ndimage import binary_erosion
 
 from engine.surface.bounced import lit
+from engine.surface.brdf import of_pixels
 from engine.surface.observations import Observations, evened, numbered
 from engine.surface.pixels import Subject, SurfaceParams, coarse_regions
 from engine.surface.transport import Incident, Responses, Sight
@@ -53,6 +54,12 @@ def inner(who: Subject) -> Int[np.ndarray, " k"]:
     return found if len(found) >= FEW else index[who.mask]
 
 
+def some_of(candidates: Int[np.ndarray, " k"], count: int, seed: int) -> Int[np.ndarray, " p"]:
+    """At most so many of them at random, in order."""
+    few = min(count, len(candidates))
+    return np.sort(np.random.default_rng(seed).choice(candidates, few, replace=False))
+
+
 def voters(
     who: Subject,
     sight: Sight,
@@ -66,10 +73,10 @@ def voters(
 ) -> tuple[Int[np.ndarray, " p"], Sample]:
     """A random part of the pixels, away from the rim where there is enough of it, and of the best explained once
     `spread` of the residuals tells them: their indices, and what they know (`sampled`)."""
-    some = inner(who)
+    open_to = inner(who)
     if spread is not None:
-        some = some[spread[some] <= np.quantile(spread[some], EXPLAINED)]
-    chosen = np.sort(np.random.default_rng(seed).choice(some, min(count, len(some)), replace=False))
+        open_to = open_to[spread[open_to] <= np.quantile(spread[open_to], EXPLAINED)]
+    chosen = some_of(open_to, count, seed)
     return chosen, sampled(who, sight, distance, chosen, params, views, light)
 
 
@@ -86,7 +93,7 @@ def sampled(
     `distance` in `sight`. Walls shine as under `light`, which has the same views."""
     seen = who.seen if views is None else who.seen.part(np.arange(who.mask.sum()), views)
     hidden = sight.occlusion.part(chosen) if sight.occlusion is not None else None
-    made = None if sight.material is None else sight.material[chosen]
+    made = of_pixels(sight.material, chosen)
     return Sample(
         Sight(sight.points[chosen] / distance, sight.views[chosen], hidden, material=made),
         seen.part(chosen),

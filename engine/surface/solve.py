@@ -16,7 +16,7 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import start_maps
 from engine.surface.accord import accord
-from engine.surface.brdf import PAINT
+from engine.surface.brdf import PAINT, of_pixels
 from engine.surface.confidence import FLAGS
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
@@ -135,8 +135,8 @@ def solve(
     else:
         maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(0.3, 1))
         z = depth[whole.mask]
-    made = first.material
-    surface = surface_of(mask, maps, z, params.model_error, None if made is None else made[take])
+    made = of_pixels(first.material, take)
+    surface = surface_of(mask, maps, z, params.model_error, made)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
     lattice, drift = found.here.lattice, np.zeros(len(frames.names))

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from engine.light.probes import arriving
 from engine.progress import Progress
-from engine.surface.brdf import lobe_floor, rows
+from engine.surface.brdf import lobe_floor, of_pixels, rows
 from engine.surface.newton import State
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams
@@ -105,8 +105,7 @@ def enough(
     there = cam_from_world[thinned(np.arange(len(cam_from_world)), VIEWS)]
     x, y, z = sight.points[few].mean(0)
     middle = np.array([x / z, y / z, z])
-    material = None if sight.material is None else sight.material[few]
-    alone = Sight(sight.points[few], sight.views[few], None, material=material)
+    alone = Sight(sight.points[few], sight.views[few], None, material=of_pixels(sight.material, few))
     nothing = np.zeros((0, 3 * len(there)), np.float32)
 
     def sent(directions: int) -> Float[np.ndarray, "p n 3"]:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.geometry import fibonacci_sphere, unproject
-from engine.surface.brdf import lobe_floor, rows_into
+from engine.surface.brdf import lobe_floor, of_pixels, rows_into
 from engine.surface.near import Near
 from engine.surface.visibility import Occlusion, owned
 from engine.types import Camera
@@ -181,7 +181,7 @@ class Block:
     def part(self, pixels: Int[np.ndarray, " k"]) -> "Block":
         """The same of a few of them; the light they share stays that of all."""
         hidden = None if self.hidden is None else owned(self.hidden, pixels)
-        material = None if self.material is None else self.material[pixels]
+        material = of_pixels(self.material, pixels)
         return Block(
             self.points[pixels], self.views[pixels], self.energy, hidden, self.lamps[pixels], material
         )
@@ -251,7 +251,7 @@ class Responses:
         points = sight.points[pixels]
         hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
         lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
-        material = None if sight.material is None else sight.material[pixels]
+        material = of_pixels(sight.material, pixels)
         return Block(points, sight.views[pixels], self.incident.at(points.mean(0)), hidden, lamps, material)
 
     def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:

@@ -50,23 +50,31 @@ def lambert(n: np.ndarray, v: np.ndarray, light: np.ndarray, albedo: np.ndarray)
     return albedo / np.pi * np.maximum((n * light).sum(1, keepdims=True), 0)
 
 
+def facets(
+    n: np.ndarray, v: np.ndarray, light: np.ndarray, roughness: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """D G / (4 n.v) of GGX, which Fresnel's reflectance makes a highlight with its cosine; and n.l, n.v, l.h."""
+    half = (light + v) / np.linalg.norm(light + v, axis=1, keepdims=True)
+    nl, nv, nh, lh = (
+        np.maximum((a * b).sum(1, keepdims=True), 1e-4)
+        for a, b in ((n, light), (n, v), (n, half), (light, half))
+    )
+    a2 = roughness**4
+    spread = a2 / (np.pi * (nh**2 * (a2 - 1) + 1) ** 2)
+    masking = np.prod([2 * x / (x + np.sqrt(a2 + (1 - a2) * x**2)) for x in (nl, nv)], axis=0)
+    return spread * masking / (4 * nv), nl, nv, lh
+
+
 def glossy(roughness: float):
     """The paper's reflectance with Disney's diffuse lobe and F0 = 0.04."""
 
     def reflect(n: np.ndarray, v: np.ndarray, light: np.ndarray, albedo: np.ndarray) -> np.ndarray:
-        half = (light + v) / np.linalg.norm(light + v, axis=1, keepdims=True)
-        nl, nv, nh, lh = (
-            np.maximum((a * b).sum(1, keepdims=True), 1e-4)
-            for a, b in ((n, light), (n, v), (n, half), (light, half))
-        )
-        a2 = roughness**4
-        spread = a2 / (np.pi * (nh**2 * (a2 - 1) + 1) ** 2)
+        highlight, nl, nv, lh = facets(n, v, light, roughness)
         fresnel = 0.04 + 0.96 * (1 - lh) ** 5
-        masking = np.prod([2 * x / (x + np.sqrt(a2 + (1 - a2) * x**2)) for x in (nl, nv)], axis=0)
         retro = 2 * roughness * lh**2 - 0.5
         diffuse = albedo / np.pi * (1 + retro * (1 - nl) ** 5) * (1 + retro * (1 - nv) ** 5)
         lit = (n * light).sum(1, keepdims=True) > 0
-        return np.where(lit, (diffuse + spread * fresnel * masking / (4 * nl * nv)) * nl, 0)
+        return np.where(lit, diffuse * nl + highlight * fresnel, 0)
 
     return reflect
 
@@ -75,16 +83,9 @@ def metal(roughness: float):
     """A highlight of the albedo's colour, by Schlick's power white at grazing, and nothing else."""
 
     def reflect(n: np.ndarray, v: np.ndarray, light: np.ndarray, albedo: np.ndarray) -> np.ndarray:
-        half = (light + v) / np.linalg.norm(light + v, axis=1, keepdims=True)
-        nl, nv, nh, lh = (
-            np.maximum((a * b).sum(1, keepdims=True), 1e-4)
-            for a, b in ((n, light), (n, v), (n, half), (light, half))
-        )
-        a2 = roughness**4
-        spread = a2 / (np.pi * (nh**2 * (a2 - 1) + 1) ** 2)
-        masking = np.prod([2 * x / (x + np.sqrt(a2 + (1 - a2) * x**2)) for x in (nl, nv)], axis=0)
+        highlight, _, _, lh = facets(n, v, light, roughness)
         lit = (n * light).sum(1, keepdims=True) > 0
-        return np.where(lit, spread * (albedo + (1 - albedo) * (1 - lh) ** 5) * masking / (4 * nv), 0)
+        return np.where(lit, highlight * (albedo + (1 - albedo) * (1 - lh) ** 5), 0)
 
     return reflect
 
