@@ -197,6 +197,11 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         size = order.add_mutually_exclusive_group()
         size.add_argument("--quick", action="store_true", help="tiny sets: tries the machinery in minutes")
         size.add_argument("--size", choices=("small", "standard"), default="standard", help="of the sets")
+        if name != "views":
+            order.add_argument(
+                "--poses", choices=("given", "estimated"),
+                help="the truth's poses and mask, or those found from the RAW files; as the size has it if left out",
+            )  # fmt: skip
         order.add_argument(
             "--rooms", type=_names, metavar="ROOM,ROOM", help="as the size has them if left out"
         )

@@ -44,6 +44,8 @@ class Call:
     def __init__(self, args: Namespace):
         self.args = args
         size = SIZES["quick" if args.quick else args.size]
+        poses = getattr(args, "poses", None)
+        size = size if poses is None else replace(size, given=poses == "given")
         self.size: Size = size.thinned() if args.what == "views" else size
         # One set says as much about a switch or a chart as nine, in a ninth of the time.
         many = args.what == "table"

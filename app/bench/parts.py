@@ -15,13 +15,14 @@ from app.bench.scores import Scored, by_method
 
 ALIKE = ("command", "size", "inputs", "seed")
 """What records must have in common to be of one table."""
+UNSURE = ("seconds", "rendered", "in_band")
+"""What of a row may be unknown."""
 
 
 def row(one: Scored) -> dict[str, Any]:
     """As a record holds it: NaN is null."""
     known = {key: _known(value) for key, value in one.values.items()}
-    changed = {"values": known, "seconds": _known(one.seconds), "rendered": _known(one.rendered)}
-    return asdict(one) | changed
+    return asdict(one) | {"values": known} | {name: _known(getattr(one, name)) for name in UNSURE}
 
 
 def merged(paths: Sequence[Path], command: str) -> tuple[Record, dict[str, list[Scored]], list[str]]:
@@ -77,8 +78,7 @@ def _scored(entry: Mapping[str, Any], path: Path) -> Scored:
     try:
         values = {key: _number(value) for key, value in entry["values"].items()}
         changed = {
-            "values": values, "seconds": _number(entry["seconds"]), "rendered": _number(entry["rendered"]),
-            "runs": tuple(entry["runs"]),
+            "values": values, "runs": tuple(entry["runs"]), **{name: _number(entry[name]) for name in UNSURE},
         }  # fmt: skip
         return Scored(**{**entry, **changed})
     except (KeyError, TypeError, ValueError, AttributeError) as error:

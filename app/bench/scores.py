@@ -58,6 +58,7 @@ class Scored:
     pixels: int  # compared
     runs: tuple[str, ...]  # that measured the seconds, set by set
     rendered: float = math.nan  # median relative error of views kept out, rendered again
+    in_band: float = math.nan  # share of normals within their stated 95 %; NaN: none is stated
 
 
 def score(rows: Sequence[Row]) -> list[Scored]:
@@ -75,11 +76,13 @@ def score(rows: Sequence[Row]) -> list[Scored]:
     for row in rows:
         found = metrics.evaluate(_masked(row.surface, common), row.set.truth)
         albedo = found.albedo_psnr_matched_db if row.method.matched else found.albedo_psnr_db
+        stated = bool((row.surface.stderr_normal[common] > 0).any())
         values = {"normal": found.normal_mean_deg, "albedo": albedo, "roughness": found.roughness_mae}
         scored.append(
             Scored(
                 row.set.name, row.method.key, row.method.title, row.method.kind, values, row.seconds,
                 row.extrapolated, int(common.sum()), (row.run,), row.rendered,
+                found.normal_in_band if stated else math.nan,
             )
         )  # fmt: skip
     return scored
@@ -97,6 +100,7 @@ def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
         pixels=sum(s.pixels for s in scored),
         runs=tuple(run for s in scored for run in s.runs),
         rendered=statistics.fmean(s.rendered for s in scored),
+        in_band=statistics.fmean(s.in_band for s in scored),
     )
 
 
@@ -163,6 +167,8 @@ def as_metrics(scored: Sequence[Scored]) -> list[Metric]:
             found.append(
                 Metric(f"{at}/rendered", one.rendered, "relative error, median", "lower", times * RENDERED)
             )
+        if not math.isnan(one.in_band):
+            found.append(Metric(f"{at}/in_band", one.in_band, "share of pixels, ideally 0.95", "higher"))
         found.append(Metric(f"{at}/seconds", one.seconds, "s", "lower", None, one.extrapolated))
         beside = usual.get(one.set)
         share = ratio(one, beside) if beside is not None and beside is not one else None

@@ -30,14 +30,15 @@ def by_views(scored: Sequence[tuple[int, Scored]]) -> str:
 
 
 def by_switch(scored: Sequence[Scored]) -> str:
-    """Table 3: methods as rows, three scores, the error of views kept out and rendered again, seconds, and how many times
-    as long as ours at its defaults."""
+    """Table 3: methods as rows, three scores, how many normals lie within their stated 95 %, the error of views kept out and
+    rendered again, seconds, and how many times as long as ours at its defaults."""
     averages = means(scored)
     usual = yardstick(averages)
-    lines = [["method", *(s.title for s in SCORES), "Kept-out views ↓", "seconds", f"x {OURS}"]]
+    lines = [["method", *(s.title for s in SCORES), "In band", "Kept-out views ↓", "seconds", f"x {OURS}"]]
     for one in averages:
         share = ratio(one, usual) if usual.method == OURS else None
-        lines.append([one.title, *_cells([one]), _rendered(one), seconds(one, usual), shown(share, 2)])
+        told = [_share(one.in_band, 0), _share(one.rendered, 1)]
+        lines.append([one.title, *_cells([one]), *told, seconds(one, usual), shown(share, 2)])
     return markdown(lines)
 
 
@@ -70,8 +71,8 @@ def notes(scored: Sequence[Scored]) -> str:
     return "; ".join(said)
 
 
-def _rendered(one: Scored) -> str:
-    return shown(None, 0) if math.isnan(one.rendered) else f"{100 * one.rendered:.1f} %"
+def _share(value: float, decimals: int) -> str:
+    return shown(None, 0) if math.isnan(value) else f"{100 * value:.{decimals}f} %"
 
 
 def _cells(scored: Sequence[Scored]) -> list[str]:

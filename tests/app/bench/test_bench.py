@@ -225,6 +225,23 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert "true poses and masks given" in record["inputs"]
 
 
+def test_small_sets_may_be_taken_from_their_raw_files(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    asked = []
+
+    def ready(folder, room, thing, size, *rest):
+        asked.append(size)
+        return a_set(room, thing)
+
+    monkeypatch.setattr(sets, "ready", ready)
+    to = ["--sets", str(tmp_path / "sets"), "--device", "cpu", "--json", str(tmp_path / "m.json")]
+    assert main(["bench", "table", "--quick", "--poses", "estimated", *to]) == 0
+    assert not any(size.given for size in asked)
+    assert "poses and masks estimated" in json.loads((tmp_path / "m.json").read_text())["inputs"]
+    assert QUICK.given
+
+
 def test_sets_that_views_are_taken_out_of_are_told_by_their_most():
     said = SIZES["standard"].thinned().told()
     assert "(150 views of 512 x 384" in said
@@ -334,7 +351,7 @@ def test_maps_computed_elsewhere_are_a_row_without_seconds(
         cells = [cell.strip() for cell in row.strip("|").split("|")]
         assert cells[1] == "0.00"
         assert float(cells[2]) > 60  # half as bright: the albedo is compared after matching the mean
-        assert cells[3:] == ["nan", "-", "-", "-"]
+        assert cells[3:] == ["nan", "-", "-", "-", "-"]
     values = {m["key"]: m["value"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
     assert values["mean/some_net/seconds"] is None
     drawn = ["--out", str(tmp_path / "drawn")]

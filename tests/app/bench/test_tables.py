@@ -5,6 +5,7 @@ import io
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -112,6 +113,21 @@ def test_scores_are_what_the_surface_is_off():
     assert one.values["albedo"] == pytest.approx(-20 * -1.5228787, abs=1e-4)  # -20 log10(0.03)
     assert one.values["roughness"] == pytest.approx(0.03)
     assert scores.albedo_rmse(one.values["albedo"]) == pytest.approx(0.03)
+
+
+def test_how_many_normals_are_within_what_they_state_is_told_where_they_state_anything():
+    silent, telling = row(3.0), row(3.0)
+    half = np.where(np.arange(telling.surface.mask.shape[1]) % 2, 2.0, 1.0) * np.ones(
+        telling.surface.mask.shape
+    )
+    stated = replace(telling.surface, stderr_normal=np.radians(half))
+    without, some = scores.score([silent, replace(telling, surface=stated)])
+    within = float((half[stated.mask] == 2.0).mean())  # 3 deg lie within 1.96 x 2 deg
+    assert some.in_band == pytest.approx(within)
+    assert cells(tables.by_switch([some]), "ours, standard")[4] == f"{100 * within:.0f} %"
+    assert cells(tables.by_switch([without]), "ours, standard")[4] == "-"
+    told = [metric.key.rpartition("/")[2] for metric in scores.as_metrics([without])]
+    assert "in_band" not in told
 
 
 def test_every_row_is_compared_over_the_pixels_that_all_answered():
