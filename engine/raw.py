@@ -73,14 +73,13 @@ class _Exif:
     iso: float = math.nan
     aperture: float = math.nan
     time_s: float = math.nan
-    ends_at: int = 0  # where the first image's data end in the file
 
 
 def read_facts(path: Path) -> Facts:
     """Exposure, time, size and camera of a RAW file; the pixels are not decoded.
 
     Raises:
-        RawError: not a RAW file LibRaw knows, or it does not tell its exposure.
+        RawError: not a RAW file LibRaw knows, cut off, or it does not tell its exposure.
     """
     with _open(path) as raw:
         return _facts(path, raw, _exif(path))
@@ -94,7 +93,7 @@ def read_mosaic(path: Path) -> Mosaic:
     """
     with _open(path) as raw:
         exif = _exif(path)
-        _unpack(path, raw, exif)
+        _unpack(path, raw)
         facts = _facts(path, raw, exif)
         if raw.raw_type != rawpy.RawType.Flat:
             raise RawError(
@@ -145,13 +144,7 @@ def _open(path: Path) -> rawpy.RawPy:
     return raw
 
 
-def _unpack(path: Path, raw: rawpy.RawPy, exif: _Exif) -> None:
-    size = path.stat().st_size
-    if size < exif.ends_at:
-        # LibRaw would find out too, but it talks to stderr on the way.
-        raise RawError(
-            f"{path}: cut off, {size} of at least {exif.ends_at} bytes are there; copy the file again"
-        )
+def _unpack(path: Path, raw: rawpy.RawPy) -> None:
     try:
         raw.unpack()
     except rawpy.LibRawError as fault:
@@ -192,7 +185,11 @@ def _facts(path: Path, raw: rawpy.RawPy, exif: _Exif) -> Facts:
 
 
 def _exif(path: Path) -> _Exif:
-    """The tags in the TIFF header that nearly every RAW format carries, itself or inside a container."""
+    """The tags in the TIFF header that nearly every RAW format carries, itself or inside a container.
+
+    Raises:
+        RawError: the file ends before its pixels do. LibRaw would find out too, once it decodes them and loudly.
+    """
     with path.open("rb") as file:
         begin = file.read(HEADER_BYTES)
     starts = [at for mark in (b"II*\0", b"MM\0*") if (at := begin.find(mark)) >= 0]
@@ -205,13 +202,15 @@ def _exif(path: Path) -> _Exif:
         return _Exif()  # LibRaw has the last word on whether the file is damaged
     tags |= tags.get("ExifTag", {})
     make, model = str(tags.get("Make", "")).strip("\0 "), str(tags.get("Model", "")).strip("\0 ")
+    size, ends_at = path.stat().st_size, _data_end(tags) if min(starts) == 0 else 0
+    if size < ends_at:
+        raise RawError(f"{path}: cut off, {size} of at least {ends_at} bytes are there; copy the file again")
     return _Exif(
         (model if model.startswith(make) else f"{make} {model}").strip(),
         _number(tags.get("ExposureTime")),
         _number(tags.get("ISOSpeedRatings", tags.get("PhotographicSensitivity"))),
         _number(tags.get("FNumber")),
         _clock_s(str(tags.get("DateTimeOriginal", "")), str(tags.get("SubsecTimeOriginal", ""))),
-        _data_end(tags) if min(starts) == 0 else 0,
     )
 
 

@@ -31,6 +31,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("raw", folders.emptied, ("card", "no photographs", "must hold RAW files")),
         ("raw", folders.truncated, ("IMG_0007.DNG", "cut off", "copy the file again")),
+        ("raw", folders.truncated_beside_a_gap, ("IMG_0007.DNG", "cut off", "copy the file again")),
         ("raw", folders.filled(b"not raw" * 99), ("IMG_0004.DNG", "not a RAW file", "copy it again")),
         ("raw", folders.filled(b""), ("IMG_0004.DNG", "cut off", "copy the file again")),
         ("raw", folders.other_camera, ("IMG_0012.DNG", "two cameras are mixed", "of one camera")),

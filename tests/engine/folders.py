@@ -78,6 +78,12 @@ def truncated(folder: Path) -> None:
     path.write_bytes(path.read_bytes()[:-500])
 
 
+def truncated_beside_a_gap(folder: Path) -> None:
+    """What came of a card that was pulled: the last file is cut, and one is missing."""
+    truncated(folder)
+    incomplete(folder)
+
+
 def filled(content: bytes) -> Breaking:
     def breaking(folder: Path) -> None:
         (folder / "IMG_0004.DNG").write_bytes(content)
