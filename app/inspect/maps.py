@@ -18,7 +18,7 @@ from app.words import QT_TRANSLATE_NOOP
 from engine.errors import SessionError
 from engine.pipeline import artefacts
 from engine.radiance import relative_error
-from engine.types import Frames, Poses, Renders, Surface
+from engine.types import Frames, Poses, Renders, Surface, material_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
 RADIANCE_UNIT = QT_TRANSLATE_NOOP("maps", "session radiance")
@@ -54,6 +54,18 @@ LAYERS = {
             QT_TRANSLATE_NOOP("maps", "0 to 1, GGX alpha = r²"),
             "viridis",
         ),
+        Layer(
+            "specular",
+            QT_TRANSLATE_NOOP("maps", "Specular level"),
+            QT_TRANSLATE_NOOP("maps", "0 to 1; 0.08 of it is mirrored head on"),
+            "viridis",
+        ),
+        Layer(
+            "metalness",
+            QT_TRANSLATE_NOOP("maps", "Metalness"),
+            QT_TRANSLATE_NOOP("maps", "0 paint, 1 metal"),
+            "viridis",
+        ),
         Layer("depth", QT_TRANSLATE_NOOP("maps", "Depth"), "", "cividis"),
         Layer(
             "stderr_normal",
@@ -84,6 +96,8 @@ LAYERS = {
     )
 }
 FACTORS = {"stderr_normal": 180 / np.pi, "residual": 100.0}  # from what is stored to what is shown
+MADE_OF = ("specular", "metalness")  # the columns of a material
+SHARES = ("roughness", *MADE_OF)  # from 0 to 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,17 +206,19 @@ def rendering(maps: Maps, view: int) -> Float[np.ndarray, "h w 3"] | None:
 
 def values(maps: Maps, key: str) -> Float[np.ndarray, "h w"]:
     """A scalar map in the unit it is shown in."""
+    if key in MADE_OF:
+        return material_of(maps.surface)[..., MADE_OF.index(key)]
     factor = maps.unit_factor if key == "depth" else FACTORS.get(key, 1.0)
     stored = getattr(maps.surface, key)
     return stored if factor == 1.0 else stored * np.float32(factor)
 
 
 def scale_of(maps: Maps, key: str) -> Scale:
-    """The scale of a scalar map: 0 to 1 for roughness, 0 to the 98th percentile for errors, 1 to 99 % for depth."""
+    """The scale of a scalar map: 0 to 1 for what is a share, 0 to the 98th percentile for errors, 1 to 99 % for depth."""
     layer = LAYERS[key]
     inside = values(maps, key)[maps.surface.mask]
     unit = maps.unit if key == "depth" else layer.unit
-    if key == "roughness" or not inside.size:
+    if key in SHARES or not inside.size:
         return Scale(0.0, 1.0, unit, layer.colours)
     if key == "depth":
         low, high = (float(x) for x in np.percentile(inside, [1, 99]))

@@ -65,6 +65,20 @@ def test_the_difference_is_relative_to_the_photograph() -> None:
     assert np.isnan(error[0, 3])
 
 
+def test_what_the_object_is_made_of_is_a_map_also_where_all_of_it_is_paint(shown: Maps) -> None:
+    inside = shown.surface.mask
+    assert shown.surface.material is None
+    assert np.unique(maps.values(shown, "specular")[inside]) == [0.5]
+    assert np.unique(maps.values(shown, "metalness")[inside]) == [0.0]
+    made = np.zeros((*inside.shape, 2), np.float32)
+    made[MIDDLE[1], MIDDLE[0]] = 0.75, 1.0
+    gilded = replace(shown, surface=replace(shown.surface, material=made))
+    for key, value in (("specular", 0.75), ("metalness", 1.0)):
+        assert maps.values(gilded, key)[MIDDLE[1], MIDDLE[0]] == value
+        scale = maps.scale_of(gilded, key)
+        assert (scale.low, scale.high) == (0, 1)
+
+
 def test_units_follow_what_fixed_the_scale() -> None:
     assert maps.unit_of("board") == ("mm", 1000.0)
     assert maps.unit_of("unknown") == ("scene units", 1.0)
