@@ -143,6 +143,9 @@ def _lamps(plan: pathplan.Plan) -> str:
     return f"the {len(plan.lamps)} strongest Gaussians, {share}{beyond}"
 
 
+PLAIN = 4.0
+"""How much an outline stands out, in logs, from which on it needs no second look: knots of tubes a few pixels wide have 3, rooms
+without any object 1."""
 DRIFTED = 0.02
 UNSEEN = 0.05
 """Share of the light from where no photograph looked, from which on the normals' errors are more than they say: 0.56 of it
@@ -163,6 +166,12 @@ def cautions(c: Contents) -> tuple[str, ...]:
             lines.append(f"{100 * c.hdr.share_dark:.2g} % of all pixels are below noise in every exposure.")
         if c.hdr.suspect:
             lines.append(f"EXIF contradicts the pixels in {_some(c.hdr.suspect)}; the pixels were believed.")
+    outline = _facts(c, "segment").get("stands_out")
+    if isinstance(outline, float) and outline < PLAIN:
+        lines.append(
+            f"The object's outline hardly stands out from the room ({outline:.1f}; {PLAIN:.0f} is plain): look at the mask, and"
+            " paint what is wrong in it."
+        )
     if c.poses is not None:
         lost = [name for name, seen in zip(c.names, c.poses.registered, strict=True) if not seen]
         if lost:

@@ -9,6 +9,7 @@ What a person painted is certain there, and a hint around it (`engine/hints.py`)
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -25,6 +26,7 @@ SQUARE = np.ones((3, 3), np.uint8)
 OBJECT_PARTS, ROOM_PARTS = 4, 5  # Gaussians: albedos and shadows of the object, walls and lamps of the room
 BORDER = 0.06  # of the shorter side: the frame in which mostly room is seen
 ROOM_TAIL = 1.0  # percentile of the room's own density: what is rarer does not change like the room
+LEFT = 0.5  # share of an answer that the same guess at full size must agree with, or it is not asked
 HINT = 2.5  # a stroke's pull on the pixels beside it, in units of what their own evidence may weigh at most
 
 
@@ -43,7 +45,7 @@ class SegmentParams:
     pull: float = 0.6  # most that one pixel's own evidence weighs
     evidence: float = 0.1  # of a pixel's log odds that counts; neighbours' odds are not independent
     border_penalty: float = 10.0  # against guesses that run along the image border
-    least_score: float = 4.0  # logs of how much more changes across the outline than within and outside
+    least_score: float = 2.0  # logs of how much more changes across the outline than within and outside
     same_share: float = 0.9  # of union: a guess so like an earlier answer is not followed up
     speck_share: float = 2e-4  # of the image: smaller islands and holes are noise
 
@@ -56,7 +58,16 @@ class Strokes:
     remove: Bool[np.ndarray, "h w"]
 
 
-def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, progress: Progress) -> Masks:
+@dataclass(frozen=True, slots=True)
+class SegmentReport:
+    """Facts of one segmentation, fit for JSON."""
+
+    stands_out: float  # logs of how much more changes across the outline than within and outside
+
+
+def segment(
+    frames: Frames, params: SegmentParams, strokes: Strokes | None, progress: Progress
+) -> tuple[Masks, SegmentReport]:
     """One object mask for the session, one background mask for each view.
 
     Raises:
@@ -72,7 +83,7 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
     by = max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
     progress.step(0.0, "measuring what changes")
     small = measure(_selected(frames, chosen, by))
-    best, best_score = None, -np.inf
+    best, best_score, begun = None, -np.inf, 0
     guesses = list(_first_guesses(small))
     said = strokes and Strokes(hints.reduced(strokes.add, by), hints.reduced(strokes.remove, by))
     answers: list[Bool[np.ndarray, "h w"]] = []
@@ -86,7 +97,7 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
         answers.append(grown)
         score = _score(grown, small, params) - _against(grown, said, params)
         if score > best_score:
-            best, best_score = grown, score
+            best, best_score, begun = grown, score, number
     stands_out = best is not None and _score(best, small, params) >= params.least_score
     if said is not None and said.add.any() and not stands_out:
         best = said.add  # where the object begins
@@ -98,6 +109,8 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
         h, w = frames.dark.shape[1:]
         full = measure(_selected(frames, chosen, 1))
         best = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
+        if stands_out:
+            best = _sharper(best, full, begun)
     if by > 1 or strokes is not None:
         best = _grow(full, best, params, params.refine_rounds, rng, strokes)
         if best is None:
@@ -109,7 +122,7 @@ def segment(frames: Frames, params: SegmentParams, strokes: Strokes | None, prog
         _check(found, full, params)
     if strokes is not None:
         found = (found | strokes.add) & ~strokes.remove
-    return from_object(frames, found, params)
+    return from_object(frames, found, params), SegmentReport(_score(found, full, params))
 
 
 def from_object(frames: Frames, object_mask: Bool[np.ndarray, "h w"], params: SegmentParams) -> Masks:
@@ -180,6 +193,15 @@ def _first_guesses(steadiness: Steadiness) -> Iterator[Bool[np.ndarray, "h w"]]:
         yield _above(cv2.medianBlur(np.asarray(steady, np.float32), 5), 2.0)
         odd = sum(np.minimum(np.abs(unlike(feature, reference)), 8) for feature in everything)
         yield _above(cv2.medianBlur(np.asarray(odd, np.float32), 5), 5.0)
+
+
+def _sharper(found: Bool[np.ndarray, "h w"], full: Steadiness, begun: int) -> Bool[np.ndarray, "h w"]:
+    """What of an answer found on smaller images the first guess that it grew from says at full size too.
+
+    Gaps too narrow for the smaller images would be learnt as the object, and never be cut out again.
+    """
+    both = found & next(islice(_first_guesses(full), begun, None))
+    return both if both.sum() >= LEFT * found.sum() else found
 
 
 def _above(evidence: Float32[np.ndarray, "h w"], least: float) -> Bool[np.ndarray, "h w"]:

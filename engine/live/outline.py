@@ -19,9 +19,7 @@ EDGE_PX = 160  # long edge of the pictures
 FEWEST = 8  # shots; with fewer a guess says little
 AGAIN = (8, 10, 12, 16, 24, 32, 48)  # numbers of shots at which to guess anew
 MOST_SHARE = 0.7  # of the picture; what is larger is a room that did not move
-PARAMS = SegmentParams(
-    margin_px=1, search_edge_px=EDGE_PX, search_rounds=1, refine_rounds=1, most_views=24, least_score=2.0
-)
+PARAMS = SegmentParams(margin_px=1, search_edge_px=EDGE_PX, search_rounds=1, refine_rounds=1, most_views=24)
 
 
 def guess(
@@ -35,7 +33,7 @@ def guess(
     flags = np.zeros(radiance.shape[:3], bool)
     frames = Frames(tuple(f"{i}" for i in range(len(pictures))), radiance, flags, flags, noise)
     try:
-        found = segment(frames, PARAMS, None, Progress()).object
+        found = segment(frames, PARAMS, None, Progress())[0].object
     except MaskError:
         return None
     return found if found.mean() < MOST_SHARE else None

@@ -59,7 +59,7 @@ def hdr(work: Work) -> Records:
 
 
 def segment(work: Work) -> Records:
-    """masks."""
+    """masks, report; no report of masks that were given."""
     from engine.images import read_mask
     from engine.segment import Strokes, from_object, segment
 
@@ -70,7 +70,8 @@ def segment(work: Work) -> Records:
         add, remove = read_strokes(folder / "strokes.png", camera["height"], camera["width"])
         painted = Strokes(on_grid(add, frames), on_grid(remove, frames))
     if not work.given:
-        return {"masks": segment(frames, work.params, painted, work.progress)}
+        masks, report = segment(frames, work.params, painted, work.progress)
+        return {"masks": masks, "report": report}
     mask = on_grid(read_mask(folder / "mask.png", camera["height"], camera["width"]), frames)
     if painted is not None:
         mask = (mask | painted.add) & ~painted.remove

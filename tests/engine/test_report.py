@@ -123,6 +123,13 @@ def test_poses_that_matches_contradict_are_warned_of(doubtful: bool):
     assert ("Only 91 % of what pairs of views have in common agrees with the poses" in text) == doubtful
 
 
+@pytest.mark.parametrize("score", [3.16, 7.2])
+def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
+    stage = StageRun("segment", 9.0, "cpu", {}, {"stands_out": score})
+    lines = " ".join(cautions(replace(full(), stages=(stage,))))
+    assert ("outline hardly stands out from the room (3.2; 4 is plain)" in lines) == (score < 4)
+
+
 @pytest.mark.parametrize("share", [0.56, 0.01])
 def test_light_that_only_the_shading_told_is_warned_of(share: float):
     stage = StageRun("surface", 9.0, "cpu", {}, {"unseen_light": share})

@@ -3,6 +3,7 @@ import pytest
 
 from engine.errors import Cancelled, MaskError
 from engine.progress import Progress
+from engine.report import PLAIN
 from engine.segment import SegmentParams, Strokes, from_object, segment
 from engine.types import Frames
 from tests.engine import turning
@@ -32,15 +33,31 @@ def capture():
 )
 def test_the_object_is_found_whatever_the_room(outline, room):
     truth = outline(H, W)
-    masks = segment(turning.take(truth, 40, 2, **room).frames, PARAMS, None, Progress())
+    masks, report = segment(turning.take(truth, 40, 2, **room).frames, PARAMS, None, Progress())
+    assert report.stands_out > PLAIN
     assert overlap(masks.object, truth) > 0.97
 
 
 def test_a_large_image_is_refined_at_full_size():
     truth = turning.blob(2 * H, 2 * W)
     params = SegmentParams(search_edge_px=160)
-    masks = segment(turning.take(truth, 32, 3, texture=0.4).frames, params, None, Progress())
+    masks, _ = segment(turning.take(truth, 32, 3, texture=0.4).frames, params, None, Progress())
     assert overlap(masks.object, truth) > 0.98
+
+
+def test_a_gap_too_narrow_for_the_smaller_images_stays_a_gap():
+    truth = turning.disc(2 * H, 2 * W)
+    rows, columns = np.nonzero(truth)
+    middle = int(columns.mean())
+    gap = np.zeros_like(truth)
+    gap[rows.min() + 6 :, middle : middle + 4] = True
+    truth &= ~gap
+    params = SegmentParams(search_edge_px=80)
+    masks, _ = segment(turning.take(truth, 32, 3, texture=0.4).frames, params, None, Progress())
+    inside = gap[rows.min() + 10 : rows.max() - 3, middle + 1 : middle + 3]
+    assert inside.all()
+    assert masks.object[rows.min() + 10 : rows.max() - 3, middle + 1 : middle + 3].mean() < 0.1
+    assert overlap(masks.object, truth) > 0.97
 
 
 def test_background_keeps_clear_of_the_object_by_the_margin(capture):
@@ -57,7 +74,7 @@ def test_strokes_win(capture):
     add[5:12, 5:20] = True
     remove[60:66, 70:80] = capture.mask[60:66, 70:80]
     assert remove.any()
-    masks = segment(capture.frames, PARAMS, Strokes(add, remove), Progress())
+    masks, _ = segment(capture.frames, PARAMS, Strokes(add, remove), Progress())
     assert masks.object[add].all()
     assert not masks.object[remove].any()
     # Room that changes like room is not added; of the object, what is like the removed goes along.
@@ -70,7 +87,7 @@ def test_a_stroke_that_slips_over_the_outline_leads_no_further_than_it_slipped()
     painted = np.zeros((H, W), bool)
     painted[50:70, 98:111] = True
     strokes = Strokes(painted, np.zeros_like(painted))
-    found = segment(turning.take(truth, 40, 2, texture=0.4).frames, PARAMS, strokes, Progress()).object
+    found = segment(turning.take(truth, 40, 2, texture=0.4).frames, PARAMS, strokes, Progress())[0].object
     assert (found & ~truth & ~painted).sum() < 0.5 * (painted & ~truth).sum()
 
 
@@ -94,10 +111,10 @@ def test_one_stroke_takes_away_a_whole_clamp_that_rode_along(clamp, search_edge_
     part &= ~truth
     frames = turning.take(truth | part, 40, 2, texture=0.4).frames
     params = SegmentParams(search_edge_px=search_edge_px)
-    assert segment(frames, params, None, Progress()).object[part].mean() > 0.95
+    assert segment(frames, params, None, Progress())[0].object[part].mean() > 0.95
     painted = dab(part)
     assert painted.sum() < 0.11 * part.sum()
-    found = segment(frames, params, Strokes(np.zeros_like(part), painted), Progress()).object
+    found = segment(frames, params, Strokes(np.zeros_like(part), painted), Progress())[0].object
     assert found[part].mean() < 0.05
     assert found[truth].mean() > 0.98
 
@@ -111,16 +128,16 @@ def test_one_stroke_brings_in_a_whole_part_that_was_missed():
     frames = turning.take(truth, 40, 3, texture=0.4).frames
     noise = np.random.default_rng(3).normal(0, 2e-3, (40, int(part.sum()), 3))
     frames.radiance[:, part] = np.abs(noise).astype(np.float32)
-    assert segment(frames, PARAMS, None, Progress()).object[part].mean() < 0.05
+    assert segment(frames, PARAMS, None, Progress())[0].object[part].mean() < 0.05
     painted = dab(part)
     assert painted.sum() < 0.06 * part.sum()
-    found = segment(frames, PARAMS, Strokes(painted, np.zeros_like(part)), Progress()).object
+    found = segment(frames, PARAMS, Strokes(painted, np.zeros_like(part)), Progress())[0].object
     assert found[part].mean() > 0.95
     assert overlap(found, truth | part) > 0.97
 
 
 def test_the_same_session_gives_the_same_mask(capture):
-    first, second = (segment(capture.frames, PARAMS, None, Progress()).object for _ in range(2))
+    first, second = (segment(capture.frames, PARAMS, None, Progress())[0].object for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
 
@@ -133,7 +150,7 @@ def test_a_room_without_object_is_refused():
 def test_where_nothing_stands_out_painting_the_object_is_enough():
     empty = turning.take(np.zeros((H, W), bool), 40, 3, texture=0.5)
     painted = turning.disc(H, W)
-    found = segment(empty.frames, PARAMS, Strokes(painted, np.zeros_like(painted)), Progress()).object
+    found = segment(empty.frames, PARAMS, Strokes(painted, np.zeros_like(painted)), Progress())[0].object
     assert found[painted].all()
     assert (found & ~painted).sum() < 0.2 * painted.sum()
 
