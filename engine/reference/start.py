@@ -59,7 +59,7 @@ def begin(
     who = subject(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance, begun = Distance(params.object_distance, 0.0, "given"), None
     if params.object_distance <= 0:
-        begun, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
+        begun, room, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
     if params.start_maps:
         maps = start_maps.read(Path(params.start_maps), None, params.start_frame, mask, True)

@@ -16,7 +16,7 @@ import numpy as np
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.pixels import SurfaceParams
-from engine.surface.relight import Parts, Setting, settle, untouched
+from engine.surface.relight import Parts, Setting, divided, settle, untouched
 from engine.surface.sample import Sample
 from engine.surface.start import global_start
 
@@ -28,6 +28,9 @@ LEVELS = (1.0, 5.0)
 ceiling all look up to it, and no gain leads away from there."""
 AGAIN, FALLEN = 4, 0.98
 """Where there is any, normals are sought so often once more under the best gains so far, as long as the misfit falls so far."""
+FINER, LOOKED = 8, 3
+"""What no photograph shows is divided so often at most where it is bright, and after each time normals are sought so often at
+most, as long as the misfit falls so far."""
 BRIGHTER, EVERY = (10.0, 100.0, 1000.0), 3
 """How many times brighter than expected clipped lamps are tried, at every so many-th layer: a chink in the shutters was
 recorded with a three-hundredth of its light, and from so far away no gain finds the way."""
@@ -52,17 +55,20 @@ class Distance:
 
 def find_distance(
     parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
-) -> tuple[Setting, tuple[float, ...], tuple[float, ...]]:
-    """The best of the lattice's layers, with the light that suits it; and the curve: distances and their misfits.
+) -> tuple[Setting, Parts, tuple[float, ...], tuple[float, ...]]:
+    """The best of the lattice's layers, with the light that suits it; the light by as many parts as that took; and the
+    curve: distances and their misfits.
 
     What no photograph shows, where there is any, is as bright as suits the object best; one brightness serves to begin
-    with at every distance, for it hardly depends on that. Clipped lamps are made brighter as long as that suits it better.
+    with at every distance, for it hardly depends on that. Where it turns out bright it is divided, and so on, as long as
+    that suits it better. Clipped lamps are made brighter as long as that does.
     """
     layers = parts.incident.lattice.depths()
     levels = LEVELS if parts.unseen.any() and params.relight else (1.0,)
     brighter = BRIGHTER if parts.clipped.any() and params.relight else ()
     again = AGAIN if len(levels) > 1 else 0
-    turns = iter(progress.parts(len(levels) + len(brighter) + (AGAIN if brighter else again)))
+    first, then = progress.part(0, 0.5 if again else 1), progress.part(0.5, 1)
+    turns = iter(first.parts(len(levels) + len(brighter) + (AGAIN if brighter else again)))
 
     def looked(begun: Sequence[Setting]) -> list[Setting]:
         spans = next(turns).parts(len(begun))
@@ -84,7 +90,29 @@ def find_distance(
         best = _better(best, looked([replace(least, distance=float(z)) for z in layers]))
         if _misfit(min(best, key=_misfit)) > FALLEN * least.misfit:
             break
-    return min(best, key=_misfit), tuple(map(float, layers)), tuple(map(_misfit, best))
+    least = min(best, key=_misfit)
+    if len(levels) > 1:
+        least, parts = _finer(least, parts, sample, params, then)
+    return least, parts, tuple(map(float, layers)), tuple(map(_misfit, best))
+
+
+def _finer(
+    least: Setting, parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
+) -> tuple[Setting, Parts]:
+    """The light with what no photograph shows divided where it is bright, and so on, as long as that suits the object better."""
+    spans = iter(progress.parts(FINER * LOOKED))
+    for _ in range(FINER):
+        if (made := divided(parts, least)) is None:
+            break
+        finer, begun = made
+        for _ in range(LOOKED):
+            found = _settled(begun, finer, sample, params, next(spans))
+            if found.misfit > FALLEN * least.misfit:
+                break
+            parts, least, begun = finer, found, found
+        if parts is not finer:
+            break
+    return least, parts
 
 
 def _settled(

@@ -4,7 +4,7 @@ World frame. A group is what one gain of the light refinement moves; each bright
 share of the object's light is its own, and everything else is split by where it stands.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,9 +29,43 @@ KNOWN, CLIPPED, UNSEEN, FILLED = 0, 1, 2, 3
 """What the background says of a group's brightness: what it is; the least it is; nothing, and something stands there to
 be asked; nothing, between what it does show."""
 UNSEEN_EACH = 0.18
-"""Solid angle of a group that no photograph shows, steradians: a cap of 14 degrees."""
+"""Solid angle of a group that no photograph shows, steradians, before any is divided: a cap of 14 degrees."""
+INTO = 3
+"""How many a group is divided into, if it has so many patches."""
 CLIPPED_SHARE = 0.25
 """A group is clipped if so much of its light is, in the views that look its way; others may hide it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """What closes the room where no photograph looked, and which of it shine together."""
+
+    towards: Float[np.ndarray, "q 3"]  # world, unit, from amid the cameras
+    group: Int[np.ndarray, " q"]  # of each; these groups' numbers follow one another
+    solid: float  # angle of each, steradians
+
+    def extent(self, groups: int) -> Float[np.ndarray, " g"]:
+        """The share that every group has of the solid angle of a whole one, at most 1; 1 of all other groups."""
+        share = np.bincount(self.group, minlength=groups) * self.solid / UNSEEN_EACH
+        return np.where(share > 0, np.minimum(share, 1), 1)
+
+    def divided(self, which: Int[np.ndarray, " d"]) -> Int[np.ndarray, " q"]:
+        """The patches' groups, each of `which` in parts: one keeps its number, the others get new ones at the end."""
+        group = self.group.copy()
+        for one in which:
+            (here,) = np.nonzero(self.group == one)
+            if len(here) > 1:
+                part = _parts(self.towards[here], min(INTO, len(here)))
+                group[here] = np.where(part > 0, group.max() + part, one)
+        return group
+
+
+def _parts(towards: Float[np.ndarray, "k 3"], count: int) -> Int[np.ndarray, " k"]:
+    """Each direction's part of `count`: around the directions that are farthest apart, one after the other."""
+    chosen = [int(np.argmin(towards @ towards.mean(0)))]
+    while len(chosen) < count:
+        chosen.append(int(np.argmin((towards @ towards[chosen].T).max(1))))
+    return np.argmax(towards @ towards[chosen].T, axis=1)
 
 
 def group_emitters(
@@ -107,12 +141,9 @@ def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
 
 
 def whose(
-    places: Float[np.ndarray, "*c 3"],
-    lit: Bool[np.ndarray, "*c"],
-    gaussians: Gaussians,
-    group: Int[np.ndarray, " k"],
+    places: Float[np.ndarray, "*c 3"], lit: Bool[np.ndarray, "*c"], gaussians: Gaussians
 ) -> Int[np.ndarray, "*c"]:
-    """The group that each cell's light comes from, -1 where it is dark.
+    """The Gaussian that each cell's light comes from, -1 where it is dark.
 
     `places` is the mean place that shines into a cell, by luminance: a lamp outshines the wall beside it, so that a
     cell which holds a lamp counts as the lamp's.
@@ -120,7 +151,7 @@ def whose(
     found = np.full(lit.shape, -1)
     # Faint Gaussians stand everywhere, also in front of lamps; those that shine say where the light is from.
     shining = np.nonzero(_luminance(gaussians) > 0)[0]
-    found[lit] = group[shining[KDTree(gaussians.means[shining]).query(places[lit])[1]]]
+    found[lit] = shining[KDTree(gaussians.means[shining]).query(places[lit])[1]]
     return found
 
 

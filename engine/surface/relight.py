@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.surface import newton
-from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
+from engine.surface.groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN, Patches
 from engine.surface.near import Near
 from engine.surface.sample import Sample
 from engine.surface.transport import Incident, Responses
@@ -45,7 +45,12 @@ BRIGHTER = (0.7, 2.0)
 """Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded, and wide
 enough that a room of clipped lamps is not pulled towards dim lamps and bright paint."""
 GUESSED = (0.0, 1.5)
-"""The same of a part of the room that no view shows: a lamp may hang there, or none."""
+"""The same of a part of the room that no view shows: a lamp may hang there, or none. Of a part of such a part it counts as much less
+as that is smaller: dividing the unseen says nothing about it."""
+BRIGHT = 0.005
+"""Share of all light from which on a part that no view shows is divided."""
+PER_VIEW = 8
+"""So many parts that no view shows there may be for each view: of a matt object one tells nine numbers about its light."""
 CERTAIN = (0.0, 1e-3)
 """The same of what was filled in between: it keeps its level."""
 EVEN = 1e-4
@@ -81,6 +86,8 @@ class Parts:
     across: Float[np.ndarray, "l 2 3"]  # world: a lamp's step per radian, two ways
     drift: float = 0.0  # spread of a view's log exposure; 0: none drifts
     astray: float = 0.0  # spread of a lamp's direction, radians; 0: none is
+    patches: Patches | None = None  # what closes the room where no photograph looked
+    patch: Int[np.ndarray, "m d n"] | None = None  # which of it each cell shows; -1: none
 
     @property
     def of_lamps(self) -> slice:
@@ -170,6 +177,27 @@ def untouched(parts: Parts, distance: float, unseen: float = 1.0) -> Setting:
     return Setting(distance, gain, float("inf"), float("inf"), *still)
 
 
+def divided(parts: Parts, setting: Setting) -> tuple[Parts, Setting] | None:
+    """The same light with the brightest parts that no view shows each in several; None if none is bright, or the views cannot
+    tell more parts apart."""
+    if parts.patches is None or parts.patch is None:
+        return None
+    light = luminance(parts.levels() * setting.gain)
+    more = PER_VIEW * parts.incident.energy.shape[2] // 3 - int(parts.unseen.sum())
+    ranked = np.argsort(np.where(parts.unseen, -light, 0), kind="stable")[: max(0, more) // (INTO - 1)]
+    group = parts.patches.divided(ranked[light[ranked] * parts.unseen[ranked] > BRIGHT * light.sum()])
+    end = int(parts.patches.group.max()) + 1
+    added = int(group.max()) + 1 - end
+    if not added:
+        return None
+    # Of each new number the one that it was part of.
+    whole = np.array([parts.patches.group[np.argmax(group == end + k)] for k in range(added)])
+    before = np.concatenate([np.arange(end), whole, np.arange(end, len(parts.kind))])
+    cells = np.where(parts.patch >= 0, group[parts.patch], parts.group + added * (parts.group >= end))
+    finer = replace(parts, group=cells, kind=parts.kind[before], patches=replace(parts.patches, group=group))
+    return finer, replace(setting, gain=setting.gain[before])
+
+
 def settle(
     setting: Setting,
     parts: Parts,
@@ -243,6 +271,8 @@ def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " 
     """Mean and spread of every group's log gain."""
     beliefs = {KNOWN: (0.0, parts.prior), CLIPPED: BRIGHTER, UNSEEN: GUESSED, FILLED: CERTAIN}
     mean, spread = np.array([beliefs[int(kind)] for kind in parts.kind]).T
+    if parts.patches is not None:
+        spread = spread / np.sqrt(parts.patches.extent(len(spread)))
     return mean, spread
 
 

@@ -28,7 +28,7 @@ from engine.surface.pixels import (
     sight_of,
     subject,
 )
-from engine.surface.relight import Parts, Setting, place, settle, untouched
+from engine.surface.relight import Parts, Setting, divided, place, settle, untouched
 from engine.surface.sample import voters
 from engine.surface.spacing import spaced
 from engine.surface.start_maps import StartMaps
@@ -65,6 +65,8 @@ OUTSHONE = 5.0
 STILL = np.radians(0.3)
 """Mean turn of the normals in a turn below which those that are left of this size are left out."""
 ROUNDS, PASSES = 4, 2
+MORE = 3
+"""So many more turns of this size, at most, where light comes from where no photograph looked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +80,8 @@ class Rough:
     distance: Distance
     residuals: tuple[float, ...]  # turn by turn
     views: Int[np.ndarray, " n"]  # that served
-    parts: Parts  # their light
+    room: Room  # in as many parts as it took
+    parts: Parts  # its light in those views
     material: Float[np.ndarray, "p 2"] | None  # as in `Subject`
     around: bool  # whether its lattice is around this depth
 
@@ -103,21 +106,19 @@ def rough(
     few = frames.views(views)
     camera = room.poses.camera
     whole = subject(few, mask, camera, np.arange(len(views)), params)
-    levels = [whole] * max(1, params.rough_rounds)
+    # What no photograph shows is found part by part, turn by turn.
+    turns = params.rough_rounds + MORE * (params.relight and room.emitters.patches > 0)
+    levels = [whole] * max(1, turns)
     if mask.sum() > HALVED_FROM:
         fewer, small, camera_of_small = halved(few, mask, camera)
         half = subject(fewer, small, camera_of_small, np.arange(len(views)), params)
-        levels = (
-            [half] * params.rough_rounds + [whole]
-            if params.full_turn
-            else [half] * max(1, params.rough_rounds)
-        )
+        levels = [half] * turns + [whole] if params.full_turn else [half] * max(1, turns)
     free = params.object_distance <= 0
     distance, tried, misfits = params.object_distance, (), ()
     who, begun = levels[0], None
     open_to_doubt = params.relight & np.isin(room.kind, (CLIPPED, UNSEEN)).any()
     if free or open_to_doubt:
-        begun, *curve = first_look(who, room, views, params, seed, progress.part(0, 0.2))
+        begun, room, *curve = first_look(who, room, views, params, seed, progress.part(0, 0.2))
         if free:
             distance, (tried, misfits) = begun.distance, curve
 
@@ -143,7 +144,7 @@ def rough(
     residuals = []
     # The last turn stands where the ones before it have put it.
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
-    turn = 0
+    turn, finer_light = 0, False
     while turn < len(levels):
         following = levels[turn]
         begin = 0.35 + 0.65 * turn / len(levels)
@@ -166,7 +167,7 @@ def rough(
         if following.mask is not who.mask:
             who, state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
         even = who.exposed(setting.drift)
-        if turn == 1 and surprised:  # much light that the first search did not know of
+        if surprised and (turn == 1 or finer_light):  # that the last search did not know of
             state = first_surface(even, light, sight, span.part(0.2, 0.3))
         before = state.normals
         state = improve(even, state, light, sight, params, device, span.part(0.3, 0.55))
@@ -194,6 +195,11 @@ def rough(
             )
             voting = state.part(chosen)
             moving = free and turn <= placing
+            made = divided(parts, setting) if params.relight and turn < placing else None
+            finer_light = made is not None
+            if made is not None:
+                parts, setting = made
+                room = room.divided(parts.patches)
             setting, _ = settle(
                 setting, parts, sample, voting, moving, params.relight, ROUNDS, PASSES, span.part(0.8, 0.9)
             )
@@ -209,7 +215,9 @@ def rough(
         who, state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
-    return Rough(state, depth, sight, setting, found, tuple(residuals), views, parts, who.material, around)
+    return Rough(
+        state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around
+    )
 
 
 def reach(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
@@ -230,9 +238,9 @@ def first_look(
     params: SurfaceParams,
     seed: int,
     progress: Progress,
-) -> tuple[Setting, tuple[float, ...], tuple[float, ...]]:
-    """The object's distance to a fifth or so unless it is given, with the light that suits it; and the curve: distances
-    tried and their misfits."""
+) -> tuple[Setting, Room, tuple[float, ...], tuple[float, ...]]:
+    """The object's distance to a fifth or so unless it is given, with the light that suits it; the room in as many parts as
+    that took; and the curve: distances tried and their misfits."""
     every = thinned(np.arange(len(views)), min(LOOKS, len(views) // 2))
     near_far, layers = (NEAREST * room.size(), FARTHEST * room.size()), LAYERS
     if params.object_distance > 0:
@@ -243,7 +251,8 @@ def first_look(
     # Flat and shadowless, pixels misfit by more than any drift.
     parts = replace(parts, drift=0.0, astray=0.0)
     _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
-    return find_distance(parts, sample, params, progress.part(0.5, 1))
+    found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1))
+    return found, room.divided(parts.patches), tried, misfits
 
 
 def _directions(params: SurfaceParams) -> int:

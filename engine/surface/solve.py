@@ -156,7 +156,7 @@ def solve(
         tuple(tuple(map(float, gain)) for gain in first.setting.gain),
         *made_of(made),
         first.parts.unseen_share(first.setting.gain),
-        tuple(int(k) for k in np.nonzero(room.kind == CLIPPED)[0]),
+        tuple(int(k) for k in np.nonzero(first.room.kind == CLIPPED)[0]),
         tuple(map(float, drift)),
         tuple(map(float, np.degrees(np.linalg.norm(first.setting.aside, axis=1)))),
         first.residuals,
@@ -188,7 +188,7 @@ def together(
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
     who = replace(who, material=first.material)
     aside = first.setting.aside
-    emitters = room.under(first.setting.gain[:-1], first.parts.shift(aside))
+    emitters = first.room.under(first.setting.gain[:-1], first.parts.shift(aside))
     views = np.concatenate([fitted, np.array(kept_out, int)])
     if not params.directions:
         there = poses.cam_from_world[views]

@@ -22,6 +22,7 @@ from engine.surface.groups import (
     FILLED,
     KNOWN,
     UNSEEN,
+    Patches,
     brightened,
     clipped_groups,
     group_emitters,
@@ -49,6 +50,30 @@ class Room:
     drift: float  # spread of a view's log exposure; 0: none drifts
     astray: float  # of the lamps' directions, radians; 0: all stand where they were found
 
+    def patches(self) -> Patches | None:
+        """What closes the room where no photograph looked; None where it is closed."""
+        count = self.emitters.patches
+        if not count:
+            return None
+        towards = self.emitters.field().means[-count:] - amid(self.poses)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        return Patches(towards, self.group[-count:], 4 * np.pi / DIRECTIONS)
+
+    def divided(self, patches: Patches | None) -> "Room":
+        """The same with what closes it in other groups."""
+        if patches is None:
+            return self
+        known = len(self.group) - len(patches.group)
+        first, last = int(patches.group.min()), int(self.group.max())
+        kind = (
+            self.kind[:first],
+            np.full(int(patches.group.max()) + 1 - first, UNSEEN, np.uint8),
+            self.kind[last + 1 :],
+        )
+        return replace(
+            self, group=np.concatenate([self.group[:known], patches.group]), kind=np.concatenate(kind)
+        )
+
     def size(self) -> float:
         """Median distance from the cameras to the Gaussians."""
         centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
@@ -64,6 +89,11 @@ class Room:
         centres = lamps.centres if shift is None else lamps.centres + shift
         lamps = replace(lamps, centres=centres, radiance=lamps.radiance * gain[count:])
         return replace(self.emitters, gaussians=beside(field, lamps), lamps=lamps)
+
+
+def amid(poses: Poses) -> Float[np.ndarray, " 3"]:
+    """The middle of the cameras, world frame."""
+    return inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
 
 
 def furnished(
@@ -83,7 +113,7 @@ def furnished(
 
     The lamps are taken from the Gaussians, whose last they are.
     """
-    middle = inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
+    middle = amid(poses)
     field = apart(gaussians, lamps)
     unseen, group = patches(field, middle), group_emitters(field, middle, groups, seed)
     beyond = group_patches(unseen, middle, DIRECTIONS, seed)
@@ -127,10 +157,12 @@ def parts_at(
     found = arriving(field, poses, points, cells, face_px, False, progress)
     energy, seen = found.energy, found.seen
     lit = luminance(energy) > 0
-    came_from = np.ascontiguousarray(whose(found.places, lit, field, room.group).transpose(1, 2, 0))
+    source = np.ascontiguousarray(whose(found.places, lit, field).transpose(1, 2, 0))
     # Small holes are filled in from their surroundings, whose level they keep.
-    filled = len(room.kind)
-    came_from[(seen.transpose(1, 2, 0) < PHOTOGRAPHED) | (came_from < 0)] = filled
+    source[seen.transpose(1, 2, 0) < PHOTOGRAPHED] = -1
+    filled, patches = len(room.kind), room.patches()
+    came_from = np.where(source < 0, filled, room.group[source])
+    patch = None if patches is None else np.maximum(source - (len(room.group) - len(patches.group)), -1)
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
@@ -140,14 +172,14 @@ def parts_at(
     total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
     kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
     across = across_of(room)
-    return Parts(total, came_from, near, kind, room.prior, turned, across, room.drift, room.astray)
+    return Parts(
+        total, came_from, near, kind, room.prior, turned, across, room.drift, room.astray, patches, patch
+    )
 
 
 def across_of(room: Room) -> Float[np.ndarray, "l 2 3"]:
     """The two ways, world frame, in which a lamp moves across as seen from amid the cameras: a step per radian."""
-    away = room.emitters.lamps.centres - inverse(room.poses.cam_from_world[room.poses.registered])[
-        ..., 3
-    ].mean(0)
+    away = room.emitters.lamps.centres - amid(room.poses)
     distance = np.linalg.norm(away, axis=1)
     return np.stack(tangents(away / np.maximum(distance, 1e-12)[:, None]), 1) * distance[:, None, None]
 

@@ -176,7 +176,7 @@ def test_distance_and_unseen_light_are_found_from_nothing():
     gain = np.ones((4, 3))
     gain[:2] = [[12.0], [4.0]]
     sample, _, _ = sample_of(parts, gain)
-    found, tried, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
+    found, _, tried, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
     layers = parts.incident.lattice.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
     assert tried == tuple(layers)
@@ -203,7 +203,7 @@ def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_noth
     gain[2] = [250.0, 300.0, 350.0]
     sample, _, _ = sample_of(parts, gain)
     parts = nearest_layer(parts) if given else parts
-    found, _, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
+    found, _, _, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
     layers = parts.incident.lattice.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
     assert found.misfit == min(misfits)

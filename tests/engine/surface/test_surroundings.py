@@ -12,8 +12,9 @@ from engine.light.gaussians import part
 from engine.light.globes import apart, beside
 from engine.progress import Progress
 from engine.surface.distance import Distance
-from engine.surface.groups import KNOWN, UNSEEN
+from engine.surface.groups import FILLED, INTO, KNOWN, UNSEEN
 from engine.surface.pixels import SurfaceParams
+from engine.surface.relight import PER_VIEW, divided, untouched
 from engine.surface.rough import rough
 from engine.surface.surroundings import Room, furnished, light_at, parts_at
 from engine.surface.transport import Lattice
@@ -96,6 +97,62 @@ def test_the_light_is_the_same_by_parts_at_once_and_handed_on(stored: Stored):
     np.testing.assert_allclose(again, at_once, rtol=1e-3)
 
 
+def test_what_is_bright_where_no_photograph_looked_is_divided_and_the_light_stays(stored: Stored):
+    room = room_of(stored)
+    parts = parts_at(LATTICE, room, np.arange(16), CELLS, FACE, Progress())
+    setting = untouched(parts, 1.0)
+    bright = int(np.nonzero(parts.unseen)[0][1])
+    gain = setting.gain.copy()
+    gain[bright] = [9.0, 7.0, 2.0]
+    setting = replace(setting, gain=gain)
+    made = divided(parts, setting)
+    assert made is not None
+    finer, after = made
+    assert parts.unseen.sum() < finer.unseen.sum() <= PER_VIEW * 16
+    np.testing.assert_array_equal(finer.under(after.gain).energy, parts.under(setting.gain).energy)
+    assert finer.patches is not None
+    same = room.divided(finer.patches)
+    assert (np.append(same.kind, FILLED) == finer.kind).all()
+    np.testing.assert_array_equal(
+        same.under(after.gain[:-1]).gaussians.radiance, room.under(setting.gain[:-1]).gaussians.radiance
+    )
+    again = parts_at(LATTICE, same, VIEWS, CELLS, FACE, Progress())
+    np.testing.assert_array_equal(again.group, finer.group[:, :, VIEWS])
+    # Each part's belief counts for as much less as it is smaller: together they are believed as the whole was.
+    (of,) = np.nonzero((after.gain == [9.0, 7.0, 2.0]).all(1))
+    assert len(of) == INTO
+    extent = finer.patches.extent(len(finer.kind))
+    whole = room.patches()
+    assert whole is not None
+    assert extent[of].sum() == pytest.approx(whole.extent(len(room.kind))[bright], rel=0.15)
+
+
+def test_few_views_divide_nothing(stored: Stored):
+    room = room_of(stored)
+    parts = parts_at(LATTICE, room, VIEWS[:1], CELLS, FACE, Progress())
+    assert parts.unseen.sum() > PER_VIEW
+    assert divided(parts, untouched(parts, 1.0)) is None
+
+
+def test_parts_of_the_unseen_get_smaller_down_to_single_patches(stored: Stored):
+    patches = room_of(stored).patches()
+    assert patches is not None
+    groups = np.unique(patches.group)
+    widest = []
+    for _ in range(8):
+        numbers = np.unique(patches.group)
+        assert (numbers == np.arange(groups[0], numbers[-1] + 1)).all()
+        width = [
+            np.degrees(np.arccos(np.clip(here @ here.mean(0) / np.linalg.norm(here.mean(0)), -1, 1))).max()
+            for here in (patches.towards[patches.group == one] for one in numbers)
+        ]
+        widest.append(max(width))
+        patches = replace(patches, group=patches.divided(numbers))
+    assert np.all(np.diff(widest) <= 0)
+    assert widest[1] < 0.85 * widest[0]
+    assert len(np.unique(patches.group)) == len(patches.group)
+
+
 @pytest.mark.parametrize("relight", [True, False])
 def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: Stored, relight: bool):
     params = replace(
@@ -106,5 +163,6 @@ def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: 
         stored.frames, stored.masks.object, room, np.arange(1, 16), None, params, "cpu", 0, Progress()
     )
     assert found.distance == Distance(1.1, 0.0, "given")
-    unseen = np.append(room.kind == UNSEEN, False)
+    assert (found.room.kind == UNSEEN).sum() >= (room.kind == UNSEEN).sum()
+    unseen = np.append(found.room.kind == UNSEEN, False)
     assert (found.setting.gain[unseen] == 1).all() != relight
