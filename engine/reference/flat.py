@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from engine.geometry import inverse
 from engine.light.cells import sharpened
 from engine.light.gaussians import sh_basis
 from engine.light.probes import arriving
 from engine.progress import Progress
 from engine.surface.near import Near, near_of
+from engine.surface.surroundings import amid
 from engine.surface.transport import Block, Incident, Lattice, Sight, direction_cells
 from engine.types import Emitters, Poses
 
@@ -40,7 +40,7 @@ def panoramas(
     """
     from_world = poses.cam_from_world[views]
     if point is None:
-        middle = inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
+        middle = amid(poses)
         turn = from_world[..., :3]
         from_world, point = np.concatenate([turn, -turn @ middle[:, None]], axis=2), np.zeros(3)
     cells = direction_cells(directions)

@@ -191,7 +191,8 @@ def divided(parts: Parts, setting: Setting) -> tuple[Parts, Setting] | None:
     if not added:
         return None
     # Of each new number the one that it was part of.
-    whole = np.array([parts.patches.group[np.argmax(group == end + k)] for k in range(added)])
+    numbers, somewhere = np.unique(group, return_index=True)
+    whole = parts.patches.group[somewhere[numbers >= end]]
     before = np.concatenate([np.arange(end), whole, np.arange(end, len(parts.kind))])
     cells = np.where(parts.patch >= 0, group[parts.patch], parts.group + added * (parts.group >= end))
     finer = replace(parts, group=cells, kind=parts.kind[before], patches=replace(parts.patches, group=group))
