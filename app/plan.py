@@ -74,9 +74,8 @@ def _parameter(entry: Mapping[str, Any]) -> Parameter:
     name, kind = entry["name"], entry["kind"]
     value, default = (tuple(x) if isinstance(x, list) else x for x in (entry["value"], entry["default"]))
     # A stage that is newer than the table still shows all its parameters.
-    meaning = MEANINGS.get(
-        name, Meaning(name.rpartition(".")[2].replace("_", " "), "", "", low=-1e9, high=1e9)
-    )
+    words, choices = name.rpartition(".")[2].replace("_", " "), tuple(entry.get("choices", ()))
+    meaning = MEANINGS.get(name, Meaning(words, "", "", low=-1e9, high=1e9, choices=choices))
     return Parameter(name, kind, value, default, meaning)
 
 

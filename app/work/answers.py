@@ -102,8 +102,16 @@ def _parameters(path: str, params: Any, defaults: Any) -> list[dict[str, Any]]:
         if dataclasses.is_dataclass(value):
             found += _parameters(name, value, default)
         else:
-            kind = _kind(hints[item.name])
-            found.append({"name": name, "kind": kind, "value": value, "default": default})
+            hint = hints[item.name]
+            found.append(
+                {
+                    "name": name,
+                    "kind": _kind(hint),
+                    "choices": _choices(hint),
+                    "value": value,
+                    "default": default,
+                }
+            )
     return found
 
 
@@ -111,8 +119,15 @@ def _kind(hint: Any) -> str:
     """ "int", "float", "bool", "str", "list" of whole numbers; with "?" where it may be left to the stage."""
     if typing.get_origin(hint) is tuple:
         return "list"
+    if choices := _choices(hint):
+        return type(choices[0]).__name__
     args = [arg for arg in typing.get_args(hint) if arg is not type(None)]
     return f"{args[0].__name__}?" if args else hint.__name__
+
+
+def _choices(hint: Any) -> list[Any]:
+    """The values that may be chosen; none where any value of the kind may."""
+    return list(typing.get_args(hint)) if typing.get_origin(hint) is typing.Literal else []
 
 
 def _took(folder: Path) -> float | None:

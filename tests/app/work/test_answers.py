@@ -56,6 +56,28 @@ def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
     assert kinds["surface.bounce"] == "bool"
 
 
+@pytest.mark.parametrize("solver", asked.SOLVERS)
+def test_a_session_can_be_planned_with_every_solver(session: Path, solver: str) -> None:
+    plan = read_plan(answer(question="plan", session=str(session), settings={"solver": solver})["answer"])
+    assert {p.kind.rstrip("?") for row in plan.rows for p in row.parameters} <= {
+        "int",
+        "float",
+        "bool",
+        "str",
+        "list",
+    }
+
+
+def test_a_parameter_of_few_words_offers_them(session: Path) -> None:
+    plan = read_plan(
+        answer(question="plan", session=str(session), settings={"solver": "reference"})["answer"]
+    )
+    emitter = plan.parameter("surface.emitter")
+    assert emitter is not None
+    assert (emitter.kind, emitter.value) == ("str", "ours")
+    assert emitter.meaning.choices == ("ours", "two_stage", "one_stage")
+
+
 def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
     rounds = plan.parameter("surface.rough_rounds")
