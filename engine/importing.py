@@ -96,7 +96,7 @@ def make_session(
             if to.exists():
                 to.rmdir()
             partial.rename(to)
-            sessions.sync_folder(to.parent)
+            sessions.sync(to.parent)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise

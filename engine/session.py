@@ -85,9 +85,9 @@ def _full_disk(path: Path) -> int:
     return errno.ENOSPC if shutil.disk_usage(existing).free < 1 << 20 else 0
 
 
-def sync_folder(folder: Path) -> None:
-    """Make names just created or renamed in `folder` survive a power cut."""
-    handle = os.open(folder, os.O_RDONLY)
+def sync(path: Path) -> None:
+    """Make a file's bytes, or names just created or renamed in a folder, survive a power cut."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
@@ -104,7 +104,7 @@ def write_atomic(path: Path, content: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(path)
-            sync_folder(path.parent)
+            sync(path.parent)
         except OSError:
             with contextlib.suppress(OSError):
                 beside.unlink(missing_ok=True)
@@ -214,8 +214,8 @@ def add_shot(
                 digest = sha256 or _copy(source, target)
                 entry = {"name": target.name, "sha256": digest, "bytes": target.stat().st_size}
                 entries.append({**entry, "source": source.name, **facts})
-            sync_folder(folder)
-            sync_folder(folder.parent)
+            sync(folder)
+            sync(folder.parent)
         except OSError:
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -75,7 +75,7 @@ def create(session: Path, order: Order) -> Session:
             if session.exists():
                 session.rmdir()
             partial.rename(session)
-            sessions.sync_folder(session.parent)
+            sessions.sync(session.parent)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise
@@ -168,4 +168,4 @@ def _put_aside(session: Session, folder: Path) -> None:
         aside.mkdir(exist_ok=True)
         number = sum(1 for _ in aside.iterdir())
         folder.rename(aside / f"{folder.name}-{number}")
-        sessions.sync_folder(folder.parent)
+        sessions.sync(folder.parent)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from engine.session import sync_folder, told
+from engine.session import sync, told
 
 
 def _utc() -> datetime.datetime:
@@ -35,7 +35,7 @@ class Journal:
             if not new and not _ends_whole(path):
                 self._file.write(b"\n")
             if new:
-                sync_folder(path.parent)
+                sync(path.parent)
 
     def note(self, event: str, **facts: Any) -> None:
         """Append one event; it is on the disk when this returns.

@@ -1,6 +1,6 @@
 """Run what the plan says: one stage after the other, each finished by one rename or not at all.
 
-A stage works in `stages/<stage>/<fingerprint>.partial`; when its records and `record.json` are synced the
+A stage works in `stages/<stage>/<fingerprint>.partial`; when all its files are synced the
 folder loses its suffix. A run killed at any moment leaves finished stages and at most one `.partial`, which
 the next run wipes; stages are deterministic, so the second try gives the same bytes as an undisturbed one.
 """
@@ -21,7 +21,7 @@ from engine.pipeline import artefacts, stages
 from engine.pipeline.settings import Settings, to_toml
 from engine.pipeline.stages import Stage, Step, Work
 from engine.progress import Progress
-from engine.session import Session, lock, read_params, sync_folder, told, write_params
+from engine.session import Session, lock, read_params, sync, told, write_params
 
 DEVICES = ("auto", "cpu", "cuda")
 
@@ -113,12 +113,12 @@ def _finish(partial: Path, step: Step, seed: int, device: str, seconds: float, c
     }
     artefacts.save_json(partial / "record.json", record)
     with told(partial):
+        # Files too: what a stage wrote itself may still be in memory only.
         for path in partial.rglob("*"):
-            if path.is_dir():
-                sync_folder(path)
-        sync_folder(partial)
+            sync(path)
+        sync(partial)
         partial.rename(step.folder)
-        sync_folder(step.folder.parent)
+        sync(step.folder.parent)
 
 
 def loader(steps: Sequence[Step]) -> Callable[[str, str, type], Any]:

@@ -42,6 +42,22 @@ def test_a_run_leaves_results_records_and_a_pointer_to_the_export(session: sessi
     assert not list(session.folder.rglob("*.partial"))
 
 
+def test_every_file_of_a_stage_is_on_the_disk_before_it_counts_as_done(
+    session: sessions.Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: set[int] = set()
+    fsync = os.fsync
+
+    def noted(handle: int) -> None:
+        synced.add(os.fstat(handle).st_ino)
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    steps = run.process(session, tiny.table(), Settings(), "cpu")
+    for step in steps:
+        assert {path.stat().st_ino for path in (step.folder, *step.folder.rglob("*"))} <= synced
+
+
 def test_a_second_run_does_nothing(session: sessions.Session) -> None:
     run.process(session, tiny.table(), Settings(), "cpu")
     begun: list[str] = []
