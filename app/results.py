@@ -13,7 +13,7 @@ from engine import metrics, report
 from engine import session as sessions
 from engine.errors import SessionError
 from engine.hdr import HdrReport
-from engine.pipeline import run, stages, table, work
+from engine.pipeline import artefacts, run, stages, table, work
 from engine.pipeline import settings as asked
 from engine.pipeline.stages import Step
 from engine.truth import read_truth
@@ -143,13 +143,11 @@ def _stage_run(step: Step) -> report.StageRun:
 
 def _facts(folder: Path) -> Mapping[str, Any]:
     """What the stage's own report says, as plain values."""
-    try:
-        return json.loads((folder / "report.json").read_bytes())["values"]
-    except FileNotFoundError:
-        return {}
+    path = folder / "report.json"
+    return artefacts.load_value(path, "values") if path.exists() else {}
 
 
 def _exported(step: Step) -> tuple[str, ...]:
     if not step.done:
         return ()
-    return tuple(json.loads((step.folder / "export.json").read_bytes())["files"])
+    return tuple(artefacts.load_value(step.folder / "export.json", "files"))

@@ -78,7 +78,9 @@ def copy(exported: Path, to: Path, green: str | None = None, files: Collection[s
     """
     names = _listed(exported)
     if names is None:
-        raise ExportError(f"{exported}: holds no {INDEX}; run the export stage first")
+        raise ExportError(
+            f"{exported}: holds no {INDEX} that can be read; remove {exported} and process again"
+        )
     strangers = sorted(set(files or ()) - set(names))
     if strangers:
         raise ExportError(f"{exported}: holds no {strangers[0]}; choose among {', '.join(names)}")

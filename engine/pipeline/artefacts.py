@@ -66,9 +66,25 @@ def load(folder: Path, name: str, kind: type[Record]) -> Record:
         records = {key: load(folder, f"{name}.{key}", hints[key]) for key in content.get("records", ())}
         return kind(**arrays, **values, **records)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SessionError(
-            f"{path}: cannot be read back ({error}); remove the folder {folder} and process again"
-        ) from error
+        raise _damaged(path, error) from error
+
+
+def load_value(path: Path, key: str) -> Any:
+    """One value of a JSON file that a stage left in its folder.
+
+    Raises:
+        SessionError: the file is gone or damaged.
+    """
+    try:
+        return json.loads(path.read_bytes())[key]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> SessionError:
+    return SessionError(
+        f"{path}: cannot be read back ({error}); remove the folder {path.parent} and process again"
+    )
 
 
 def save_json(path: Path, content: Any) -> None:

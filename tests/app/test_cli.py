@@ -166,6 +166,17 @@ def test_results_that_are_not_there_say_which_command_makes_them(
     assert "run `roomlight process" in refused(capsys, "evaluate", session, truth)
 
 
+def test_a_damaged_record_of_a_stage_is_told_with_its_way_out(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["process", str(session), "--until", "segment", "--device", "cpu"]) == 0
+    (folder,) = (session / "stages" / "segment").iterdir()
+    (folder / "report.json").write_text("")
+    line = refused(capsys, "report", session)
+    assert f"{folder}/report.json: cannot be read back" in line
+    assert f"remove the folder {folder} and process again" in line
+
+
 def test_a_changed_photograph_stops_the_run(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = session / "shots" / "0003" / "radiance.exr"
     content = bytearray(path.read_bytes())

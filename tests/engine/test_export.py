@@ -306,8 +306,16 @@ def test_a_copy_of_an_export_is_the_same_files(exported, tmp_path):
     export.copy(exported, tmp_path / "there")
     assert (tmp_path / "there" / "surface.glb").read_bytes() == (exported / "surface.glb").read_bytes()
     assert (tmp_path / "there" / "colmap").is_dir()
-    with pytest.raises(ExportError, match=r"holds no export\.json"):
-        export.copy(tmp_path, tmp_path / "elsewhere")
+
+
+@pytest.mark.parametrize("index", [None, b"", b"{}"])
+def test_an_export_without_its_index_says_how_to_get_one(tmp_path, index):
+    folder = tmp_path / "stages" / "export" / "0123"
+    folder.mkdir(parents=True)
+    if index is not None:
+        (folder / "export.json").write_bytes(index)
+    with pytest.raises(ExportError, match=rf"holds no export\.json .* remove {folder} and process again"):
+        export.copy(folder, tmp_path / "elsewhere")
 
 
 @pytest.mark.parametrize(

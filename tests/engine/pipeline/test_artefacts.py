@@ -118,3 +118,11 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "frames.radiance.npy").write_bytes(b"\x93NUMPY")
     with pytest.raises(SessionError, match=r"frames\.json"):
         artefacts.load(tmp_path, "frames", Frames)
+
+
+@pytest.mark.parametrize("content", [None, "", "[]", "{}", "{"])
+def test_a_value_that_cannot_be_read_names_the_folder_to_remove(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / "export.json").write_text(content)
+    with pytest.raises(SessionError, match=rf"export\.json: .*; remove the folder {tmp_path} and process"):
+        artefacts.load_value(tmp_path / "export.json", "files")
