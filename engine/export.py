@@ -20,6 +20,7 @@ from jaxtyping import Float
 from engine import gltf, lampfile, mesh, pictures, ply
 from engine.errors import ExportError
 from engine.light.gaussians import to_3dgs
+from engine.limits import MORE, check
 from engine.posefiles import write_colmap, write_transforms
 from engine.progress import Progress
 from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface, material_of
@@ -29,13 +30,24 @@ GREEN = {"opengl": "up", "directx": "down"}
 UNITS = {"rig": "metre", "board": "metre", "given": "that of the given poses"}
 
 
+BOUNDS = {"cut_footprints": (0.0, MORE), "cut_share": (0.0, MORE)}
+"""What each number that may be asked must lie between."""
+
+
 @dataclass(frozen=True, slots=True)
 class ExportParams:
-    """What a person may choose about the files."""
+    """What a person may choose about the files.
+
+    Raises:
+        ExportError: what is asked lies outside `BOUNDS`, or is no convention of normal maps.
+    """
 
     normal_png: str = "opengl"  # green of the PNG normal map: "opengl" up, "directx" down
     cut_footprints: float = 3.0  # depth step that neither normal explains, in pixel widths on the surface
     cut_share: float = 1.0  # the same step as a share of the one predicted
+
+    def __post_init__(self) -> None:
+        check(self, "export", ExportError, BOUNDS, {"normal_png": tuple(GREEN)})
 
 
 def write(
@@ -145,12 +157,8 @@ def write_files(
     """Write everything into an existing empty folder; the caller sees to it that it appears whole.
 
     Raises:
-        ExportError: a parameter is unknown, the depth map holds no surface, or writing failed.
+        ExportError: the depth map holds no surface, or writing failed.
     """
-    if params.normal_png not in GREEN:
-        raise ExportError(
-            f"normal_png is {params.normal_png!r}; choose opengl (green up) or directx (green down)"
-        )
     unit = UNITS.get(poses.scale, "unknown")
     try:
         progress.step(0.0, "maps.exr")

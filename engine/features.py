@@ -14,6 +14,8 @@ import numpy as np
 import pycolmap
 from jaxtyping import Bool, Float, Int, UInt8
 
+from engine.errors import PoseError
+from engine.limits import MORE, check
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.types import Frames, Masks
@@ -27,9 +29,20 @@ _COARSE = 256  # features a view that vote on which pairs to match
 _SIMILAR = 0.85 * 512**2
 
 
+BOUNDS = {
+    "maximum": (100, MORE), "enlarge_below_px": (0, MORE), "enlarge_most": (1, 8), "peak_threshold": (0.0, 1.0),
+    "margin": (0.0, 0.5), "neighbours": (1, MORE), "exhaustive_below": (0, MORE),
+}  # fmt: skip
+"""What each number that may be asked must lie between."""
+
+
 @dataclass(frozen=True, slots=True)
 class FeatureParams:
-    """How features are found and which pairs of views are compared."""
+    """How features are found and which pairs of views are compared.
+
+    Raises:
+        PoseError: what is asked lies outside `BOUNDS`.
+    """
 
     maximum: int = 2000  # per view; COLMAP keeps the coarsest, which are the best located
     enlarge_below_px: int = 900  # photographs whose longer side is shorter are enlarged by an integer factor
@@ -39,6 +52,9 @@ class FeatureParams:
     margin: float = 0.015  # of the longer side, kept free of features around the object
     neighbours: int = 20  # views each view is compared with, beside those taken just before and after it
     exhaustive_below: int = 40  # with fewer views all pairs are compared
+
+    def __post_init__(self) -> None:
+        check(self, "poses.features", PoseError, BOUNDS)
 
 
 def enlargement(width: int, height: int, params: FeatureParams) -> int:

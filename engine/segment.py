@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float32
 from engine import hints, populations
 from engine.develop import averaged
 from engine.errors import MaskError
+from engine.limits import MORE, check
 from engine.progress import Progress
 from engine.steadiness import FEATURES, Steadiness, measure, unexplained
 from engine.types import Frames, Masks
@@ -30,9 +31,22 @@ LEFT = 0.5  # share of an answer that the same guess at full size must agree wit
 HINT = 2.5  # a stroke's pull on the pixels beside it, in units of what their own evidence may weigh at most
 
 
+BOUNDS = {
+    "margin_px": (0, MORE), "fewest_views": (2, MORE), "most_views": (2, MORE), "search_edge_px": (32, MORE),
+    "search_rounds": (1, MORE), "refine_rounds": (0, MORE), "rank": (1, MORE), "smoothness": (0.0, MORE),
+    "pull": (0.0, MORE), "evidence": (0.0, 1.0), "border_penalty": (0.0, MORE), "least_score": (0.0, MORE),
+    "same_share": (0.0, 1.0), "speck_share": (0.0, 1.0),
+}  # fmt: skip
+"""What each number that may be asked must lie between."""
+
+
 @dataclass(frozen=True, slots=True)
 class SegmentParams:
-    """How to tell the object from the room."""
+    """How to tell the object from the room.
+
+    Raises:
+        MaskError: what is asked lies outside `BOUNDS`.
+    """
 
     margin_px: int = 3  # kept clear around the object: lens blur and demosaicing
     fewest_views: int = 8  # fewer histories tell nothing
@@ -48,6 +62,9 @@ class SegmentParams:
     least_score: float = 2.0  # logs of how much more changes across the outline than within and outside
     same_share: float = 0.9  # of union: a guess so like an earlier answer is not followed up
     speck_share: float = 2e-4  # of the image: smaller islands and holes are noise
+
+    def __post_init__(self) -> None:
+        check(self, "segment", MaskError, BOUNDS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,7 @@ from engine import rig as rigs
 from engine.errors import PoseError
 from engine.features import FeatureParams, detect, enlargement, likely_pairs, log_floor, tone_mapped
 from engine.geometry import inverse, resized
+from engine.limits import MORE, check
 from engine.mapping import MapParams
 from engine.progress import Progress
 from engine.rig import RigFit, RigLog
@@ -31,9 +32,19 @@ _RIG_AGREE_SHARE = 0.6
 _SCALE_STDERR = 0.05  # a length known worse than this is no length
 
 
+BOUNDS = {
+    "focal_px": (0.0, MORE), "least_share": (0.0, 1.0), "trusted_share": (0.0, 1.0), "seed": (0, 2**31 - 1),
+}  # fmt: skip
+"""What each number that may be asked must lie between."""
+
+
 @dataclass(frozen=True, slots=True)
 class PoseParams:
-    """What a person may ask of this stage."""
+    """What a person may ask of this stage.
+
+    Raises:
+        PoseError: what is asked lies outside `BOUNDS`, or is no board.
+    """
 
     focal_px: float = 0.0  # first guess, refined; 0 means what pairs of views imply
     board: str = ""  # "charuco COLUMNSxROWS SQUARE_M MARKER_M DICTIONARY" or "aruco SIDE_M DICTIONARY"
@@ -42,6 +53,11 @@ class PoseParams:
     seed: int = 0
     features: FeatureParams = field(default_factory=FeatureParams)
     mapping: MapParams = field(default_factory=MapParams)
+
+    def __post_init__(self) -> None:
+        check(self, "poses", PoseError, BOUNDS)
+        if self.board:
+            boards.parse(self.board)
 
 
 @dataclass(frozen=True, slots=True)

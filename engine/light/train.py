@@ -26,14 +26,25 @@ from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
 from engine.light.start import begin
 from engine.light.sweep import knee_of
+from engine.limits import MORE, check
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
+BOUNDS = {
+    "budget": (0, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
+    "hollow": (0.0, MORE), "degree": (0, 3),
+}  # fmt: skip
+"""What each number that may be asked must lie between."""
+
 
 @dataclass(frozen=True, slots=True)
 class LightParams:
-    """How the light is fitted."""
+    """How the light is fitted.
+
+    Raises:
+        LightError: what is asked lies outside `BOUNDS`.
+    """
 
     budget: int = 0  # Gaussians at most; 0: as many as the pictures are worth (`budget.py`)
     width: int = 256  # widest picture trained on, pixels
@@ -43,6 +54,9 @@ class LightParams:
     keep_out: float | None = None
     hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
     degree: int = 3  # highest of the spherical harmonics that is tried
+
+    def __post_init__(self) -> None:
+        check(self, "light", LightError, BOUNDS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.reference.emitter import EmitterParams, EmitterReport, scaled, train
 from engine.reference.params import ReferenceParams
@@ -28,15 +27,7 @@ class Given:
 
 
 def training_of(params: ReferenceParams) -> EmitterParams:
-    """The counts of the training that was asked for.
-
-    Raises:
-        SurfaceError: a share or a number of Gaussians that is not above 0.
-    """
-    if not (params.emitter_share > 0 and params.emitter_most > 0):
-        raise SurfaceError(
-            f"emitter_share {params.emitter_share:g} and emitter_most {params.emitter_most}: both must be above 0"
-        )
+    """The counts of the training that was asked for."""
     return replace(
         scaled(params.emitter_share), one_stage=params.emitter == "one_stage", most=params.emitter_most
     )
@@ -49,7 +40,6 @@ def light_for(
     """What `ReferenceParams.emitter` asks for.
 
     Raises:
-        SurfaceError: counts that are none.
         LightError: there is nothing to train on.
     """
     if params.emitter == "ours":

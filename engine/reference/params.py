@@ -4,18 +4,35 @@ Source: the paper, Sec. 4, "Implementation details": every default is as publish
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+from engine.errors import SurfaceError
+from engine.limits import MORE, check
+from engine.mapfiles import FRAMES
 from engine.surface.distance import Distance
 
+Emitter = Literal["ours", "two_stage", "one_stage"]
 SAMPLES, EPOCHS = 256, 100
 MOST = 3_000_000
 """Gaussians of the paper's own light at most."""
 
 
+BOUNDS = {
+    "samples": (1, MORE), "epochs": (0, MORE), "batch_views": (1, MORE), "normal_rate": (0.0, MORE),
+    "albedo_rate": (0.0, MORE), "roughness_rate": (0.0, MORE), "depth_rate": (0.0, MORE), "halve_every": (0, MORE),
+    "smoothness": (0.0, MORE), "smooth_epochs": (0, MORE), "aim_unit": (0.0, MORE), "pixels": (0, MORE),
+    "held_out": (0, MORE), "object_distance": (0.0, MORE), "emitter_share": (1e-4, MORE), "emitter_most": (1, MORE),
+}  # fmt: skip
+"""What each number that may be asked must lie between."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReferenceParams:
-    """The counts and rates of the paper, and what it leaves to the data."""
+    """The counts and rates of the paper, and what it leaves to the data.
+
+    Raises:
+        SurfaceError: what is asked lies outside `BOUNDS`, or is no choice that there is.
+    """
 
     samples: int = SAMPLES  # directions of Eq. (8) per pixel, view and step
     epochs: int = EPOCHS  # passes over all fitted views
@@ -39,9 +56,13 @@ class ReferenceParams:
     start_maps: str = ""  # .exr, .png, .npy or .npz with first normals (roughness, albedo); empty: our search
     start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
     # The light: the stage before's, or the paper's own training, in two stages as published or in one, its ablation.
-    emitter: Literal["ours", "two_stage", "one_stage"] = "ours"
+    emitter: Emitter = "ours"
     emitter_share: float = 1.0  # of the published iterations of that training
     emitter_most: int = MOST  # Gaussians that it may end with
+
+    def __post_init__(self) -> None:
+        choices = {"start_frame": FRAMES, "emitter": get_args(Emitter)}
+        check(self, "surface", SurfaceError, BOUNDS, choices)
 
 
 def scaled(samples: int, epochs: int) -> ReferenceParams:

@@ -144,6 +144,29 @@ def test_what_is_misspelt_is_refused_and_not_kept(
     assert digest(session) == before
 
 
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ("hdr.long_edge_px=0", "hdr.long_edge_px is 0; give 8 or more"),
+        ("segment.margin_px=-2", "segment.margin_px is -2; give 0 or more"),
+        ("poses.mapping.match_ratio=2", "poses.mapping.match_ratio is 2.0; give 0.1 to 1"),
+        ("light.width=-3", "light.width is -3; give 32 or more"),
+        ("light.passes=[]", "light.passes is []; give one number or more"),
+        ("light.keep_out=nan", "light.keep_out is nan; give 0 or more"),
+        ("surface.samples=0", "surface.samples is 0; give 1 or more"),
+        ("export.normal_png=foo", 'export.normal_png is "foo"; give opengl or directx'),
+    ],
+)
+def test_what_no_stage_could_work_with_is_refused_and_not_kept(
+    session: Path, capsys: pytest.CaptureFixture[str], asked: str, told: str
+) -> None:
+    solver = ("--solver", "reference") if "samples" in asked else ()
+    before = digest(session)
+    for command_name in ("plan", "process"):
+        assert told in refused(capsys, command_name, session, *solver, "--set", asked)
+    assert digest(session) == before
+
+
 def test_cuda_is_refused_where_there_is_none(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import torch
 

@@ -10,6 +10,7 @@ from app.parameters import MEANINGS, STAGES
 from engine.pipeline import presets, table
 from engine.pipeline import settings as asked
 from engine.surface.pixels import LEAST
+from tests.engine.test_limits import BOUNDED
 
 
 def parameters(path: str, params: Any) -> Iterator[tuple[str, Any]]:
@@ -57,3 +58,13 @@ def test_defaults_and_presets_lie_within_what_the_window_offers(preset: str) -> 
 def test_the_window_offers_no_less_of_the_surface_than_the_engine_takes() -> None:
     for name, least in LEAST.items():
         assert MEANINGS[f"surface.{name}"].low == least, name
+
+
+def test_the_window_offers_nothing_that_the_engine_refuses() -> None:
+    for stage, params, bounds in BOUNDED:
+        for name, (least, most) in bounds.items():
+            meaning = MEANINGS.get(f"{stage}.{name}")
+            if meaning is None or isinstance(getattr(params, name), tuple):
+                continue  # the reference's, or a text that is read when it is entered
+            assert meaning.low >= least, name
+            assert meaning.high <= most, name

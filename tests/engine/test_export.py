@@ -374,7 +374,7 @@ def test_the_same_result_gives_the_same_bytes(exported, tmp_path):
 
 
 def test_unknown_choices_are_refused(tmp_path):
-    with pytest.raises(ExportError, match="choose opengl"):
+    with pytest.raises(ExportError, match="give opengl or directx"):
         write(tmp_path / "out", ExportParams(normal_png="blender"))
     assert list(tmp_path.iterdir()) == []
 

@@ -194,12 +194,6 @@ def test_the_papers_own_light_takes_the_place_of_ours(
     assert len(asked) == 1
 
 
-@pytest.mark.parametrize("counts", [{"emitter_share": 0.0}, {"emitter_most": 0}, {"emitter_share": np.nan}])
-def test_a_training_of_nothing_is_refused(session, maps: str, counts: dict[str, float]) -> None:
-    with pytest.raises(SurfaceError, match="must be above 0"):
-        run(session, few(maps, emitter="two_stage", **counts))
-
-
 def test_a_stop_is_heard_between_steps(session, maps: str) -> None:
     told: list[str] = []
     progress = Progress(lambda fraction, note: told.append(note), lambda: "epoch 2 of 24" in told)
