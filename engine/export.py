@@ -5,6 +5,7 @@ and the sparse points are in the world frame. docs/file-formats.md describes eve
 whole, by one rename, or not at all.
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -121,24 +122,31 @@ def place(to: Path, fill: Callable[[Path], None]) -> None:
         ExportError: `to` holds files that no export wrote, the disk is full, or the place may not be written.
     """
     to = to.absolute()
-    _refuse_strangers(to)
     partial, old = (to.with_name(f".{to.name}.{word}") for word in ("partial", "old"))
     try:
-        for leftover in (partial, old):  # of a run that was killed
-            if leftover.exists():
-                shutil.rmtree(leftover)
+        _tidy(to, partial, old)  # after a run that was killed
+        _refuse_strangers(to)
         partial.mkdir(parents=True)
         fill(partial)
         if to.exists():
             to.rename(old)
         partial.rename(to)
     except OSError as fault:
-        if old.exists() and not to.exists():
-            old.rename(to)
         raise told(fault, to) from fault
     finally:
-        for leftover in (partial, old):
-            shutil.rmtree(leftover, ignore_errors=True)
+        # Whatever stopped it, Ctrl-C too: of a refusal more is known already.
+        with contextlib.suppress(OSError):
+            _tidy(to, partial, old)
+
+
+def _tidy(to: Path, partial: Path, old: Path) -> None:
+    """Wipe what is unfinished or replaced; what was replaced by nothing goes back to its place."""
+    if partial.exists():
+        shutil.rmtree(partial)
+    if old.exists() and not to.exists():
+        old.rename(to)
+    if old.exists():
+        shutil.rmtree(old)
 
 
 def write_files(
@@ -216,6 +224,8 @@ def told(fault: OSError, place: Path) -> ExportError:
         13: "choose a folder you may write to",
         1: "choose a folder you may write to",
         30: "choose a folder you may write to",
+        17: "choose a folder in another place",
+        20: "choose a folder in another place",
         36: "choose a shorter name",
     }.get(fault.errno or 0, "check the disk and the path")
     return ExportError(f"{where}: {(fault.strerror or str(fault)).lower()}; {remedy}")

@@ -265,6 +265,54 @@ def test_a_stop_half_way_leaves_the_earlier_export_and_no_litter(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.parametrize("moment", ["out", ".out.partial"])
+def test_a_stop_between_the_renames_loses_no_export(tmp_path, monkeypatch, moment):
+    to, rename = tmp_path / "out", Path.rename
+    write(to)
+    before = (to / "export.json").read_bytes()
+
+    def stopped(self: Path, target: Path) -> Path:
+        if self.name == moment:
+            if moment == "out":
+                rename(self, target)
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "rename", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            write(to, ExportParams(normal_png="directx"))
+    assert (to / "export.json").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_an_export_that_a_killed_run_moved_away_is_put_back_before_anything_is_wiped(tmp_path):
+    to = tmp_path / "out"
+    write(to)
+    before = (to / "export.json").read_bytes()
+    to.rename(tmp_path / ".out.old")
+    with pytest.raises(Cancelled):
+        write(to, progress=Progress(cancelled=lambda: True))
+    assert (to / "export.json").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("place", "told"),
+    [
+        ("file/out", "another place"),
+        ("file/a/out", "another place"),
+        ("n" * 300, "shorter name"),
+        ("n" * 250, "shorter name"),
+    ],
+)
+def test_a_place_that_cannot_be_is_one_line_with_a_remedy(tmp_path, place, told):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ExportError, match=told):
+        write(tmp_path / place)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 def test_litter_of_a_killed_run_is_wiped(tmp_path):
     (tmp_path / ".out.partial").mkdir()
     (tmp_path / ".out.partial" / "half").write_text("")
