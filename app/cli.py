@@ -6,6 +6,7 @@ faults in the command line cost no time.
 """
 
 import argparse
+import errno
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -17,6 +18,14 @@ from engine.pipeline.settings import PRESETS, SOLVERS
 from hardware.errors import HardwareError
 
 MOST_EV = 12.0  # of a bracket's exposures from its middle
+
+# What the system may say of a name that a person gave, wherever that is first looked at.
+_CLOSED = "no permission to open or enter it; change its permissions or choose another"
+_UNFIT = {
+    errno.EACCES: _CLOSED,
+    errno.EPERM: _CLOSED,
+    errno.ENAMETOOLONG: "the name is longer than this disk allows; choose a shorter one",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,16 +39,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RoomlightError, HardwareError) as error:
         print(f"roomlight: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except PermissionError as error:
-        print(
-            f"roomlight: {error.filename}: no permission to open or enter it; change its permissions or choose another",
-            file=sys.stderr,
-        )
-        return 2
     except BrokenPipeError:
         # The reader of our output left, as `roomlight plan ... | head` does; there is nobody to tell.
         sys.stderr.close()
         return 0
+    except OSError as error:
+        if error.errno not in _UNFIT:
+            raise
+        print(f"roomlight: {error.filename}: {_UNFIT[error.errno]}", file=sys.stderr)
+        return 2
 
 
 def _parser() -> argparse.ArgumentParser:

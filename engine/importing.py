@@ -65,7 +65,9 @@ def make_session(
         RoomlightError: what does not fit, naming the file; no session is made.
     """
     progress = progress or Progress()
-    if to.exists() and (not to.is_dir() or any(to.iterdir())):
+    with sessions.told(to):
+        taken = to.exists() and (not to.is_dir() or any(to.iterdir()))
+    if taken:
         raise ImportFault(f"{to}: exists already; choose another name for the session or remove it first")
     kind, files = find_photographs(folder)
     reading = progress.part(0.0, 0.6)

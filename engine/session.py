@@ -33,6 +33,11 @@ _REMEDY = {
     errno.EROFS: "the disk is read-only; choose another folder",
     errno.EFBIG: "the file grew over the size this disk or process allows; choose another disk",
     errno.ENOENT: "no such file or folder, or the drive takes no new ones; check the path and that its drive is there",
+    errno.EISDIR: "is a folder; name a file",
+    errno.EEXIST: "exists already; choose another name or remove it first",
+    errno.ENOTEMPTY: "holds something already; choose another name or remove it first",
+    errno.ENOTDIR: "a part of this path is a file and no folder; check the path",
+    errno.ENAMETOOLONG: "the name is longer than this disk allows; choose a shorter one",
     errno.EIO: "the disk reported an input/output error; check the disk and copy the session elsewhere",
 }
 
@@ -75,8 +80,9 @@ def told(path: Path) -> Iterator[None]:
         remedy = _REMEDY.get(error.errno or _full_disk(path))
         if remedy is None:
             raise
-        where = error.filename if isinstance(error.filename, str) else path
-        raise SessionError(f"{where}: {remedy}") from error
+        # Of a rename, the second name is the one that was asked for.
+        named = [name for name in (error.filename2, error.filename) if isinstance(name, str)]
+        raise SessionError(f"{named[0] if named else path}: {remedy}") from error
 
 
 def _full_disk(path: Path) -> int:
@@ -129,9 +135,9 @@ def create(
     Raises:
         SessionError: something is there already, or the disk refuses.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise SessionError(f"{folder}: exists already; choose another name or remove it first")
     with told(folder):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise SessionError(f"{folder}: exists already; choose another name or remove it first")
         for part in ("shots", "edits", "stages", "exports"):
             (folder / part).mkdir(parents=True, exist_ok=True)
     facts = {"schema": SCHEMA, "kind": kind, "camera": dict(camera), "rig": dict(rig) if rig else None}

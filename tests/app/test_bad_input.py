@@ -13,6 +13,7 @@ import pytest
 
 from app.cli import main
 from tests.app.calls import digest, refused
+from tests.app.sessions import small
 from tests.engine import folders
 
 THERE = "the first at x 7, y 5"  # where `folders.poisoned` puts its value
@@ -98,6 +99,43 @@ def test_a_mask_that_is_put_into_a_session_later_is_checked_too(
     line = refused(capsys, "process", session, "--until", "segment", "--device", "cpu")
     assert "mask.png: the mask is 5 x 5" in line
     assert digest(session) == before
+
+
+LONG = "n" * 300  # a name may have 255 letters
+SHOT = ("--room", "window", "--object", "blob", "--device", "cpu")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("report", "small/a.session", "--to", "folder"), "folder: is a folder; name a file"),
+        (("report", "small/a.session", "--to", "file/x.html"), "file: exists already; choose another name"),
+        (("report", "small/a.session", "--to", "file/a/x.html"), "a part of this path is a file"),
+        (("report", "small/a.session", "--to", f"{LONG}/x.html"), "choose a shorter one"),
+        (("import", "small/renders", "file/s"), "file: exists already; choose another name"),
+        (("import", "small/renders", LONG), "choose a shorter one"),
+        (("import", "small/renders", "n" * 250), "choose a shorter one"),
+        (("simulate", "file", *SHOT), "a part of this path is a file"),
+        (("simulate", LONG, *SHOT), "choose a shorter one"),
+        (("demo", "--to", "file"), "a part of this path is a file"),
+        (("demo", "--to", LONG), "choose a shorter one"),
+        (("plan", LONG), "choose a shorter one"),
+    ],
+)
+def test_a_place_that_cannot_be_is_told(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    told: str,
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    small(tmp_path / "small")
+    before = digest(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert told in refused(capsys, *words)
+    assert digest(tmp_path) == before
 
 
 def test_what_may_not_be_opened_is_one_line(
