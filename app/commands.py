@@ -33,8 +33,9 @@ def run_plan(args: Namespace) -> int:
 
     opened = session.open_session(args.session)
     before = asked.from_toml(session.read_params(opened))
-    changed = asked.with_changes(before, args.preset, args.seed, args.set, args.solver)
-    for step in stages.plan(opened, table.stages(changed.solver), changed):
+    rows = table.stages(args.solver or before.solver)
+    changed = asked.with_changes(before, args.preset, args.seed, args.set, args.solver, stages.files(rows))
+    for step in stages.plan(opened, rows, changed):
         print(f"{step.stage.name:8} {step.fingerprint}  {step.tell()}")
     return 0
 
@@ -55,11 +56,12 @@ def process(
 ) -> None:
     """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options."""
     from engine import session
-    from engine.pipeline import run, table
+    from engine.pipeline import run, stages, table
 
     opened = session.open_session(folder)
     before = asked.from_toml(session.read_params(opened))
-    changed = asked.with_changes(before, preset, seed, assignments, solver)
+    rows = table.stages(solver or before.solver)
+    changed = asked.with_changes(before, preset, seed, assignments, solver, stages.files(rows))
     with terminal.stoppable() as cancelled, terminal.Display(Console()) as display:
         watcher = run.Watcher(
             lambda step: display.begin(step.stage.name),
@@ -67,7 +69,7 @@ def process(
             lambda step, seconds: display.end(seconds),
             cancelled,
         )
-        steps = run.process(opened, table.stages(changed.solver), changed, device, until, watcher)
+        steps = run.process(opened, rows, changed, device, until, watcher)
     ran = [step.stage.name for step in steps if not step.done]
     if any(step.stage.name == "surface" for step in steps):
         from app import results

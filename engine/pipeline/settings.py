@@ -10,8 +10,9 @@ import difflib
 import tomllib
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from engine.errors import SessionError
@@ -62,10 +63,12 @@ def with_changes(
     seed: int | None,
     assignments: Sequence[str],
     solver: str | None = None,
+    files: Collection[str] = (),
 ) -> Settings:
     """The settings after the command line's `--preset`, `--seed`, `--solver` and `--set stage.param=value`.
 
-    Another solver has other parameters: what was set of the surface falls away with the old one.
+    Another solver has other parameters: what was set of the surface falls away with the old one. Those of `files`
+    name files, which are kept as absolute paths: the next command may be given in another folder.
     """
     overrides = copy.deepcopy(dict(settings.overrides))
     if solver not in (None, settings.solver):
@@ -81,6 +84,8 @@ def with_changes(
             if not isinstance(table, dict):
                 raise SessionError(f"--set {text}: {part} is one value, not a group of parameters")
         table[parameter] = _parse(value.strip())
+        if name.strip() in files and table[parameter]:
+            table[parameter] = str(Path(str(table[parameter])).absolute())
     return from_toml(
         {
             "preset": settings.preset if preset is None else preset,

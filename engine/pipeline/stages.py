@@ -123,16 +123,21 @@ def counted_params(stage: Stage, params: Any, seed: int, given: bool) -> dict[st
     values = {item.name: artefacts.plain(getattr(params, item.name)) for item in dataclasses.fields(params)}
     if given:
         return {name: values[name] for name in stage.given_params}
-    contents = {name: _with_content(Path(values[name])) for name in stage.files if values[name]}
+    contents = {name: _content(Path(values[name])) for name in stage.files if values[name]}
     return values | contents | ({"seed": seed} if stage.seeded else {})
 
 
-def _with_content(path: Path) -> str:
-    """A path and the hash of its file; the path alone where none can be read, which the stage itself will say."""
+def _content(path: Path) -> str:
+    """The hash of a file, wherever it lies; its path where it cannot be read, which the stage itself will say."""
     try:
-        return f"{path} ({file_sha256(path)[:16]})"
+        return file_sha256(path)[:16]
     except OSError:
         return str(path)
+
+
+def files(table: Sequence[Stage]) -> tuple[str, ...]:
+    """The parameters that name files outside the session, as `--set` takes them."""
+    return tuple(f"{stage.name}.{name}" for stage in table for name in stage.files)
 
 
 def until(steps: Sequence[Step], last: str | None) -> tuple[Step, ...]:

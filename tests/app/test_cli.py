@@ -167,6 +167,16 @@ def test_what_no_stage_could_work_with_is_refused_and_not_kept(
     assert digest(session) == before
 
 
+def test_a_file_to_start_from_is_kept_where_it_is_from_every_folder(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["process", str(session), "--until", "hdr", "--device", "cpu"]
+    assert main([*words, "--set", "surface.start_maps=maps.npy"]) == 0
+    kept = sessions.read_params(sessions.open_session(session))
+    assert kept["surface"] == {"start_maps": str(tmp_path / "maps.npy")}
+
+
 def test_cuda_is_refused_where_there_is_none(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import torch
 

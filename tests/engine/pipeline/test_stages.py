@@ -1,6 +1,7 @@
 """A fingerprint holds everything that decides a result and nothing else; the plan says why."""
 
 import dataclasses
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -108,10 +109,26 @@ def test_what_a_named_file_holds_counts(session: sessions.Session, tmp_path: Pat
     named = Settings(overrides={"count": {"way": str(maps)}})
     run.process(session, table, named, "cpu")
     assert all(step.done for step in stages.plan(session, table, named))
-    maps.write_text("two")
+    moved = maps.rename(tmp_path / "moved.txt")
+    named = Settings(overrides={"count": {"way": str(moved)}})
+    assert all(step.done for step in stages.plan(session, table, named))
+    moved.write_text("two")
     (reason,) = stages.plan(session, table, named)[0].reasons
-    assert reason.startswith(f"params.way {maps} (")
-    assert f" -> {maps} (" in reason
+    old, new = (hashlib.sha256(word).hexdigest()[:16] for word in (b"one", b"two"))
+    assert reason == f"params.way {old} -> {new}"
+    moved.unlink()
+    assert f" -> {moved}" in stages.plan(session, table, named)[0].reasons[0]
+
+
+def test_a_file_named_on_the_command_line_is_found_from_every_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, *others = tiny.table()
+    files = stages.files((dataclasses.replace(first, files=("way",)), *others))
+    monkeypatch.chdir(tmp_path)
+    asked = with_changes(Settings(), None, None, ["count.way=maps.txt", "count.size=7"], files=files)
+    assert asked.overrides == {"count": {"way": str(tmp_path / "maps.txt"), "size": 7}}
+    assert with_changes(asked, None, None, ["count.way="], files=files).overrides["count"]["way"] == ""
 
 
 def test_planning_writes_nothing(session: sessions.Session) -> None:
