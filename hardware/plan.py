@@ -155,10 +155,8 @@ def _place(line: str, columns: int) -> Place:
             raise ValueError(f"{column} {text[:30]!r} is no number of degrees; write it as in -12.5")
         angles.append(angle)
     name = fields[2] if columns == 3 else ""
-    if not re.fullmatch(r"[A-Za-z0-9_-]{0,40}", name):
-        raise ValueError(
-            f"the name {name[:40]!r} is no part of a file name; use up to 40 letters, digits, - and _"
-        )
+    if not re.fullmatch(r"[A-Za-z0-9_ -]{0,40}", name):
+        raise ValueError(f"{name[:40]!r} is no name; use up to 40 letters, digits, spaces, - and _")
     return Place(Angles(*angles), name)
 
 

@@ -8,6 +8,7 @@ from hardware.interfaces import Angles, Axis, MotionFeatures
 from hardware.plan import Place, fitted, free, gimbal, read_plan, suited, turntable
 from hardware.virtual.studio import motion
 
+ROOT = Path(__file__).parents[2]
 PAN, ENDED = Axis("pan", None, None, 0.01, 30.0), Axis("pan", -180.0, 180.0, 0.01, 30.0)
 TILT = Axis("tilt", -40.0, 60.0, 0.01, 10.0)
 
@@ -86,6 +87,15 @@ def test_a_plan_file_is_read(tmp_path: Path):
     assert read_plan(write(tmp_path, "pan_deg,tilt_deg\n1e1,-0\n")) == (Place(Angles(10.0, 0.0)),)
 
 
+def test_the_plan_that_the_docs_show_can_be_read(tmp_path: Path):
+    docs = (ROOT / "docs" / "capture.md").read_text()
+    (shown,) = [block for block in docs.split("```")[1::2] if "pan_deg,tilt_deg,name" in block]
+    assert read_plan(write(tmp_path, shown)) == (
+        Place(Angles(0.0, -30.0), "front low"),
+        Place(Angles(45.0, -30.0)),
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
@@ -99,7 +109,7 @@ def test_a_plan_file_is_read(tmp_path: Path):
         ("pan_deg,tilt_deg\ninf,0\n", 2, "no number"),
         ("pan_deg,tilt_deg\n0,5\u00b0\n", 2, "no number"),
         ("pan_deg,tilt_deg,name\n0,0,a\n1,0,a\n", 3, "'a' was given in line 2"),
-        ("pan_deg,tilt_deg,name\n0,0,../x\n", 2, "no part of a file name"),
+        ("pan_deg,tilt_deg,name\n0,0,../x\n", 2, "'../x' is no name"),
         ('pan_deg,tilt_deg\n"0,0\n', 2, ""),
     ],
 )
