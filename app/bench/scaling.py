@@ -65,7 +65,9 @@ def measure(
     if path.exists() and not fresh:
         with contextlib.suppress(ValueError, TypeError):  # damaged: measured again
             return Point(**json.loads(path.read_text()))
-    words = [sys.executable, "-m", "app.bench.point", str(on.session), axis, str(value), device, str(seed)]
+    # Another folder is the child's own: a path that is relative here is another one there.
+    session = str(on.session.absolute())
+    words = [sys.executable, "-m", "app.bench.point", session, axis, str(value), device, str(seed)]
     with job(f"{on.name} {value} {axis}") as progress:
         done = subprocess.run(words, capture_output=True, text=True, cwd=_root())
         progress.step(1.0)  # Ctrl-C reached the process as well: that is a stop and no fault

@@ -4,6 +4,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -381,6 +382,22 @@ def test_scaling_fits_what_one_run_measured(monkeypatch: pytest.MonkeyPatch):
     assert values["views"] == [10, VIEWS]
     assert values["pixels"][-1] == stored().masks.object.sum()
     assert values["directions"] == [512, 1024]
+
+
+def test_scaling_tells_its_child_where_the_set_is_whatever_folder_that_works_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    told: list[list[str]] = []
+
+    def run(words: list[str], **_: object) -> SimpleNamespace:
+        told.append(words)
+        answer = {"seconds": 1.0, "peak_bytes": 2, "solve_bytes": 1}
+        return SimpleNamespace(returncode=0, stdout=json.dumps(answer), stderr="")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(scaling.subprocess, "run", run)
+    scaling.measure(a_set(), tmp_path, "views", 10, "cpu", 0, "now", True)
+    assert str(tmp_path / "nowhere") in told[0]
 
 
 @pytest.mark.parametrize(
