@@ -22,7 +22,7 @@ AGREE_DEG = 70.0
 
 
 def surface_glb(mesh: Mesh, surface: Surface, unit: str, generator: str) -> bytes:
-    """The file's bytes: one mesh, one material, three textures, nothing outside the file."""
+    """The file's bytes: one mesh, one material, its textures (`_textures`), nothing outside the file."""
     row, column = mesh.pixels.T
     height, width = surface.mask.shape
     turned = opencv_from_opengl.T

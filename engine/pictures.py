@@ -69,10 +69,16 @@ def draw(
     }
     facts: dict[str, object] = {
         "normal": {"green": green},
+        "albedo": {"full": 1.0, "encoding": "sRGB"},
+        "albedo_linear_16": {"full": 1.0, "encoding": "linear Rec.709"},
+        "roughness_16": {"full": 1.0, "alpha": "roughness^2 (GGX)"},
         "depth_16": {"near": near, "far": far, "unit": unit, "no_answer": 0},
         "stderr_normal_16": {"full_deg": limit},
         "photograph": {"radiance_shown_white": white},
     }
+    if surface.material is not None:
+        facts["specular_16"] = {"full": 1.0, "normal_reflectance": "0.08 specular where metalness is 0"}
+        facts["metalness_16"] = {"full": 1.0, "normal_reflectance": "albedo where metalness is 1"}
     return pictures, facts
 
 

@@ -18,7 +18,8 @@ from engine.types import Surface
 
 
 def surface_ply(mesh: Mesh, surface: Surface, unit: str) -> bytes:
-    """Vertices with recovered normals, albedo as sRGB colour, roughness and the normal's standard error."""
+    """Vertices with recovered normals, albedo as sRGB colour, roughness and the normal's standard error; where not all is
+    of paint, with specular level and metalness."""
     row, column = mesh.pixels.T
     turned = opencv_from_opengl.T
     points = mesh.points @ turned
@@ -31,6 +32,9 @@ def surface_ply(mesh: Mesh, surface: Surface, unit: str) -> bytes:
         "roughness": surface.roughness[row, column].astype("<f4"),
         "stderr_normal_deg": np.degrees(surface.stderr_normal[row, column]).astype("<f4"),
     }
+    if surface.material is not None:
+        made = surface.material[row, column].astype("<f4")
+        columns |= {"specular": made[:, 0], "metalness": made[:, 1]}
     faces = np.zeros(len(mesh.triangles), dtype=[("vertex_indices", "<i4", (3,))])
     faces["vertex_indices"] = mesh.triangles
     comments = [

@@ -210,6 +210,10 @@ def test_materials_are_written_as_maps_and_where_not_all_is_of_paint_as_pictures
     np.testing.assert_allclose(np.stack([level, metalness], -1), expected)
     there = {name: tmp_path / "out" / f"{name}_16.png" for name in ("specular", "metalness")}
     assert all(path.exists() != plain for path in there.values())
+    told = json.loads((tmp_path / "out" / "export.json").read_text())["png"]
+    assert {"albedo", "albedo_linear_16", "roughness_16"} <= set(told)
+    assert ({"specular_16", "metalness_16"} <= set(told)) != plain
+    assert all((tmp_path / "out" / f"{name}.png").exists() for name in told)
     if not plain:
         for k, path in enumerate(there.values()):
             np.testing.assert_allclose(

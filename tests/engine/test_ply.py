@@ -1,6 +1,7 @@
 """PLY bytes as plyfile and Open3D read them."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import open3d
@@ -36,6 +37,19 @@ def test_extra_properties_keep_their_units():
     assert read["vertex"]["stderr_normal_deg"] == pytest.approx(np.degrees(0.02), abs=1e-5)
     assert any("metre" in comment for comment in read.comments)
     assert not read.text
+
+
+def test_what_is_not_all_of_paint_says_its_material_at_every_vertex():
+    plain = ball()
+    made = np.zeros((*plain.mask.shape, 2), np.float32)
+    made[plain.mask] = [0.75, 0.0]
+    made[plain.mask & (np.arange(plain.mask.shape[1]) >= 32)] = [0.5, 1.0]
+    mesh = from_depth(plain, CAMERA, CutParams())
+    read = PlyData.read(io.BytesIO(surface_ply(mesh, replace(plain, material=made), "metre")))["vertex"]
+    row, column = mesh.pixels.T
+    np.testing.assert_array_equal(np.stack([read["specular"], read["metalness"]], -1), made[row, column])
+    without = PlyData.read(io.BytesIO(surface_ply(mesh, plain, "metre")))["vertex"]
+    assert "specular" not in [item.name for item in without.properties]
 
 
 def test_splats_keep_names_and_order():
