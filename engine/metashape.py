@@ -39,8 +39,13 @@ def _metashape_camera(sensor: ElementTree.Element, path: Path) -> Camera:
     if terms.get("p3") or terms.get("p4"):
         raise PoseError(f"{path}: tangential terms p3, p4 are not supported; calibrate without them")
     width, height = int(resolution.attrib["width"]), int(resolution.attrib["height"])
+    fx, fy = terms["f"] + terms.get("b1", 0.0), terms["f"]
+    if not np.isfinite(list(terms.values())).all():
+        raise ValueError("a term of the calibration is not finite")
+    if not (fx > 0 and fy > 0 and width > 0 and height > 0):
+        raise ValueError("a focal length or size is not positive")
     camera = Camera(
-        width, height, terms["f"] + terms.get("b1", 0.0), terms["f"],
+        width, height, fx, fy,
         width / 2 + terms.get("cx", 0.0), height / 2 + terms.get("cy", 0.0),
         p1=terms.get("p2", 0.0), p2=terms.get("p1", 0.0),
     )  # fmt: skip

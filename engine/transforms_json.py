@@ -35,16 +35,26 @@ def _intrinsics(table: Mapping[str, Any], size: tuple[int, int], path: Path) -> 
     if model not in MODELS or table.get("is_fisheye"):
         raise PoseError(f"{path}: camera model {model} is not supported; undistort to a pinhole first")
     width, height = round(get("w", float(size[0]))), round(get("h", float(size[1])))
+
+    def seen_under(key: str, pixels: int) -> float:
+        angle = get(key, 0.0)
+        if not 0 < angle < math.pi:
+            raise PoseError(
+                f"{path}: {key} is {angle:g}; it must lie between 0 and pi: export the file again"
+            )
+        return pixels / 2 / math.tan(angle / 2)
+
     fx = get("fl_x", 0.0)
     if fx == 0 and "camera_angle_x" in table:
-        fx = width / 2 / math.tan(get("camera_angle_x", 0.0) / 2)
-    if not fx > 0 or width < 1 or height < 1:
-        raise PoseError(f"{path}: no focal length (fl_x or camera_angle_x) or no size (w, h); add them")
+        fx = seen_under("camera_angle_x", width)
     fy = get("fl_y", 0.0)
     if fy == 0 and "fl_x" not in table and "camera_angle_y" in table:
-        fy = height / 2 / math.tan(get("camera_angle_y", 0.0) / 2)
+        fy = seen_under("camera_angle_y", height)
+    fy = fy or fx
+    if not (fx > 0 and fy > 0 and width > 0 and height > 0):
+        raise PoseError(f"{path}: no focal length (fl_x or camera_angle_x) or no size (w, h); add them")
     camera = Camera(
-        width, height, fx, fy or fx, get("cx", width / 2), get("cy", height / 2),
+        width, height, fx, fy, get("cx", width / 2), get("cy", height / 2),
         p1=get("p1", 0.0), p2=get("p2", 0.0),
     )  # fmt: skip
     return folded_lens(camera, [get(f"k{i}", 0.0) for i in (1, 2, 3, 4)], 0.0, str(path))

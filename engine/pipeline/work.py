@@ -127,24 +127,31 @@ def poses(work: Work) -> Records:
 
 def _given_poses(session: Session, frames: Frames) -> Poses:
     path = session.folder / "edits" / "poses.json"
-    content = json.loads(path.read_bytes())
-    camera = Camera(**content["camera"])
     height, width = frames.dark.shape[1:]
-    by = camera.width // width
-    # Averaging by a whole factor drops the last columns and rows that do not fill a block.
-    camera = replace(
-        camera, width=width, height=height, fx=camera.fx / by, fy=camera.fy / by, cx=camera.cx / by,
-        cy=camera.cy / by,
-    )  # fmt: skip
     matrices = np.full((len(frames.names), 3, 4), np.nan)
-    for row, name in enumerate(frames.names):
-        if content["views"].get(name) is not None:
-            matrices[row] = content["views"][name]
+    try:
+        content = json.loads(path.read_bytes())
+        camera = Camera(**content["camera"])
+        by = camera.width // width
+        # Averaging by a whole factor drops the last columns and rows that do not fill a block.
+        camera = replace(
+            camera, width=width, height=height, fx=camera.fx / by, fy=camera.fy / by, cx=camera.cx / by,
+            cy=camera.cy / by,
+        )  # fmt: skip
+        for row, name in enumerate(frames.names):
+            if content["views"].get(name) is not None:
+                matrices[row] = content["views"][name]
+        points = np.array(content["points"], dtype=np.float64).reshape(-1, 3)
+        scale = str(content["scale"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ZeroDivisionError) as error:
+        raise PoseError(
+            f"{path}: cannot be read ({type(error).__name__}: {error}); import the poses again, or remove the file"
+            " to have them found"
+        ) from error
     registered = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     if not registered.any():
         raise PoseError(f"{path}: holds no pose of any view of this session; import the poses again")
-    points = np.array(content["points"], dtype=np.float64).reshape(-1, 3)
-    return Poses(camera, matrices, registered, points, content["scale"], math.nan)
+    return Poses(camera, matrices, registered, points, scale, math.nan)
 
 
 def rig_log(session: Session) -> Any:

@@ -274,3 +274,45 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
     for name in ("t.json", "e.json", "c.xml", "n.csv", "nothing"):
         with pytest.raises(PoseError, match=name):
             read_poses(tmp_path / name, names, (640, 480))
+
+
+@pytest.mark.parametrize(
+    ("broken", "cause"),
+    [
+        ({"fl_x": None, "camera_angle_x": 0}, "camera_angle_x is 0"),
+        ({"fl_x": None, "camera_angle_x": 3.2}, "camera_angle_x is 3.2"),
+        ({"fl_x": None, "fl_y": None, "camera_angle_y": 0}, "camera_angle_y is 0"),
+        ({"fl_x": 0, "camera_angle_x": None}, "no focal length"),
+        ({"fl_y": -1}, "no focal length"),
+        ({"w": 0}, "no size"),
+    ],
+)
+def test_transforms_of_no_camera_are_refused(tmp_path: Path, broken: dict, cause: str) -> None:
+    poses = random_poses(1)
+    path = tmp_path / "t.json"
+    write_transforms(path, poses, names_of(poses))
+    table = json.loads(path.read_text()) | broken
+    path.write_text(json.dumps({key: value for key, value in table.items() if value is not None}))
+    with pytest.raises(PoseError, match=rf"t\.json: .*{cause}"):
+        read_poses(path, names_of(poses), (640, 480))
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        ('width="640"', 'width="0"'),
+        ('height="480"', 'height="0"'),
+        ("<f>501.25", "<f>0"),
+        ("<k1>-0.08", "<k1>nan"),
+    ],
+)
+@pytest.mark.parametrize("extra", ["", "<k3>0.005</k3>"])
+def test_a_metashape_calibration_of_no_camera_is_refused(
+    tmp_path: Path, broken: tuple[str, str], extra: str
+) -> None:
+    poses = random_poses(5)
+    text = metashape_xml(poses, names_of(poses), extra=extra)
+    assert broken[0] in text
+    (tmp_path / "c.xml").write_text(text.replace(*broken))
+    with pytest.raises(PoseError, match=r"c\.xml: not a Metashape camera file .*not (positive|finite)"):
+        read_poses(tmp_path / "c.xml", names_of(poses), (640, 480))

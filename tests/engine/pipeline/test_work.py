@@ -5,16 +5,43 @@ from pathlib import Path
 
 import numpy as np
 import plyfile
+import pytest
 
 from engine import session as sessions
+from engine.errors import PoseError
 from engine.export import ExportParams
 from engine.light.gaussians import from_3dgs
 from engine.light.globes import beside
 from engine.pipeline import artefacts, work
 from engine.pipeline.stages import Work
 from engine.progress import Progress
-from engine.types import Emitters, Lamps
+from engine.sfm import PoseParams
+from engine.types import Emitters, Frames, Lamps
 from tests.app import furnace
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"camera": {"width": 4}}',
+        '{"camera": {"width": 1, "height": 6, "fx": 9.0, "fy": 9.0, "cx": 4.0, "cy": 3.0}}',
+        '{"camera": {"width": 8, "height": 6, "fx": 9.0, "fy": 9.0, "cx": 4.0, "cy": 3.0}, "views": []}',
+        '{"camera": {"width": 8, "height": 6, "fx": 9.0, "fy": 9.0, "cx": 4.0, "cy": 3.0}, "views": {"a": [1]}}',
+    ],
+)
+def test_given_poses_that_are_damaged_are_one_line_with_a_remedy(tmp_path: Path, content: str) -> None:
+    session = sessions.create(tmp_path / "a.session", "linear", {"width": 8, "height": 6})
+    (session.folder / "edits" / "poses.json").write_text(content)
+    dark = np.zeros((1, 6, 8), bool)
+    frames = Frames(("a",), np.zeros((1, 6, 8, 3), np.float32), dark, dark, (0.01, 0.1))
+    given = Work(session, PoseParams(), 0, "cpu", tmp_path, True, lambda *_: frames, Progress())
+    with pytest.raises(
+        PoseError, match=r"edits/poses\.json: cannot be read .*; import the poses again, or remove"
+    ):
+        work.poses(given)
 
 
 def test_an_export_holds_the_light_as_the_surface_found_it(tmp_path: Path) -> None:
