@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from app.bench.markdown import markdown
 from engine.geometry import angle_between, transform
 from engine.radiance import luminance
 from engine.types import Lamps
 from hardware.virtual.studio.rooms import Globe
 from tests.bench import incident
 from tests.bench.light_sets import Light, Set
-from tests.bench.table import markdown
 
 RIM = np.radians(3.0)
 """Around an emitter's outline: what of our light is meant for it may lie that far off."""

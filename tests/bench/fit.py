@@ -18,10 +18,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.light.train import LightParams, fit
 from tests.bench.inputs import Clock, inputs, machine, told
-from tests.bench.table import markdown
 
 WITHIN = 0.03  # of the longer run's log-L1
 LARGE, LARGE_S, LARGE_GB = (150, 512, 512), 300.0, 4.0  # views, width, height

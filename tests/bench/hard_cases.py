@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from app import cores
 from app.bench import sets
+from app.bench.markdown import markdown
 from app.bench.sizes import SIZES
 from app.bench.stored import Stored, fewer_views
 from engine import metrics
@@ -33,7 +34,6 @@ from engine.types import Camera
 from hardware.errors import StudioError
 from tests.bench import irradiance
 from tests.bench.inputs import Clock, machine, told
-from tests.bench.table import markdown
 
 SIZE = SIZES["small"]
 FEW = 12

@@ -26,11 +26,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from app.bench.markdown import markdown
 from engine.light import kernels_cpu, trace
 from engine.light.gaussians import Y00, radiance_towards
 from engine.light.rasterise import Gradients, Pinhole, project, push_back, render, shapes, workers
 from engine.types import Gaussians
-from tests.bench.table import markdown
 
 TARGET_S, TARGET_SIZE, TARGET_COUNT = 0.25, 512, 50_000
 AGREE_FORWARD, AGREE_GRADIENT = 1e-4, 1e-3  # relative, with the reference

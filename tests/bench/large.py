@@ -25,6 +25,7 @@ import numpy as np
 
 from app import cores
 from app.bench import sets
+from app.bench.markdown import markdown
 from app.bench.rows import params_of
 from app.bench.sizes import SIZES
 from app.bench.stored import Stored
@@ -36,7 +37,6 @@ from engine.truth import Truth
 from engine.types import Frames, Masks
 from hardware.errors import StudioError
 from tests.bench.inputs import Clock, machine, told
-from tests.bench.table import markdown
 
 TARGET_PIXELS, TARGET_GB = 2048 * 2048, 6.0
 EVERY_S = 0.5

@@ -22,12 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
+from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.geometry import fibonacci_sphere
 from engine.images import read_radiance
 from hardware.errors import StudioError
 from tests.bench import emitters, incident, incident_pictures, light_sets
-from tests.bench.table import markdown
 
 CELLS = 4096  # of 3.2 degrees
 NORMALS = 642
@@ -78,7 +78,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if (p / "truth").is_dir() and (p / "session").is_dir() and args.only in p.name
     )
     if not sets:
-        print(f"{args.folder}: no sets in it; make some with `python -m tests.bench.table`", file=sys.stderr)
+        print(
+            f"{args.folder}: no sets in it; make some: `roomlight simulate {args.folder}/study-blob --room study"
+            " --object blob`",
+            file=sys.stderr,
+        )
         return 2
     lacking = [path / "session" for path in sets if light_sets.session_of(path) is None]
     for session in lacking:

@@ -24,13 +24,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from app import places
+from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.light.train import LightParams, fit
 from engine.progress import Progress
 from hardware.errors import StudioError
 from tests.bench import irradiance
 from tests.bench.inputs import Clock, Inputs, inputs, machine, warm
-from tests.bench.table import markdown
 
 COLOURS, MARKS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), ("o", "s", "^", "D")  # Okabe and Ito 2008
 AUTOMATIC = "#000000"

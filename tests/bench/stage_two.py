@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.light.bright import epsilon_of, render_rows, rows_of, solve_colours
 from engine.light.gaussians import Y00
@@ -26,7 +27,6 @@ from engine.light.sweep import knee_of
 from engine.light.train import LightParams, split_views
 from engine.reference.emitter import descend, high_luminance, relative_l1, scaled, stage_one, supervision
 from tests.bench.inputs import Clock, Inputs, inputs, machine, told, warm
-from tests.bench.table import markdown
 
 STOPS = (300, 3000, 30_000)
 SAME = 0.02

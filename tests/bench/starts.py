@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app import cores
+from app.bench.markdown import markdown
 from app.bench.rows import params_of
 from app.bench.stored import Stored, load
 from engine.errors import RoomlightError
@@ -28,7 +29,6 @@ from engine.surface.pixels import Subject, SurfaceParams
 from engine.surface.solve import solve
 from engine.types import Surface
 from tests.bench.inputs import machine, told
-from tests.bench.table import markdown
 
 AGREE_DEG = (0.5, 1.0, 3.0)
 

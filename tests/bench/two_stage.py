@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.light.photographs import resample
 from engine.light.rasterise import workers
@@ -27,7 +28,6 @@ from engine.types import Gaussians, Lamps
 from hardware.errors import StudioError
 from tests.bench import irradiance
 from tests.bench.inputs import Clock, Inputs, inputs, machine, told, warm
-from tests.bench.table import markdown
 
 
 @dataclass(frozen=True, slots=True)
