@@ -17,8 +17,6 @@ from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import PRESETS, SOLVERS
 from hardware.errors import HardwareError
 
-MOST_EV = 12.0  # of a bracket's exposures from its middle
-
 # What the system may say of a name that a person gave, wherever that is first looked at.
 _CLOSED = "no permission to open or enter it; change its permissions or choose another"
 _UNFIT = {
@@ -302,15 +300,12 @@ def _joined(words: Sequence[str]) -> list[str]:
 
 
 def _stops(text: str) -> tuple[float, ...]:
+    from app.capture.wanted import CaptureError, parse_stops
+
     try:
-        stops = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        stops = ()
-    if not stops or len(set(stops)) < len(stops) or not all(abs(stop) <= MOST_EV for stop in stops):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}: give different exposures in EV from -{MOST_EV:g} to {MOST_EV:g} with commas, as in -3,0,3"
-        )
-    return stops
+        return parse_stops(text)
+    except CaptureError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _seconds(text: str) -> float:

@@ -19,6 +19,7 @@ from app.masking import ADD, NOTHING, TAKE, outline
 from engine import session as sessions
 from engine.errors import BusyError, MaskError
 from engine.pipeline import artefacts
+from engine.pipeline.work import on_grid
 from engine.types import Frames, Masks
 
 STROKES, WAITING = "strokes.png", ".strokes.waiting.png"
@@ -122,7 +123,7 @@ def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w
     red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
     labels = np.zeros(shape, np.uint8)
     for label, painted in ((ADD, green & ~red), (TAKE, red & ~green)):
-        labels[_majority(painted, shape)] = label
+        labels[on_grid(painted, shape)] = label
     return labels
 
 
@@ -211,14 +212,6 @@ def _camera(session: Path) -> tuple[int, int]:
     if not camera.get("height") or not camera.get("width"):
         raise MaskError(f"{session}: does not say how large its photographs are; import them again")
     return camera["height"], camera["width"]
-
-
-def _majority(painted: Bool[np.ndarray, "hh ww"], shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
-    """As `engine.pipeline.work.on_grid`, which the strokes go through when they are used."""
-    height, width = shape
-    by = max(painted.shape[1] // width, 1)
-    blocks = painted[: height * by, : width * by].reshape(height, by, width, by)
-    return np.asarray(blocks.mean(axis=(1, 3)) >= 0.5)
 
 
 def _white(frames: Frames, mask: Bool[np.ndarray, "h w"] | None) -> float:

@@ -80,14 +80,8 @@ def tone_map(radiance: Float[np.ndarray, "h w 3"], anchor: float) -> UInt8[np.nd
     return np.rint(255 * np.clip(curve, 0.0, 1.0)).astype(np.uint8)
 
 
-def srgb_encode(linear: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Linear [0, 1] to sRGB code values [0, 1]; outside of [0, 1] clipped, as a screen does."""
-    x = np.clip(linear, 0.0, 1.0)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
-
-
 def srgb_decode(code: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """sRGB code values [0, 1] to linear."""
+    """sRGB code values [0, 1] to linear; `png.srgb` is its inverse."""
     return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0.0) + 0.055) / 1.055) ** 2.4)
 
 

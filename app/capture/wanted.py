@@ -77,7 +77,7 @@ def parse_stops(text: str) -> tuple[float, ...]:
     if not 1 <= len(stops) <= MOST_EXPOSURES or any(not abs(stop) <= MOST_EV for stop in stops):
         raise CaptureError(
             f"{text.strip()[:40]!r} is no bracket; give 1 to {MOST_EXPOSURES} exposures in EV within {MOST_EV:g} of"
-            f" the middle, as in {told_stops((-3.0, 0.0, 3.0))}"
+            " the middle, as in -3,0,3"
         )
     if len(set(stops)) != len(stops):
         raise CaptureError(f"{text.strip()[:40]!r} has the same exposure twice; each adds only if it differs")

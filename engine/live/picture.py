@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float32, Int, UInt8
 
 from engine.demosaic import demosaic
 from engine.develop import averaged, camera_white
-from engine.images import srgb_encode
 from engine.live.glance import DARK_SIGMAS, SATURATION, learn
+from engine.png import srgb
 from engine.raw import Mosaic
 
 TOE = 0.01  # of full: where demosaicing takes differences instead of ratios
@@ -61,7 +61,7 @@ def picture(mosaics: Sequence[Mosaic], edge_px: int) -> Picture:
         balanced = demosaic(_balanced_sites(middle), middle.pattern, TOE)
     else:
         balanced = cells[shown].light / camera_white(middle).astype(np.float32)
-    coded = np.rint(255 * srgb_encode(_developed(balanced, middle, sensor.white_share))).astype(np.uint8)
+    coded = np.rint(255 * srgb(_developed(balanced, middle, sensor.white_share))).astype(np.uint8)
     full = middle.white[1] - middle.black[1]
     dark = cells[-1].light[..., 1] * full < DARK_SIGMAS * sensor.noise.read
     return Picture(

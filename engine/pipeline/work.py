@@ -65,14 +65,14 @@ def segment(work: Work) -> Records:
 
     frames = work.load("hdr", "frames", Frames)
     camera, folder = work.session.facts["camera"], work.session.folder / "edits"
-    painted = None
+    grid, painted = frames.dark.shape[1:], None
     if (folder / "strokes.png").is_file():
         add, remove = read_strokes(folder / "strokes.png", camera["height"], camera["width"])
-        painted = Strokes(on_grid(add, frames), on_grid(remove, frames))
+        painted = Strokes(on_grid(add, grid), on_grid(remove, grid))
     if not work.given:
         masks, report = segment(frames, work.params, painted, work.progress)
         return {"masks": masks, "report": report}
-    mask = on_grid(read_mask(folder / "mask.png", camera["height"], camera["width"]), frames)
+    mask = on_grid(read_mask(folder / "mask.png", camera["height"], camera["width"]), grid)
     if painted is not None:
         mask = (mask | painted.add) & ~painted.remove
     return {"masks": from_object(frames, mask, work.params)}
@@ -96,10 +96,10 @@ def read_strokes(
     return green & ~red, red & ~green
 
 
-def on_grid(mask: Bool[np.ndarray, "hh ww"], frames: Frames) -> Bool[np.ndarray, "h w"]:
-    """A mask painted on a photograph, on the grid of the frames averaged down from it: by majority."""
-    height, width = frames.dark.shape[1:]
-    by = mask.shape[1] // width
+def on_grid(mask: Bool[np.ndarray, "hh ww"], grid: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    """A mask painted on a photograph, on the (height, width) of frames averaged down from it: by majority."""
+    height, width = grid
+    by = max(mask.shape[1] // width, 1)
     blocks = mask[: height * by, : width * by].reshape(height, by, width, by)
     return np.asarray(blocks.mean(axis=(1, 3)) >= 0.5)
 

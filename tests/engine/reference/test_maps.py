@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 
 from engine.errors import ImportFault
-from engine.images import srgb_encode
+from engine.png import srgb
 from engine.progress import Progress
 from engine.reference.maps import MapFiles, read_maps
 from tests.engine.ball import CAMERA, ball
@@ -49,7 +49,7 @@ def test_npy_in_our_frame_comes_back_as_it_is(tmp_path: Path):
 def test_png_of_a_network_is_decoded_and_turned_to_our_frame(tmp_path: Path):
     files = MapFiles(
         png(tmp_path / "n.png", np.where(BALL.mask[..., None], (TURNED + 1) / 2, 0), np.uint8),
-        png(tmp_path / "a.png", srgb_encode(BALL.albedo)),
+        png(tmp_path / "a.png", srgb(BALL.albedo)),
         png(tmp_path / "r.png", BALL.roughness),
     )
     surface = read(files)
