@@ -83,9 +83,8 @@ def with_changes(
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
                 raise SessionError(f"--set {text}: {part} is one value, not a group of parameters")
-        table[parameter] = _parse(value.strip())
-        if name.strip() in files and table[parameter]:
-            table[parameter] = str(Path(str(table[parameter])).absolute())
+        parsed = _parse(value.strip())
+        table[parameter] = _absolute(parsed) if name.strip() in files else parsed
     return from_toml(
         {
             "preset": settings.preset if preset is None else preset,
@@ -103,6 +102,11 @@ def _parse(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
+
+
+def _absolute(file: Any) -> Any:
+    """A file's absolute path; no file stays none."""
+    return str(Path(str(file)).absolute()) if file else file
 
 
 def check_stages(settings: Settings, stages: Sequence[str]) -> None:
