@@ -60,11 +60,6 @@ class Coverage:
     def share_unclipped(self) -> float:
         return float((self.state == SEEN).mean())
 
-    @property
-    def share_needed(self) -> float:
-        """Seen, clipped or not, of what lights the side of the object that the camera sees."""
-        return float(self.weight[self.state != UNSEEN].sum())
-
 
 def sight(focal: float, object_mask: Bool[np.ndarray, "h w"]) -> Sight:
     """From a mask on any grid; a margin is kept, for nobody knows the outline exactly."""
