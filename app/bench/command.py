@@ -7,13 +7,14 @@ every command.
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 from app.bench import (
     ablation_chart,
     beside,
     chart,
     elsewhere,
+    estimated,
     gate,
     parts,
     record,
@@ -24,6 +25,7 @@ from app.bench import (
     sets,
     tables,
 )
+from app.bench.estimated import Estimated
 from app.bench.measured import Bench, Row
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
@@ -71,6 +73,7 @@ class Call:
         self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
         self.behind = False  # of the reference, where that was looked at
         self.rows: Groups = {}  # of the table, for the record
+        self.estimated: list[Estimated] = []  # likewise, where mask and poses are estimated
 
     def sets(self, count: int | None = None) -> list[Set]:
         """Every room and object, of all the size's photographs or `count` of them."""
@@ -124,7 +127,7 @@ def run(args: Namespace) -> int:
     held = {group: [parts.row(one) for one in found] for group, found in call.rows.items()}
     measured = Record(
         args.what, call.size.name, call.size.told(), args.seed, record.machine(call.device), record.versions(),
-        tuple(metrics), held,
+        tuple(metrics), held, [asdict(one) for one in call.estimated],
     )  # fmt: skip
     print(f"\n{call.size.told()}\n{record.told(measured)}")
     if args.json:
@@ -139,8 +142,10 @@ def run(args: Namespace) -> int:
 
 def table(call: Call) -> list[Metric]:
     methods = call.chosen((*rows.preset_rows(), *rows.others(call.size, call.least(rows.FEW))))
-    call.rows = call.groups(methods, call.sets())
-    _print_table(call.rows)
+    on = call.sets()
+    call.estimated = [] if call.size.given else [estimated.of_set(each) for each in on]
+    call.rows = call.groups(methods, on)
+    _print_table(call.rows, call.estimated)
     _compare(call, call.rows)
     return _metrics(call.rows, scores.object_means)
 
@@ -229,7 +234,7 @@ def _of_records(args: Namespace) -> int:
         raise BenchError(
             "--from prints what its records hold: --json, --gate and --write-baseline are theirs"
         )
-    first, groups, lines = parts.merged(args.records, args.what)
+    first, groups, before, lines = parts.merged(args.records, args.what)
     keys = {one.method for found in groups.values() for one in found}
     for key in args.methods:
         if key not in keys:
@@ -239,17 +244,19 @@ def _of_records(args: Namespace) -> int:
         for group, found in groups.items()
     }
     wanted = {group: found for group, found in wanted.items() if found}
-    _print_table(wanted)
+    _print_table(wanted, before)
     _told(wanted, SIZES[first.size])
     print(f"\n{first.inputs}")
     print("\n".join(lines))
     return 0
 
 
-def _print_table(found: Groups) -> None:
+def _print_table(found: Groups, before: Sequence[Estimated]) -> None:
     for group, scored in found.items():
         print(f"over {group}\n\n{tables.by_object(scored)}\n")
     _print_switches(found)
+    if before:
+        print(f"masks and poses as estimated\n\n{estimated.table(before)}\n")
 
 
 def _print_switches(found: Groups) -> None:

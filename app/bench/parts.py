@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from app.bench.estimated import Estimated
 from app.bench.record import BenchError, Record, read, told
 from app.bench.scores import Scored, by_method
 
@@ -25,8 +26,10 @@ def row(one: Scored) -> dict[str, Any]:
     return asdict(one) | {"values": known} | {name: _known(getattr(one, name)) for name in UNSURE}
 
 
-def merged(paths: Sequence[Path], command: str) -> tuple[Record, dict[str, list[Scored]], list[str]]:
-    """(The first record, all rows by group, a line about every record).
+def merged(
+    paths: Sequence[Path], command: str
+) -> tuple[Record, dict[str, list[Scored]], list[Estimated], list[str]]:
+    """(The first record, all rows by group, mask and poses as estimated, a line about every record).
 
     Raises:
         BenchError: a record cannot be read, holds no rows, is of another measurement or of a set that another holds too;
@@ -34,6 +37,9 @@ def merged(paths: Sequence[Path], command: str) -> tuple[Record, dict[str, list[
     """
     records = [read(path) for path in paths]
     first, groups, owner = records[0], {}, {}
+    estimated = [
+        _estimated(entry, path) for path, one in zip(paths, records, strict=True) for entry in one.estimated
+    ]
     for number, (path, one) in enumerate(zip(paths, records, strict=True)):
         if one.command != command or not one.rows:
             raise BenchError(f"{path}: holds no rows of `bench {command}`; write one with --json")
@@ -61,7 +67,7 @@ def merged(paths: Sequence[Path], command: str) -> tuple[Record, dict[str, list[
         lines.append(
             f"NOT of one engine: the source of the solvers differs between these records ({len(engines)})"
         )
-    return first, groups, lines
+    return first, groups, estimated, lines
 
 
 def _check_complete(found: Sequence[Scored]) -> None:
@@ -82,9 +88,18 @@ def _scored(entry: Mapping[str, Any], path: Path) -> Scored:
         }  # fmt: skip
         return Scored(**{**entry, **changed})
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BenchError(
-            f"{path}: its rows cannot be read ({error}); measure them again with --json"
-        ) from error
+        raise _unreadable(path, error) from error
+
+
+def _estimated(entry: Mapping[str, Any], path: Path) -> Estimated:
+    try:
+        return Estimated(**entry)
+    except TypeError as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> BenchError:
+    return BenchError(f"{path}: its rows cannot be read ({error}); measure them again with --json")
 
 
 def _known(value: float) -> float | None:

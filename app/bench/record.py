@@ -52,6 +52,8 @@ class Record:
     metrics: tuple[Metric, ...]
     # What a table is made of, group by group: a table may be printed of several records.
     rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    # Mask and poses of every set, where they were estimated (`estimated.Estimated`); older records have none.
+    estimated: Sequence[Mapping[str, Any]] = field(default_factory=list)
 
 
 def write(record: Record, path: Path) -> None:

@@ -243,6 +243,39 @@ def test_small_sets_may_be_taken_from_their_raw_files(
     assert QUICK.given
 
 
+def test_masks_and_poses_that_were_estimated_are_a_table_too_and_kept_in_the_record(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def ready(folder, room, thing, *rest):
+        on = a_set(room, thing)
+        registered = np.arange(VIEWS) != 3
+        poses = replace(on.stored.poses, registered=registered)
+        truth = replace(on.truth, cam_from_world=on.stored.poses.cam_from_world)
+        return replace(on, stored=replace(on.stored, poses=poses), truth=truth)
+
+    monkeypatch.setattr(sets, "ready", ready)
+    path = tmp_path / "m.json"
+    words = ["bench", "table", "--quick"]
+    to = ["--poses", "estimated", "--sets", str(tmp_path / "sets"), "--device", "cpu", "--json", str(path)]
+    assert main([*words, *to]) == 0
+    said = capsys.readouterr().out
+    assert "masks and poses as estimated" in said
+    expected = ["window-blob", "1.000", "91.7", "0.000", "0.00"]
+    (line,) = [line for line in said.splitlines() if line.startswith("| window-blob ")]
+    assert [cell.strip() for cell in line.strip("|").split("|")] == expected
+    (kept,) = json.loads(path.read_text())["estimated"]
+    assert kept["registered_share"] == pytest.approx(11 / 12)
+    assert main([*words, "--from", str(path)]) == 0
+    assert line in capsys.readouterr().out
+    older = json.loads(path.read_text())
+    del older["estimated"]
+    path.write_text(json.dumps(older))
+    assert main([*words, "--from", str(path)]) == 0
+    assert "as estimated" not in capsys.readouterr().out
+    path.write_text(json.dumps(older | {"estimated": [{"set": "window-blob"}]}))
+    assert "its rows cannot be read" in refused(capsys, *words, "--from", path)
+
+
 def test_sets_that_views_are_taken_out_of_are_told_by_their_most():
     said = SIZES["standard"].thinned().told()
     assert "(150 views of 512 x 384" in said
