@@ -313,7 +313,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.relight_groups", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Groups of emitters"), "",
         QT_TRANSLATE_NOOP("parameters", "Groups whose brightness is refined, besides the lamps."),
-        0, 1000)),
+        1, 1000)),
     ("surface.relight_prior", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Trust in the light"), QT_TRANSLATE_NOOP("parameters", "log brightness"),
         QT_TRANSLATE_NOOP("parameters", "How far a group's log brightness may be off before the photographs have to argue it."),

@@ -20,6 +20,9 @@ from engine.truth import Truth
 from engine.types import Poses, Surface
 
 BAND = 1.96  # half width, in standard errors, of the interval that should hold 95 % of the errors
+NORMAL_BAND = math.sqrt(math.log(20))
+"""The same of a normal, whose error has two tangent components and whose standard error is the root of both variances' sum: of
+two that are alike, exp(-(error / standard error)^2) lie farther out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +46,7 @@ class Evaluation:
     depth_scale: float  # factor that gives the depth the truth's size
     depth_relative_median: float  # |error| / true depth, after depth_scale
     depth_relief_median: float  # |error| / relief of the object (5th to 95th percentile of depth)
-    normal_in_band: float  # share of pixels whose error is within BAND standard errors; ideal 0.95
+    normal_in_band: float  # share of pixels whose error is within NORMAL_BAND standard errors; ideal 0.95
     albedo_in_band: float
     roughness_in_band: float
 
@@ -136,7 +139,7 @@ def evaluate(surface: Surface, truth: Truth) -> Evaluation:
         depth_relief_median=float(np.median(depth_error) / relief)
         if known.any() and relief > 0
         else math.nan,
-        normal_in_band=_in_band(np.radians(angle), surface.stderr_normal[both]),
+        normal_in_band=_in_band(np.radians(angle), surface.stderr_normal[both], NORMAL_BAND),
         albedo_in_band=_in_band(np.abs(albedo - true_albedo), surface.stderr_albedo[both][:, None]),
         roughness_in_band=_in_band(rough_error, surface.stderr_roughness[both]),
     )
@@ -213,8 +216,8 @@ def psnr(error: Float[np.ndarray, "n c"]) -> float:
     return -10 * math.log10(mse) if mse > 0 else math.inf
 
 
-def _in_band(error: np.ndarray, stderr: np.ndarray) -> float:
-    return float((error <= BAND * stderr).mean())
+def _in_band(error: np.ndarray, stderr: np.ndarray, band: float = BAND) -> float:
+    return float((error <= band * stderr).mean())
 
 
 def _iou(a: np.ndarray, b: np.ndarray) -> float:

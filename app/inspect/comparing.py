@@ -2,7 +2,7 @@
 
 The second less the first, where both hold a pixel. Depth is compared after the first run's median was given the
 second's by one factor, since its scale is often free; the factor is told. A difference is "expected" where it lies
-within 1.96 standard errors of both runs together: runs of the same photographs share their noise, so that more
+within the 95 % band of both runs' standard errors together (`engine.metrics`): runs of the same photographs share their noise, so that more
 than 95 % should lie there.
 """
 
@@ -17,8 +17,8 @@ from app.inspect.maps import LAYERS, Maps
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import SessionError
 from engine.geometry import angle_between
+from engine.metrics import BAND, NORMAL_BAND
 
-BAND = 1.96
 TOP_PERCENTILE = 98.0
 DEGREES = LAYERS["stderr_normal"].unit
 
@@ -115,8 +115,8 @@ def compare(a: Maps, b: Maps) -> Comparison:
     misfit = 100 * (second.residual[both] - first.residual[both])
     sure = np.degrees(second.stderr_normal[both] - first.stderr_normal[both])
 
-    def made(key, title, values, unit, signed=True, error=None):
-        within = math.nan if error is None else float((np.abs(values) <= BAND * error).mean())
+    def made(key, title, values, unit, signed=True, error=None, band=BAND):
+        within = math.nan if error is None else float((np.abs(values) <= band * error).mean())
         return Difference(key, title, _image(both, values), unit, signed, within)
 
     return Comparison(
@@ -128,6 +128,7 @@ def compare(a: Maps, b: Maps) -> Comparison:
                 DEGREES,
                 False,
                 normal_error,
+                NORMAL_BAND,
             ),
             made(
                 "albedo",

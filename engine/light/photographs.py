@@ -5,6 +5,7 @@ are area means over background pixels only, so the object never bleeds into the 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import no_type_check
 
 import cv2
@@ -102,6 +103,7 @@ def pinhole_of(camera: Camera, width: int) -> tuple[Float[np.ndarray, " 4"], int
     return lens, wide, high
 
 
+@lru_cache(2)  # asked for every photograph of one camera
 def _undistort_maps(camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
     """Source pixel of every full-size pinhole pixel, OpenCV's corner convention; None for an ideal lens."""
     if not (camera.k1 or camera.k2 or camera.p1 or camera.p2):

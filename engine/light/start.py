@@ -103,6 +103,11 @@ def begin(
     stands = ~intruding(emptiness, world, np.zeros(len(world)))
     stands &= ~floating(emptiness, world)
     world, radiance, priority = world[stands], radiance[stands], priority[stands]
+    if len(world) < 50:
+        raise LightError(
+            f"only {len(world)} points of the room lie beyond what is kept free around the cameras "
+            f"({float(np.median(emptiness.radii)):.3g} scene units); ask for a smaller keep_out, or 0 to have it found"
+        )
     offset = world - np.median(emptiness.centres, axis=0)
     distance = np.linalg.norm(offset, axis=1)
     chosen = _thin(offset / distance[:, None], distance, priority, count)

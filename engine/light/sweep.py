@@ -173,9 +173,10 @@ def _settled(
     # Noise may have taken dark pixels below zero.
     pictures = np.log(knee_of(photographs) + np.maximum(photographs.radiance, 0)).astype(np.float32)
     bend = np.float32(_BEND * np.log(depths[1] / depths[0]))
-    forward = poses[:, 2, :3]
+    alike = poses[:, 2, :3] @ poses[:, 2, :3].T
+    np.fill_diagonal(alike, np.inf)  # of several views that look the same way, the first is itself
     # Views that look the same way; among them a spread, so that both short and long baselines occur.
-    close = np.argsort(-(forward @ forward.T), axis=1, kind="stable")[:, 1 : 1 + _OTHERS]
+    close = np.argsort(-alike, axis=1, kind="stable")[:, 1 : 1 + _OTHERS]
     depth, contrast, agreed = (np.zeros((n, height, width)) for _ in range(3))
 
     def settle(part: int, parts: int) -> None:

@@ -21,6 +21,7 @@ from engine.light.doubt import believed
 from engine.light.gaussians import Y00, radiance_towards, sh_degree
 from engine.light.globes import measured, put_back, without
 from engine.light.harmonics import grown
+from engine.light.kernels_cpu import DARKEST
 from engine.light.lamps import Sightings, find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
 from engine.light.rasterise import Run, push_back, render, shapes, workers
@@ -157,7 +158,7 @@ def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[
     """Registered views that supervise, and those that only judge: every `holdout`-th if there are enough.
 
     Raises:
-        LightError: fewer than 4 registered views.
+        LightError: fewer than 4 registered views, or none of them left to supervise.
     """
     views = np.nonzero(poses.registered)[0]
     if len(views) < 4:
@@ -165,7 +166,13 @@ def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[
             f"{len(views)} views are registered; the light needs at least 4: photograph more of the room"
         )
     held = views[holdout // 2 :: holdout] if holdout and len(views) >= 2 * holdout else views[:0]
-    return np.setdiff1d(views, held), held
+    used = np.setdiff1d(views, held)
+    if len(used) < 4:
+        raise LightError(
+            f"holdout = {holdout} leaves {len(used)} of {len(views)} views for the light, which needs at least 4: "
+            "hold out every 8th, or 0 for none"
+        )
+    return used, held
 
 
 def _lamps(frames: Frames, masks: Masks, poses: Poses, used: np.ndarray) -> tuple[Sightings, Lamps]:
@@ -248,7 +255,8 @@ def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run)
         ours.append(image[good][:, :3])
         theirs.append(photographs.radiance[view][good])
     m, want = np.concatenate(ours).astype(np.float64), np.concatenate(theirs).astype(np.float64)
-    gap = np.log(knee + m) - np.log(knee + want)
+    # Noise, or a colour beyond the display's, may put a pixel below black by more than the knee.
+    gap = np.log(knee + m) - np.log(np.maximum(knee + want, DARKEST * knee))
     span = np.log(knee + want.max()) - np.log(knee)
     bright = luminance(want) >= np.quantile(luminance(want), 0.99)
     return {

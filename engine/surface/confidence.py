@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from scipy.spatial import KDTree
 
 from engine.progress import Progress
 from engine.surface.newton import State, by_stretches, reduced
@@ -30,6 +31,8 @@ GUESSED_SHARE = 0.1
 ILL_NORMAL = np.radians(10.0)
 STRETCHES = 8
 """So many that each still holds a whole turn of neighbouring views, and few enough to be cheap."""
+ALIKE = 8
+"""Pixels of the most alike normals that tell what the light's doubt is worth."""
 FEW = np.array([2.0, 2.0, 1.46, 1.46, 1.46, 1.46])
 """A variance from 8 pieces is itself uncertain: the squared ratio of the 95 % bounds, Hotelling's T over chi for the two of
 a normal, Student's t over the normal law for the rest (7 degrees of freedom)."""
@@ -43,6 +46,19 @@ class Confidence:
     albedo: Float[np.ndarray, " p"]  # mean over channels
     roughness: Float[np.ndarray, " p"]
     flags: UInt8[np.ndarray, " p"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Doubt:
+    """What some pixels' unknowns vary by, as the light is not wholly known; neighbours by normal speak for a pixel."""
+
+    normals: Float[np.ndarray, "q 3"]
+    variance: Float[np.ndarray, "q 6"]
+
+    def of(self, normals: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 6"]:
+        """Variances of pixels of these normals."""
+        near = KDTree(self.normals).query(normals, min(ALIKE, len(self.normals)))[1]
+        return self.variance[near.reshape(len(normals), -1)].mean(1)
 
 
 def formal(system: Float[np.ndarray, "p 6 6"], spread: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 6"]:

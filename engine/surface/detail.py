@@ -18,7 +18,7 @@ from engine.surface import start_maps
 from engine.surface.accord import SWEEPS, accord
 from engine.surface.bounced import guessed_share
 from engine.surface.brdf import of_pixels
-from engine.surface.confidence import Confidence, confidence, jackknifed
+from engine.surface.confidence import Confidence, Doubt, confidence, jackknifed
 from engine.surface.integrate import integrate
 from engine.surface.newton import State, begin, iterate, respread
 from engine.surface.observations import numbered
@@ -66,6 +66,7 @@ class Solved:
     here: Incident  # the light of the fitted views
     there: Incident  # and of those kept out
     drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
+    doubt: Doubt | None  # about the light
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,12 +119,15 @@ def judged(
     sight: Sight,
     here: Responses,
     there: Responses,
+    doubt: Doubt | None,
     progress: Progress,
 ) -> Maps:
     """Errors, flags and pictures of pixels that have their answer."""
     parts = blocks(who.mask)
     state = respread(state, here, sight, parts, who.seen)
     variance = jackknifed(state, here, sight, parts, who.seen, progress)
+    if doubt is not None:
+        variance = variance + doubt.of(state.normals)
     certainty = confidence(state, variance, who.seen, sight, guessed_share(state, here, sight, parts))
     return maps_of(state, certainty, painted(there, sight, parts, state))
 
@@ -161,14 +165,16 @@ def in_detail(
         who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.drift)
         who = replace(who, material=of_pixels(found.who.material, take[pixels]))
         state = found.state.part(take[pixels])
+        gloss = state.gloss
         state = begin(state.normals, state.albedo, state.roughness, state.level, state.lift)
+        state = replace(state, gloss=gloss)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
         state = respread(state, here, sight, blocks(part.mask), who.seen)
         state = iterate(state, here, sight, blocks(part.mask), who.seen, params.passes, span.part(0, 0.8))
         if params.accord:
             state = accord(state, part.mask)
-        told = judged(who, state, sight, here, there, span.part(0.8, 1))
+        told = judged(who, state, sight, here, there, found.doubt, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]
         own = inside[wide][part.mask]

@@ -15,8 +15,9 @@ import numpy as np
 
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.parts import Parts
 from engine.surface.pixels import SurfaceParams
-from engine.surface.relight import Parts, Setting, divided, settle, untouched
+from engine.surface.relight import Setting, divided, settle, untouched
 from engine.surface.sample import Sample
 from engine.surface.start import global_start
 

@@ -77,9 +77,11 @@ def expected(
     reach = REACH * np.sqrt(count) * np.sqrt((np.arange(ASKED) + 0.5) / ASKED)
     steps = np.rint(np.stack([reach * np.sin(turn), reach * np.cos(turn)], 1)).astype(int)
     steps = np.unique(steps[(steps != 0).any(1)], axis=0)
+    answer = np.tile(np.asarray(GLOSS), (count, 1))
+    if not len(steps):  # a handful of pixels has no neighbourhood
+        return answer
     others = aside(mask, steps)
     logs, error = np.log(state.albedo), own_error(state)
-    answer = np.tile(np.asarray(GLOSS), (count, 1))
     for first in range(0, count, CHUNK):
         part = slice(first, first + CHUNK)
         other = others[part]

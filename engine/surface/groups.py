@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from engine.geometry import project, transform
+from engine.light.photographs import pinhole_of
 from engine.radiance import luminance
 from engine.types import Frames, Gaussians, Masks, Poses
 
@@ -129,6 +130,11 @@ def _pixels_of(camera, cam_from_world, points, width, height):
     """Which points lie in the picture, and in which pixel (u, v) each of those."""
     at = transform(cam_from_world, points)
     inside = at[:, 2] > 1e-6
+    at = np.where(inside[:, None], at, [0, 0, 1])
+    # Far outside the picture a lens's distortion folds back into it: an ideal lens knows what is outside.
+    lens, wide, high = pinhole_of(camera, camera.width)
+    ideal = at[:, :2] / at[:, 2:] * lens[:2] + lens[2:]
+    inside &= ((ideal >= 0) & (ideal < [wide, high])).all(1)
     uv = project(camera, np.where(inside[:, None], at, [0, 0, 1]))
     u, v = uv.T
     inside &= (u >= 0) & (u < width) & (v >= 0) & (v < height)

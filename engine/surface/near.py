@@ -165,7 +165,8 @@ def near_of(
     cells: int,
 ) -> Near:
     """The lamps in the frames of some views; what of the room hides one from `middle` (camera frame) hides it."""
-    centres = np.stack([transform(pose, lamps.centres.reshape(-1, 3)) for pose in cam_from_world])
+    seen = [transform(pose, lamps.centres.reshape(-1, 3)) for pose in cam_from_world]
+    centres = np.array(seen).reshape(len(seen), len(lamps.radii), 3)
     through = passing(lamps, gaussians, cam_from_world, middle)
     radiance = (through[..., None] * lamps.radiance).astype(np.float32)
     return Near(centres, lamps.radii, radiance, cells)

@@ -27,7 +27,7 @@ from engine.types import Camera, Frames
 LEAST_VIEWS = 8
 LEAST = {
     "probes_across": 0, "probes_deep": 0, "probe_face_px": 8, "candidates": 10, "rough_rounds": 0,
-    "rough_views": LEAST_VIEWS, "rounds": 1, "passes": 1, "relight_groups": 0, "relight_prior": 0.001, "model_error": 0.001,
+    "rough_views": LEAST_VIEWS, "rounds": 1, "passes": 1, "relight_groups": 1, "relight_prior": 0.001, "model_error": 0.001,
     "held_out": 0, "object_distance": 0.0, "together": 100,
 }  # fmt: skip
 """What each number that may be asked must be at least."""

@@ -21,19 +21,17 @@ Logs throughout: residual log((I + eps) / (model + eps)). Camera frame.
 """
 
 from dataclasses import dataclass, replace
-from typing import no_type_check
 
-import numba
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float
 
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.surface import newton
-from engine.surface.groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN, Patches
-from engine.surface.near import Near
+from engine.surface.groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN
+from engine.surface.parts import Parts
 from engine.surface.sample import Sample
-from engine.surface.transport import Incident, Responses
+from engine.surface.transport import Responses
 
 TOTAL = 0.001
 """How well the background fixes the sum of the light that is neither clipped nor unseen, per channel (relative): as good as wholly. As
@@ -71,89 +69,6 @@ FREE, FIXED = 1e-6, 1e12
 """Weights of the prior on an unknown that anything may move, and on one that nothing may."""
 SPREAD = 3.0
 """One residual spread for every pixel, so that misfits compare."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Parts:
-    """The light at a lattice of probes, by groups of emitters: the room's, each lamp, and what was filled in."""
-
-    incident: Incident  # without the lamps
-    group: Int[np.ndarray, "m d n"]  # of each cell of it
-    near: Near  # the lamps, as recorded: the groups just before the last
-    kind: UInt8[np.ndarray, " k"]  # of every group, see `groups.py`; the last is what was filled in
-    prior: float  # spread of the log gain of a known one
-    turned: Float[np.ndarray, "n 3 3"]  # world to camera
-    across: Float[np.ndarray, "l 2 3"]  # world: a lamp's step per radian, two ways
-    drift: float = 0.0  # spread of a view's log exposure; 0: none drifts
-    astray: float = 0.0  # spread of a lamp's direction, radians; 0: none is
-    patches: Patches | None = None  # what closes the room where no photograph looked
-    patch: Int[np.ndarray, "m d n"] | None = None  # which of it each cell shows; -1: none
-
-    @property
-    def of_lamps(self) -> slice:
-        """The lamps' groups."""
-        return slice(len(self.kind) - 1 - len(self.near.radii), len(self.kind) - 1)
-
-    @property
-    def clipped(self) -> Bool[np.ndarray, " k"]:
-        """Groups whose brightness is only a lower bound."""
-        return self.kind == CLIPPED
-
-    @property
-    def unseen(self) -> Bool[np.ndarray, " k"]:
-        """Groups that no photograph shows."""
-        return self.kind == UNSEEN
-
-    def at(
-        self, point: Float[np.ndarray, " 3"], gain: Float[np.ndarray, "k 3"]
-    ) -> Float[np.ndarray, "k d v"]:
-        """Every group's energy at a point, under its gain; nothing of the lamps."""
-        weights = self.incident.lattice.weights(point).astype(np.float32)
-        gain = gain.astype(np.float32)
-        out = np.zeros((len(gain), *self.incident.energy.shape[1:]), np.float32)
-        for k in np.nonzero(weights)[0]:
-            _add_by_group(self.incident.energy[k], self.group[k], weights[k] * gain, out)
-        return out
-
-    def moved(self, aside: Float[np.ndarray, "l 2"]) -> Near:
-        """The lamps in other directions, as recorded otherwise."""
-        return self.near.moved(np.einsum("nij,lj->nli", self.turned, self.shift(aside)))
-
-    def shift(self, aside: Float[np.ndarray, "l 2"]) -> Float[np.ndarray, "l 3"]:
-        """How far lamps have moved that are so many radians aside, world frame."""
-        return np.einsum("lk,lkj->lj", aside, self.across)
-
-    def under(
-        self, gain: Float[np.ndarray, "k 3"], aside: Float[np.ndarray, "l 2"] | None = None
-    ) -> Incident:
-        """All the light, every group under its gain, the lamps `aside` radians from where they were found."""
-        m, d, v = self.incident.energy.shape
-        energy = self.incident.energy.reshape(m, d, v // 3, 3) * gain.astype(np.float32)[self.group]
-        near = (self.near if aside is None else self.moved(aside)).under(gain[self.of_lamps])
-        return Incident(self.incident.lattice, self.incident.directions, energy.reshape(m, d, v), near)
-
-    def levels(self) -> Float[np.ndarray, "k 3"]:
-        """The groups' share of the light before any gain, summed over probes, directions and views."""
-        energy = self.incident.energy.reshape(-1, 3)
-        flat = self.group.ravel()
-        sums = np.stack([np.bincount(flat, energy[:, c], minlength=len(self.kind)) for c in range(3)], 1)
-        sums[self.of_lamps] = self.near.levels(self.incident.lattice.points())
-        return sums
-
-    def unseen_share(self, gain: Float[np.ndarray, "k 3"]) -> float:
-        """The share of all light, under its gains, that comes from where no photograph looked."""
-        light = luminance(self.levels() * gain)
-        return float(light[self.unseen].sum() / max(light.sum(), 1e-30))
-
-
-@numba.njit(cache=True)
-@no_type_check
-def _add_by_group(energy, group, gain, out):
-    for d in range(group.shape[0]):
-        for n in range(group.shape[1]):
-            k = group[d, n]
-            for c in range(3):
-                out[k, d, 3 * n + c] += gain[k, c] * energy[d, 3 * n + c]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -277,20 +192,27 @@ def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " 
     return mean, spread
 
 
-def _improved(setting, parts, sample, state, free_distance, free_light):
-    """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
-    count = len(setting.gain)
-    sample = sample.exposed(setting.drift)
-    views, far = len(setting.drift), 3 * count
-    # Log gains, log distance; where they are open, log exposures and both angles of each lamp.
+def _unknowns(setting, parts):
+    """Where the step has log distance, log exposures and the lamps' first angle, and how many unknowns there are.
+
+    Log gains come first; exposures and both angles of each lamp only where they are open.
+    """
+    far, views = setting.gain.size, len(setting.drift)
     angles = far + 1 + views * bool(parts.drift)
-    exposures = slice(far + 1, angles)
-    unknowns = angles + setting.aside.size * bool(parts.astray)
+    return far, slice(far + 1, angles), angles, angles + setting.aside.size * bool(parts.astray)
+
+
+def _told(setting, parts, sample, state):
+    """What the pixels say about the light, their own unknowns eliminated: system, slope, the misfit of each pixel, and how its
+    own unknowns follow the light's (p 6 u)."""
+    count, views = len(setting.gain), len(setting.drift)
+    far, exposures, angles, unknowns = _unknowns(setting, parts)
     system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    sample = sample.exposed(setting.drift)
     seen, sight = sample.seen, sample.at(setting.distance)
     responses = sample.responses(parts.incident)
     dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
-    misfits = np.zeros(len(seen.eps))
+    misfits, following = np.zeros(len(seen.eps)), np.zeros((len(seen.eps), 6, unknowns))
     lamps = parts.of_lamps
     others = np.r_[0 : lamps.start, lamps.stop : count]
     near = parts.moved(setting.aside).under(setting.gain[lamps])
@@ -361,9 +283,18 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         cross = own.transpose(0, 2, 1) @ wl  # p 6 u
         own_slope = np.einsum("pvi,pv->pi", wo, e)
         solved = np.linalg.solve(inner, np.concatenate([cross, own_slope[..., None]], 2))
+        following[pixels] = -solved[..., :-1]
         flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
         system += flat.T @ weighted - cross.reshape(-1, unknowns).T @ solved[..., :-1].reshape(-1, unknowns)
         slope += weighted.T @ e.ravel() - cross.reshape(-1, unknowns).T @ solved[..., -1].ravel()
+    return system, slope, misfits, following
+
+
+def _believed(setting, parts, sample, state, free_distance, free_light):
+    """The pixels' system and slope with what is believed of the light; and the misfit at the setting."""
+    views = len(setting.drift)
+    far, exposures, angles, unknowns = _unknowns(setting, parts)
+    system, slope, misfits, _ = _told(setting, parts, sample, state)
     misfit = np.sort(misfits)[: int(TRUSTED * len(misfits))].mean() * len(misfits)
     mean, spread = _belief(parts)
     logs = np.log(setting.gain)
@@ -397,11 +328,18 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         row[c:far:3] = part[:, c]
         system += np.outer(row, row) / TOTAL**2
         slope -= row * drift[c] / TOTAL**2
+    return system, slope, float(misfit)
+
+
+def _improved(setting, parts, sample, state, free_distance, free_light):
+    """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
+    far, exposures, angles, _ = _unknowns(setting, parts)
+    system, slope, misfit = _believed(setting, parts, sample, state, free_distance, free_light)
     covariance = np.linalg.inv(system)
     step = covariance @ slope
     step[angles:] = np.clip(step[angles:], -FARTHEST_ASIDE, FARTHEST_ASIDE)
     step = np.clip(step, -LONGEST, LONGEST)
-    logs = logs + step[:far].reshape(count, 3)
+    logs = np.log(setting.gain) + step[:far].reshape(setting.gain.shape)
     logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
     distance, stderr = setting.distance, 0.0
     if free_distance:
@@ -411,4 +349,17 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
         drifted = drifted + step[exposures]
     if parts.astray:
         aside = aside + step[angles:].reshape(aside.shape)
-    return Setting(distance, np.exp(logs), stderr, float("inf"), drifted, aside), float(misfit)
+    return Setting(distance, np.exp(logs), stderr, float("inf"), drifted, aside), misfit
+
+
+def doubt(
+    setting: Setting,
+    parts: Parts,
+    voting: tuple[Sample, newton.State],
+    others: tuple[Sample, newton.State],
+    free_distance: bool,
+) -> Float[np.ndarray, "p 6"]:
+    """Variances of other pixels' unknowns by what those that vote leave open of the light and the distance."""
+    system, _, _ = _believed(setting, parts, *voting, free_distance, True)
+    following = _told(setting, parts, *others)[3]
+    return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(system), following, optimize=True)

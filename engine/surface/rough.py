@@ -6,6 +6,7 @@ bounced light that the last one gave; all pixels take one turn at the end. Some 
 model errors, not noise, are what these turns remove.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,10 +15,12 @@ from jaxtyping import Bool, Float, Int
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import newton, start_maps
+from engine.surface.confidence import Doubt
 from engine.surface.distance import Distance, find_distance
 from engine.surface.groups import CLIPPED, UNSEEN
 from engine.surface.material import kind, same, told
 from engine.surface.observations import thinned
+from engine.surface.parts import Parts
 from engine.surface.pixels import (
     Subject,
     SurfaceParams,
@@ -28,8 +31,8 @@ from engine.surface.pixels import (
     sight_of,
     subject,
 )
-from engine.surface.relight import Parts, Setting, divided, place, settle, untouched
-from engine.surface.sample import voters
+from engine.surface.relight import Setting, divided, doubt, place, settle, untouched
+from engine.surface.sample import inner, sampled, some_of, voters
 from engine.surface.spacing import spaced
 from engine.surface.start_maps import StartMaps
 from engine.surface.surroundings import Room, parts_at
@@ -84,6 +87,7 @@ class Rough:
     parts: Parts  # its light in those views
     material: Float[np.ndarray, "p 2"] | None  # as in `Subject`
     around: bool  # whether its lattice is around this depth
+    doubt: Doubt | None  # what is left of it about the light; None: nothing was open
 
     def alike(self, directions: int) -> bool:
         """Whether light and sight are told for so many directions."""
@@ -141,7 +145,7 @@ def rough(
         setting = replace(setting, gain=np.where(surprising[:, None], begun.gain, setting.gain))
     surprised = params.relight and surprising.any()
     state = first_surface(who, parts.under(setting.gain), sight, progress.part(0.3, 0.35))
-    residuals = []
+    residuals, left = [], None
     # The last turn stands where the ones before it have put it.
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
     turn, finer_light = 0, False
@@ -175,16 +179,11 @@ def rough(
             turn = placing
         if params.material and turn in (0, placing):
             # Metal is plain at once; how much paint mirrors asks for the light as it is settled.
-            seeing = as_photographed(even, state, sight, light.directions)
-            made = told(even, state, light, seeing, 0 < turn == placing, params, seed, span.part(0.55, 0.58))
-            if not same(made, who.material):
-                turned = kind(made, who) != kind(who.material, who)
-                who, even = replace(who, material=made), replace(even, material=made)
-                sight = replace(sight, material=made)
-                if turned.any():
-                    anew = first_surface(even, light, sight, span.part(0.58, 0.6))
-                    state = newton.either(turned, anew, state)
-                state = improve(even, state, light, sight, params, device, span.part(0.6, 0.65))
+            settled, then = 0 < turn == placing, span.part(0.55, 0.65)
+            even, state = made_anew(
+                even, state, light, sight, first_surface, settled, params, device, seed, then
+            )
+            who, sight = replace(who, material=even.material), replace(sight, material=even.material)
         residuals.append(float(np.median(state.spread)))
         state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
@@ -200,9 +199,13 @@ def rough(
             if made is not None:
                 parts, setting = made
                 room = room.divided(parts.patches)
-            setting, _ = settle(
+            setting, voted = settle(
                 setting, parts, sample, voting, moving, params.relight, ROUNDS, PASSES, span.part(0.8, 0.9)
             )
+            if params.relight and turn == len(levels) - 1:
+                some = some_of(inner(who), VOTERS, seed + 1)
+                others = sampled(who, seeing, distance, some, params, light=light), state.part(some)
+                left = Doubt(others[1].normals, doubt(setting, parts, (sample, voted), others, False))
             if free and turn == placing:
                 setting = place(
                     setting, parts, sample, voting, params.relight, ROUNDS // 2, PASSES, span.part(0.9, 1)
@@ -216,8 +219,36 @@ def rough(
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
     return Rough(
-        state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around
+        state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around, left
     )
+
+
+def made_anew(
+    who: Subject,
+    state: newton.State,
+    light: Incident,
+    sight: Sight,
+    first_surface: Callable[[Subject, Incident, Sight, Progress], newton.State],
+    settled: bool,
+    params: SurfaceParams,
+    device: str,
+    seed: int,
+    progress: Progress,
+) -> tuple[Subject, newton.State]:
+    """The subject of what it turns out to be made of, and its surface as that; both as they were where nothing else turns out.
+
+    How much paint mirrors is only asked where the light is `settled`.
+    """
+    seeing = as_photographed(who, state, sight, light.directions)
+    made = told(who, state, light, seeing, settled, params, seed, progress.part(0, 0.3))
+    if same(made, who.material):
+        return who, state
+    turned = kind(made, who) != kind(who.material, who)
+    who, sight = replace(who, material=made), replace(sight, material=made)
+    if turned.any():
+        anew = first_surface(who, light, sight, progress.part(0.3, 0.5))
+        state = newton.either(turned, anew, state)
+    return who, improve(who, state, light, sight, params, device, progress.part(0.5, 1))
 
 
 def reach(z: Float[np.ndarray, " p"]) -> tuple[float, float]:

@@ -130,7 +130,7 @@ def solve(
     seen = photographed_in(picture.frames, picture.mask, kept_out)
     there = answering(seen, found.there, found.sight, params, device)
     if picture is whole:
-        maps = judged(found.who, found.state, found.sight, here, there, progress.part(0.99, 1))
+        maps = judged(found.who, found.state, found.sight, here, there, found.doubt, progress.part(0.99, 1))
         z = found.depth[picture.mask]
     else:
         maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(0.3, 1))
@@ -216,7 +216,7 @@ def together(
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    return Solved(who, state, depth, sight, here, there, drift), first, fitted, emitters, turns
+    return Solved(who, state, depth, sight, here, there, drift, first.doubt), first, fitted, emitters, turns
 
 
 def until_still(

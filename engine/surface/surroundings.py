@@ -30,7 +30,7 @@ from engine.surface.groups import (
     whose,
 )
 from engine.surface.near import Near, near_of
-from engine.surface.relight import Parts
+from engine.surface.parts import Parts
 from engine.surface.transport import Incident, Lattice, direction_cells
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
 

@@ -337,12 +337,15 @@ class Responses:
             thrown[pixel], thrown[wall] = self.photographed[source[pixel]], self.walls[source[wall] - known]
             light = there(thrown)
             at = torch.as_tensor(column.astype(np.int64), device=self.device)
+            # Summed pixel by pixel in order: added where they fall, floats come out otherwise every time.
+            counts = torch.as_tensor(np.bincount(owner, minlength=len(start) - 1), device=self.device)
             for variant in range(variants):
                 for half in (0, size):
                     row = torch.as_tensor(owner * variants + variant + half, device=self.device)
                     share = table[row, at] * float(self.cell)
                     table[row, at] = 0
-                    out.index_add_(0, row, share[:, None] * light)
+                    sums = torch.segment_reduce(share[:, None] * light, "sum", lengths=counts, axis=0)
+                    out[variant + half : half + size : variants] += sums
         out += table @ there(energy)
         return out.cpu().numpy()
 

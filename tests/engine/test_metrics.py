@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,8 +67,19 @@ def test_normal_errors_are_angles_in_degrees():
     score = evaluate(surface_like(truth, normal=normal), truth)
     assert score.normal_mean_deg == pytest.approx(4.0)
     assert score.normal_median_deg == pytest.approx(3.0)
-    # 1 deg of standard error: only the 0 lies within 1.96 of it.
+    # 1 deg of standard error: only the 0 lies within 1.73 of it.
     assert score.normal_in_band == 0.25
+
+
+def test_of_normals_that_err_as_they_state_the_band_holds_95_percent():
+    rng = np.random.default_rng(0)
+    truth = flat_truth(200, 200)
+    aside = np.radians(2.0) * rng.normal(size=(200, 200, 2)) / np.sqrt(2)
+    normal = np.concatenate([np.tan(aside), -np.ones((200, 200, 1))], 2)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    stated = np.full((200, 200), np.radians(2.0))
+    surface = replace(surface_like(truth, normal=normal), stderr_normal=stated)
+    assert evaluate(surface, truth).normal_in_band == pytest.approx(0.95, abs=0.005)
 
 
 def test_angles_of_a_millionth_of_a_radian_survive():

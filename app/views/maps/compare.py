@@ -133,7 +133,7 @@ class MapsCompare(QWidget):
                 self.table.setColumnWidth(column, 112)
         self.table.horizontalHeaderItem(len(COLUMNS)).setToolTip(  # pyright: ignore[reportOptionalMemberAccess]
             self.tr(
-                "Share of the pixels whose difference lies within 1.96 standard errors of both runs together"
+                "Share of the pixels whose difference lies within the 95 % band of both runs' standard errors together"
             )
         )
         header.setFixedHeight(24)

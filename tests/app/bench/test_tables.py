@@ -122,7 +122,7 @@ def test_how_many_normals_are_within_what_they_state_is_told_where_they_state_an
     )
     stated = replace(telling.surface, stderr_normal=np.radians(half))
     without, some = scores.score([silent, replace(telling, surface=stated)])
-    within = float((half[stated.mask] == 2.0).mean())  # 3 deg lie within 1.96 x 2 deg
+    within = float((half[stated.mask] == 2.0).mean())  # 3 deg lie within 1.73 x 2 deg
     assert some.in_band == pytest.approx(within)
     assert cells(tables.by_switch([some]), "ours, standard")[4] == f"{100 * within:.0f} %"
     assert cells(tables.by_switch([without]), "ours, standard")[4] == "-"

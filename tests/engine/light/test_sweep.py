@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import engine.light.sweep
 from engine.light.photographs import Photographs
 from engine.light.rasterise import workers
 from engine.light.sweep import sweep
@@ -105,3 +106,20 @@ def test_points_that_stand_alone_do_not_move_the_walls():
     depth, _ = swept(photographs, np.concatenate([right, stray]))
     shown = photographs.weight > 0
     assert np.median(np.abs(np.log(depth / true))[shown]) < 0.06
+
+
+def test_no_view_votes_for_itself_where_others_look_the_same_way(monkeypatch: pytest.MonkeyPatch):
+    """Two rounds of a turntable: every orientation twice."""
+    photographs, _ = views(freckled)
+    half = len(photographs.weight) // 2
+    twice = np.concatenate([photographs.cam_from_world[:half]] * 2)
+    asked = []
+    monkeypatch.setattr(engine.light.sweep, "_agreement", lambda *a: asked.append((a[3], *a[4])))
+    swept(replace(
+        photographs, cam_from_world=twice, radiance=photographs.radiance[: 2 * half],
+        weight=photographs.weight[: 2 * half], clipped=photographs.clipped[: 2 * half],
+    ))  # fmt: skip
+    assert len(asked) == 2 * half
+    for one, *others in asked:
+        assert one not in others
+        assert (one + half) % (2 * half) in others

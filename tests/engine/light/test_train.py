@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from engine.errors import LightError
-from engine.light.train import LightParams, LightReport, fit
+from engine.light.photographs import resample
+from engine.light.rasterise import workers
+from engine.light.train import LightParams, LightReport, fit, judge, split_views
 from engine.progress import Progress
 from engine.types import Frames, Gaussians, Masks, Poses
+from tests.engine.light import clouds as lights
 from tests.engine.light.painted import CAMERA, RADIUS, VIEWS, clouds, photographed, poses
 
 PARAMS = LightParams(budget=1500, width=64, passes=(4, 6), holdout=8)
@@ -79,3 +82,23 @@ def test_too_few_views_are_refused(room: tuple[Frames, Masks, Poses]) -> None:
     few = replace(poses, registered=np.arange(VIEWS) < 3)
     with pytest.raises(LightError, match="3 views are registered"):
         fit(frames, masks, few, PARAMS, 0, Progress())
+
+
+def test_holding_every_view_out_is_refused(room: tuple[Frames, Masks, Poses]) -> None:
+    with pytest.raises(LightError, match="leaves 0 of"):
+        split_views(room[2], 1)
+
+
+def test_keeping_free_more_than_the_room_is_refused(room: tuple[Frames, Masks, Poses]) -> None:
+    with pytest.raises(LightError, match="smaller keep_out"):
+        fit(*room, replace(PARAMS, keep_out=1e6), 0, Progress())
+
+
+def test_a_pixel_far_below_black_leaves_a_score(room: tuple[Frames, Masks, Poses]) -> None:
+    frames, masks, poses = room
+    photographs = resample(frames, masks, poses, np.arange(4), 32)
+    dark = photographs.radiance.copy()
+    dark[0, 0, 0, 0] = -1e3
+    with workers() as run:
+        told = judge(lights.shell(1.0, count=40), replace(photographs, radiance=dark), 0.3, run)
+    assert np.isfinite(list(told.values())).all()

@@ -83,3 +83,15 @@ def test_enlarged_values_are_linear_between_pixels():
     found = enlarged(np.ones((6, 8), bool), 1 + 0.1 * v - 0.2 * u, np.ones((24, 32), bool))
     inner = slice(2, -2), slice(2, -2)
     np.testing.assert_allclose(found[inner], (1 + 0.1 * fine_v / 4 - 0.2 * fine_u / 4)[inner], atol=1e-12)
+
+
+def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: pytest.MonkeyPatch):
+    dull = scene(glossy(0.25), views=24)
+    few = replace(PARAMS, together=int(dull.given[1].object.sum()) // 3, accord=True)
+    began = []
+    monkeypatch.setattr(detail, "TILE", 16)
+    evaluated = detail.iterate
+    monkeypatch.setattr(detail, "iterate", lambda state, *a: began.append(state) or evaluated(state, *a))
+    solve(*dull.given, few, "cpu", 0, Progress())
+    expected = np.concatenate([state.gloss[:, 0] for state in began])
+    assert (expected < 0.35).mean() > 0.3  # of anything it is a half

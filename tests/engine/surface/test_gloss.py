@@ -103,3 +103,11 @@ def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, mon
     assert np.degrees(angle_between(found.normals, truth.normals))[lost].max() < 4.0  # of eleven
     others = np.delete(np.arange(len(roughness)), lost)
     np.testing.assert_array_equal(found.normals[others], gone.normals[others])
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_a_handful_of_pixels_expects_what_is_expected_of_anything(count: int):
+    mask = np.zeros(MASK.shape, bool)
+    mask.flat[:count] = True
+    state = newton.begin(np.tile([0.0, 0.0, -1.0], (count, 1)), np.full((count, 3), 0.5), np.full(count, 0.2))
+    assert (expected(state, mask) == newton.GLOSS).all()

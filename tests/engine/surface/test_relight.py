@@ -17,8 +17,9 @@ from engine.surface.drift import DRIFT
 from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
 from engine.surface.near import Near
 from engine.surface.observations import observe
+from engine.surface.parts import Parts
 from engine.surface.pixels import SurfaceParams, coarse_regions
-from engine.surface.relight import Parts, Setting, place, settle, untouched
+from engine.surface.relight import Setting, place, settle, untouched
 from engine.surface.sample import Sample
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, predict
 from engine.types import Camera, Frames

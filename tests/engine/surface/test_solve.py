@@ -85,3 +85,15 @@ def test_rounds_end_as_soon_as_the_surface_stands_still(
     )
     *_, report = solve(*scene(lambert).given, params, "cpu", 0, Progress())
     assert report.rounds == expected
+
+
+def test_the_fewest_views_that_are_allowed_are_solved():
+    """None is kept out of eight, and the rough turns have gathered the light of all."""
+    params = replace(
+        SurfaceParams(), object_distance=DISTANCE, rough_rounds=2, directions=400, rounds=1, probes_across=1,
+        probes_deep=1,
+    )  # fmt: skip
+    eight = scene(lambert, views=8)
+    surface, renders, *_, report = solve(*eight.given, params, "cpu", 0, Progress())
+    assert (report.fitted_views, renders.views) == (8, ())
+    assert np.degrees(np.median(angle_between(surface.normal[surface.mask], eight.normals))) < 3
