@@ -33,7 +33,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 8, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
+            "light", 9, LightParams(), ("hdr", "segment", "poses"), work.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
         _reference() if solver == "reference" else _transport(),
@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 28, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 29, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
     )  # fmt: skip
 
