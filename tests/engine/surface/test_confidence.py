@@ -8,7 +8,7 @@ import pytest
 from engine.metrics import NORMAL_BAND
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.confidence import confidence, formal, jackknifed
+from engine.surface.confidence import Doubt, confidence, formal, jackknifed
 from engine.surface.pixels import Subject, subject
 from engine.surface.transport import Incident, blocks
 from tests.engine.surface.test_pixels import CAMERA, PARAMS, ball, light_of_lamps, pictures_of_a_ball
@@ -78,3 +78,14 @@ def test_stretches_sum_to_the_whole_system() -> None:
     system, slope = newton.reduced(system.sum(1), slope.sum(1))
     np.testing.assert_allclose(system, state.system, rtol=1e-4, atol=1e-4 * np.abs(state.system).max())
     np.testing.assert_allclose(slope, state.slope, rtol=1e-4, atol=1e-4 * np.abs(state.slope).max())
+
+
+def test_pixels_doubt_the_light_as_those_of_like_normals_do() -> None:
+    rng = np.random.default_rng(0)
+    up, aside = np.array([0, 0, -1.0]), np.array([0, 0.8, -0.6])
+    normals = np.concatenate([one + 0.01 * rng.normal(size=(20, 3)) for one in (up, aside)])
+    variance = np.repeat([[1.0] * 6, [4.0] * 6], 20, axis=0)
+    told = Doubt(normals, variance).of(np.stack([up, aside, aside]))
+    np.testing.assert_allclose(told, np.repeat([[1.0] * 6, [4.0] * 6], [1, 2], axis=0))
+    few = Doubt(normals[:1], variance[:1]).of(np.stack([up, aside]))
+    np.testing.assert_allclose(few, 1)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from engine.geometry import rays, tangents
 from engine.progress import Progress
-from engine.surface import newton
+from engine.surface import newton, relight
 from engine.surface.distance import find_distance
 from engine.surface.drift import DRIFT
 from engine.surface.groups import CLIPPED, FILLED, KNOWN, UNSEEN
@@ -19,7 +19,7 @@ from engine.surface.near import Near
 from engine.surface.observations import observe
 from engine.surface.parts import Parts
 from engine.surface.pixels import SurfaceParams, coarse_regions
-from engine.surface.relight import Setting, place, settle, untouched
+from engine.surface.relight import Setting, doubt, place, settle, untouched
 from engine.surface.sample import Sample
 from engine.surface.transport import Incident, Lattice, Sight, direction_cells, predict
 from engine.types import Camera, Frames
@@ -290,3 +290,40 @@ def test_where_nothing_is_off_nothing_moves():
     # 108 pixels in three channels tell a view's mean to 0.6 permille, were their residuals all their own.
     assert found.drift.std() < 0.002
     assert np.degrees(np.linalg.norm(found.aside)) < 0.2
+
+
+def test_pixels_follow_the_light_as_its_doubt_takes_it():
+    """Solved under a lamp that is a little brighter, albedo and roughness have moved as the derivative says."""
+    parts = parts_of_lamps(np.random.default_rng(0), True)
+    sample, state, _ = sample_of(parts, np.ones((4, 3)))
+    setting = replace(untouched(parts, TRUE_Z), gain=np.ones((4, 3)))
+
+    def solved(gain: np.ndarray) -> newton.State:
+        responses, sight = sample.responses(parts.under(gain)), sample.at(TRUE_Z)
+        under = responses, sight, sample.regions, sample.seen
+        return newton.iterate(newton.respread(state, *under), *under, 12, Progress())
+
+    at = solved(setting.gain)
+    following = relight._told(setting, parts, sample, at)[3]
+    lamp, step = 2, 0.01
+    brighter = setting.gain.copy()
+    brighter[lamp] *= np.exp(step)
+    moved = solved(brighter)
+    told = step * following[:, :, 3 * lamp : 3 * lamp + 3].sum(2)
+    found = np.column_stack([np.log(moved.albedo / at.albedo), moved.roughness - at.roughness])
+    for k, wanted in zip((2, 3, 4, 5), found.T, strict=True):
+        assert np.corrcoef(told[:, k], wanted)[0, 1] > 0.98
+        assert np.median(told[:, k] / wanted) == pytest.approx(1, abs=0.05)
+
+
+def test_what_the_voters_leave_open_of_the_light_is_less_the_more_they_know():
+    parts = parts_of_lamps(np.random.default_rng(0), True)
+    sample, state, _ = sample_of(parts, np.ones((4, 3)))
+    setting = replace(untouched(parts, TRUE_Z), gain=np.ones((4, 3)))
+    sharp, blunt = (replace(state, spread=np.full(len(state.roughness), s)) for s in (1.0, 10.0))
+    others = sample, sharp
+    little, much = (doubt(setting, parts, (sample, one), others, False) for one in (sharp, blunt))
+    assert (little > 0).all()
+    assert (little < much).all()
+    certain = replace(parts, kind=np.full_like(parts.kind, FILLED))
+    assert np.median(doubt(setting, certain, (sample, blunt), others, False) / much) < 0.01
