@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import label
+from scipy.ndimage import find_objects, label
 
 from engine.light.photographs import Photographs, around, camera_centres
 from engine.radiance import luminance
@@ -59,9 +59,12 @@ def spots_of(photographs: Photographs) -> Spots:
     width = bright.shape[2]
     view, centre, radius, ray = [], [], [], []
     for i in range(len(bright)):
-        spots, count = label(bright[i], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
-        for k in range(1, count + 1):
-            circle = _outline(spots == k, known[i])
+        spots, _ = label(bright[i], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+        for k, found in enumerate(find_objects(spots), 1):
+            # With what it borders on, and no more: a glittering room has thousands.
+            rows, columns = (slice(max(side.start - 1, 0), side.stop + 1) for side in found)
+            corner = columns.start, rows.start
+            circle = _outline(spots[rows, columns] == k, known[i, rows, columns], corner)
             if (
                 circle is None
                 or circle[2] > LARGEST / 2 * width
@@ -84,9 +87,12 @@ def spots_of(photographs: Photographs) -> Spots:
     )
 
 
-def _outline(spot: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " 3"] | None:
+def _outline(
+    spot: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"], corner: tuple[int, int]
+) -> Float[np.ndarray, " 3"] | None:
     """Circle (u, v, radius) around a spot, from where it borders on known darkness; None if it is not round.
 
+    Both are a part of the picture, whose first pixel is its (u, v) = `corner`.
     A stand, a shade or the picture's edge may hide a part of the outline: the worst quarter is dropped.
     """
     dark = known & ~spot
@@ -98,7 +104,7 @@ def _outline(spot: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> F
     v, u = np.nonzero(edge)
     if len(v) < FEWEST:
         return None
-    points = np.stack([u + 0.5, v + 0.5], 1)
+    points = np.stack([u + 0.5, v + 0.5], 1) + corner
     middle = points.mean(0)
     for _ in range(3):
         offset = points - middle

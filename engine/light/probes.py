@@ -23,8 +23,7 @@ from numba import njit
 from engine.errors import LightError
 from engine.light import kernels_cpu as kernel
 from engine.light import tiles
-from engine.light.cells import FACES, CellMap, nearest_cells, pixel_solid_angles, shared_cells
-from engine.light.coverage import Coverage, covered
+from engine.light.cells import FACES, pixel_solid_angles, shared_cells
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.gaussians import radiance_towards
 from engine.light.rasterise import Pinhole, Shapes, render, shapes, workers
@@ -64,11 +63,11 @@ def _finesse(bright, mean, side):
 @no_type_check
 def _probe(
     white, spread, means, density, colours, faces, first, among, origin, near, side, mean,
-    index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, reach, shine,
+    index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, shine,
 ):  # fmt: skip
-    """Add one probe's light to `energy` [d 3], `opacity` [d] (x solid angle), `reach` [d] (x distance), `shine` [d 3]
-    (luminance x solid angle x where it comes from, seen from the probe). Face f may see the Gaussians
-    `among`[`first`[f] : `first`[f + 1]]. Tiles are refined where a `mean` radiance is given; returns the brightest seen.
+    """Add one probe's light to `energy` [d 3], `opacity` [d] (x solid angle), `shine` [d 3] (luminance x solid angle x where
+    it comes from, seen from the probe). Face f may see the Gaussians `among`[`first`[f] : `first`[f + 1]]. Tiles are refined
+    where a `mean` radiance is given; returns the brightest seen.
     """
     brightest = np.float32(0)
     half = side / 2.0
@@ -106,7 +105,6 @@ def _probe(
                     v, u = row * tiles.TILE + i // tiles.TILE, column * tiles.TILE + i % tiles.TILE
                     if v >= side * fine or u >= side * fine:
                         continue
-                    length = np.sqrt(xs[i] * xs[i] + ys[i] * ys[i] + np.float32(1))
                     lit, turn = out[i, kernel.CHANNELS], faces[face]
                     x = (turn[0, 0] * xs[i] + turn[1, 0] * ys[i] + turn[2, 0]) * lit
                     y = (turn[0, 1] * xs[i] + turn[1, 1] * ys[i] + turn[2, 1]) * lit
@@ -118,22 +116,20 @@ def _probe(
                         energy[at, 1] += part * out[i, 1]
                         energy[at, 2] += part * out[i, 2]
                         opacity[at] += part * (1.0 - out[i, 3])
-                        reach[at] += part * out[i, 4] * length
                         shine[at, 0] += part * x
                         shine[at, 1] += part * y
                         shine[at, 2] += part * z
     return brightest
 
 
-_Lit = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+_Lit = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class _Prober:
     """Maps for one set of directions, ready to light any number of probes."""
 
-    def __init__(self, directions: Float[np.ndarray, "d 3"], face: int, cells: str) -> None:
-        build = {"nearest": nearest_cells, "shared": shared_cells}[cells]
-        maps: list[CellMap] = [build(directions, face * fine) for fine in (1, 2, FINEST)]
+    def __init__(self, directions: Float[np.ndarray, "d 3"], face: int) -> None:
+        maps = [shared_cells(directions, face * fine) for fine in (1, 2, FINEST)]
         self.face = face
         self.count = len(directions)
         self.maps = [part for m in maps for part in (m.index, m.share)]
@@ -175,16 +171,15 @@ class _Prober:
         first, among = np.cumsum([0, *map(len, lists)]), np.concatenate(lists)
 
         def light(origin: np.ndarray, mean: float) -> tuple[float, _Lit]:
-            energy, opacity, reach = np.zeros((self.count, 3)), np.zeros(self.count), np.zeros(self.count)
+            energy, opacity = np.zeros((self.count, 3)), np.zeros(self.count)
             shine = np.zeros((self.count, 3))
             brightest = _probe(
                 geometry.white, geometry.spread, geometry.means, geometry.density, colours, face_from_world,
                 first, among, origin, np.float32(0), self.face, mean, *self.maps, *self.omegas, energy,
-                opacity, reach, shine,
+                opacity, shine,
             )  # fmt: skip
-            distance = reach / np.maximum(opacity, 1e-12)
             places = origin + shine / np.maximum(luminance(energy), 1e-30)[:, None]
-            return brightest, (energy, opacity, distance, places)
+            return brightest, (energy, opacity, places)
 
         brightest, plain = light(points[0], 0.0)
         mean = float(luminance(plain[0].sum(0)) / (4 * np.pi))
@@ -194,9 +189,9 @@ class _Prober:
 
 
 @functools.lru_cache(4)
-def _prober(directions: bytes, face: int, cells: str) -> _Prober:
+def _prober(directions: bytes, face: int) -> _Prober:
     """Its maps take a second to make, and the same directions are asked for again and again."""
-    return _Prober(np.frombuffer(directions).reshape(-1, 3), face, cells)
+    return _Prober(np.frombuffer(directions).reshape(-1, 3), face)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,8 +211,6 @@ def arriving(
     face: int = 64,
     fill: bool = True,
     progress: Progress | None = None,
-    coverage: Coverage | None = None,
-    cells: str = "shared",
 ) -> Arriving:
     """The light at every probe of every view.
 
@@ -226,12 +219,10 @@ def arriving(
         directions: unit, near equal area, camera frame.
         face: pixels along an edge of the cube map; a cell should hold a few pixels.
         fill: give directions that were not seen a smooth, never-zero guess from what was seen.
-        coverage: what the photographs showed; without it `seen` is the Gaussians' own opacity.
-        cells: "nearest" or "shared" (see `cells.py`).
     """
     progress = progress or Progress()
     n, m, d = len(cam_from_world), len(cam_points), len(directions)
-    prober = _prober(np.asarray(directions, np.float64).tobytes(), face, cells)
+    prober = _prober(np.asarray(directions, np.float64).tobytes(), face)
     graph = neighbourhood(np.asarray(directions, np.float64))
     geometry = shapes(gaussians)
     energy, seen = np.zeros((n, m, d, 3), np.float32), np.zeros((n, m, d), np.float32)
@@ -242,15 +233,11 @@ def arriving(
         face_from_world = np.ascontiguousarray(FACES @ rotation)
         world_points = (cam_points - shift) @ rotation
         found = prober.lights(geometry, gaussians, face_from_world, world_points)
-        for j, (cell_energy, opacity, distance, where) in enumerate(found):
-            alike = np.minimum(opacity / prober.solid_angle, 1)
-            share = alike
-            if coverage is not None:
-                hits = world_points[j] + (directions @ rotation) * distance[:, None]
-                share = alike * covered(coverage, hits)
+        for j, (cell_energy, opacity, where) in enumerate(found):
+            share = np.minimum(opacity / prober.solid_angle, 1)
             energy[i, j], seen[i, j], places[i, j] = cell_energy, share, where
             if fill:
-                energy[i, j] = fill_energy(cell_energy, alike, share, prober.solid_angle, graph)
+                energy[i, j] = fill_energy(cell_energy, share, share, prober.solid_angle, graph)
 
     batch = 8  # a few views at a time, so that progress and stops get through
     with workers() as run:
@@ -271,7 +258,6 @@ def panorama(
     origin: Float[np.ndarray, " 3"],
     frame_from_world: Float[np.ndarray, "3 3"],
     height: int,
-    coverage: Coverage | None = None,
     fill: bool = False,
 ) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
     """Equirectangular incident radiance at a point, and how much of each pixel was seen.
@@ -282,22 +268,14 @@ def panorama(
     cube = Cube(gaussians, np.asarray(origin, np.float64), frame_from_world, side=max(8, 2 * height))
     fine = 3  # samples along each edge of a pixel
     at = panorama_directions(height * fine)
-    sampled, distance = cube.look(at)
+    sampled, _ = cube.look(at)
     sampled = sampled.reshape(height, fine, 2 * height, fine, 4).mean((1, 3))
-    opacity = np.minimum(sampled[..., 3], 1)
-    seen = opacity
-    directions = panorama_directions(height)
-    if coverage is not None:
-        middle = distance[fine // 2 :: fine, fine // 2 :: fine]
-        hits = origin + (directions @ frame_from_world) * middle[..., None]
-        seen = opacity * covered(coverage, hits.reshape(-1, 3)).reshape(opacity.shape)
+    seen = np.minimum(sampled[..., 3], 1)
     radiance = sampled[..., :3]
     if fill:
-        flat = directions.reshape(-1, 3)
-        ones = np.ones(len(flat))
-        radiance = fill_energy(
-            radiance.reshape(-1, 3), opacity.ravel(), seen.ravel(), ones, neighbourhood(flat)
-        )
+        flat = panorama_directions(height).reshape(-1, 3)
+        ones, share = np.ones(len(flat)), seen.ravel()
+        radiance = fill_energy(radiance.reshape(-1, 3), share, share, ones, neighbourhood(flat))
     return radiance.reshape(height, 2 * height, 3).astype(np.float32), seen.astype(np.float32)
 
 

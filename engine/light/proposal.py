@@ -83,15 +83,6 @@ class Proposal:
             light += weight * np.exp(_log_peak(kappa) - kappa * drop)
         return light, np.maximum(np.einsum("nsi,ni->ns", directions, normals), 0) / np.pi
 
-    def balance(
-        self, normals: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n s 3"]
-    ) -> tuple[Float[np.ndarray, "n s"], Float[np.ndarray, "n s"]]:
-        """Balance-heuristic weights of lobes and cosine where a caller draws from each by itself."""
-        light, cosine = self.densities(normals, directions)
-        light, cosine = LIGHT_SHARE * light, (1 - LIGHT_SHARE) * cosine
-        total = np.maximum(light + cosine, np.finfo(float).tiny)
-        return light / total, cosine / total
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:

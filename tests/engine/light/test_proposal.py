@@ -157,14 +157,6 @@ def test_a_change_of_unit_changes_nothing_if_the_world_changes_too():
     np.testing.assert_allclose(metres.kappas, millimetres.kappas, rtol=1e-9)
 
 
-def test_the_weights_of_both_techniques_sum_to_one_and_favour_the_likelier():
-    directions = np.concatenate([drawn(three_lobes(), 500), [[0.0, 0, -1]]])[None]
-    light, cosine = three_lobes().balance(UP, directions)
-    np.testing.assert_allclose(light + cosine, 1, rtol=1e-12)
-    densities = three_lobes().densities(UP, directions)
-    np.testing.assert_array_equal(light > cosine, densities[0] > densities[1])
-
-
 LAMP, RADIUS = np.array([0.3, -0.2, 1.1]), 0.1
 
 
