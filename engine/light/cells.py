@@ -11,6 +11,7 @@ half a cell.
 # pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,8 @@ SHARPEN = 0.75
 """Spreading a second time has twice the variance of the tent, so half of what it takes away undoes the tent; a quarter
 more undoes the cell by which `brdf.lobe_floor` widens lobes."""
 AGAIN_PX = 96
+PIXELS_PER_CELL = 1.6
+"""At least: with fewer some cells get no pixel, and no light."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,9 +120,10 @@ def sharpened(
 @functools.lru_cache(4)
 def _spread_again(directions: bytes, count: int) -> csr_matrix:
     """What sharing makes of light that already sits in the cells: a square matrix whose columns sum to one."""
-    cells = shared_cells(np.frombuffer(directions).reshape(count, 3), AGAIN_PX)
+    side = max(AGAIN_PX, math.ceil(math.sqrt(PIXELS_PER_CELL * count / 6)))
+    cells = shared_cells(np.frombuffer(directions).reshape(count, 3), side)
     index, share = cells.index.reshape(-1, 3), cells.share.reshape(-1, 3).astype(np.float64)
-    omega = np.broadcast_to(pixel_solid_angles(AGAIN_PX), (6, AGAIN_PX, AGAIN_PX)).ravel()
+    omega = np.broadcast_to(pixel_solid_angles(side), (6, side, side)).ravel()
     pixel = np.repeat(np.arange(len(index)), 3)
     shares = csr_matrix((share.ravel(), (index.ravel(), pixel)), (count, len(index)))
     mass = shares @ diags(omega) @ shares.T

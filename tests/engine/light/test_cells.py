@@ -31,3 +31,11 @@ def test_sharpened_light_shades_as_the_light_itself_does():
     before, after = (np.abs(x).mean(0) for x in (before, after))
     assert after[0] < 0.5 * before[0]  # what faces the panel was too dark
     assert after[1] < before[1]
+
+
+def test_as_many_cells_as_may_be_asked_for_all_have_light():
+    count = 65536
+    even = np.full((1, count, 3), 4 * np.pi / count, np.float32)
+    again = sharpened(even, fibonacci_sphere(count))
+    assert np.isfinite(again).all()
+    np.testing.assert_allclose(again.sum(1, float), 4 * np.pi, rtol=1e-4)
