@@ -53,23 +53,21 @@ class Sightings:
 
 def spots_of(photographs: Photographs) -> Spots:
     """Connected bright pixels with a round outline, as far as it is seen: no windows, no reflections."""
-    level = luminance(photographs.radiance)
-    known = photographs.weight > 0
-    bright = known & ((level > BRIGHT * float(level[known].mean())) | photographs.clipped)
-    width = bright.shape[2]
+    # View by view: at full size all at once are gigabytes.
+    pairs = list(zip(photographs.radiance, photographs.weight, strict=True))
+    total, count = np.sum([(luminance(p[w > 0]).sum(dtype=float), (w > 0).sum()) for p, w in pairs], axis=0)
+    least = BRIGHT * total / max(count, 1)
+    width = photographs.weight.shape[2]
     view, centre, radius, ray = [], [], [], []
-    for i in range(len(bright)):
-        spots, _ = label(bright[i], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    for i, (picture, weight) in enumerate(pairs):
+        level, known = luminance(picture), weight > 0
+        spots, _ = label(known & ((level > least) | photographs.clipped[i]), np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
         for k, found in enumerate(find_objects(spots), 1):
             # With what it borders on, and no more: a glittering room has thousands.
             rows, columns = (slice(max(side.start - 1, 0), side.stop + 1) for side in found)
             corner = columns.start, rows.start
-            circle = _outline(spots[rows, columns] == k, known[i, rows, columns], corner)
-            if (
-                circle is None
-                or circle[2] > LARGEST / 2 * width
-                or not _stands_out(circle, level[i], known[i])
-            ):
+            circle = _outline(spots[rows, columns] == k, known[rows, columns], corner)
+            if circle is None or circle[2] > LARGEST / 2 * width or not _stands_out(circle, level, known):
                 continue
             at = circle[:2]
             cam = np.append((at - photographs.lens[2:]) / photographs.lens[:2], 1.0)
