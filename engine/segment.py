@@ -116,7 +116,8 @@ def segment(
         if score > best_score:
             best, best_score, begun = grown, score, number
     stands_out = best is not None and _score(best, small, params) >= params.least_score
-    if said is not None and said.add.any() and not stands_out:
+    guessed = stands_out or said is None or not said.add.any()
+    if said is not None and not guessed:
         best = said.add  # where the object begins
     if best is None:
         raise MaskError(_NOTHING)
@@ -126,7 +127,7 @@ def segment(
         h, w = frames.dark.shape[1:]
         full = measure(_selected(frames, chosen, 1))
         best = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
-        if stands_out:
+        if guessed:  # also what hardly stands out on small images may do so at full size
             best = _sharper(best, full, begun)
     if by > 1 or strokes is not None:
         best = _grow(full, best, params, params.refine_rounds, rng, strokes)

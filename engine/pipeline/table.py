@@ -25,7 +25,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             "hdr", 2, HdrParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
-            "segment", 2, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
+            "segment", 3, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
