@@ -121,7 +121,11 @@ def test_how_many_normals_are_within_what_they_state_is_told_where_they_state_an
         telling.surface.mask.shape
     )
     stated = replace(telling.surface, stderr_normal=np.radians(half))
-    without, some = scores.score([silent, replace(telling, surface=stated)])
+    shrugging = replace(telling.surface, stderr_normal=np.full(half.shape, np.float32(np.pi)))
+    without, some, any_will_do = scores.score([
+        silent, replace(telling, surface=stated), replace(telling, surface=shrugging),
+    ])  # fmt: skip
+    assert np.isnan(any_will_do.in_band)
     within = float((half[stated.mask] == 2.0).mean())  # 3 deg lie within 1.73 x 2 deg
     assert some.in_band == pytest.approx(within)
     assert cells(tables.by_switch([some]), "ours, standard")[4] == f"{100 * within:.0f} %"
