@@ -4,7 +4,7 @@ Parameters check themselves as they are made, so that a plan refuses what a stag
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from engine.errors import RoomlightError
@@ -20,14 +20,18 @@ def check(
     fault: type[RoomlightError],
     bounds: Bounds,
     choices: Mapping[str, Sequence[str]] | None = None,
+    or_none: Collection[str] = (),
 ) -> None:
-    """Hold parameters against their bounds, of a tuple each number; what is left to the stage (None) passes.
+    """Hold parameters against their bounds, of a tuple each number; what is left to the stage passes: None, and 0 of
+    those that are `or_none`.
 
     Raises:
         RoomlightError: of the class `fault`; it names the parameter as `--set` takes it.
     """
     for name, (least, most) in bounds.items():
         asked = getattr(params, name)
+        if asked == 0 and name in or_none:
+            continue
         numbers = asked if isinstance(asked, tuple) else () if asked is None else (asked,)
         if asked == () or not all(least <= number <= most and math.isfinite(number) for number in numbers):
             told = f"{least:.10g} or more" if most == MORE else f"{least:.10g} to {most:.10g}"

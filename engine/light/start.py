@@ -106,7 +106,7 @@ def begin(
     if len(world) < 50:
         raise LightError(
             f"only {len(world)} points of the room lie beyond what is kept free around the cameras "
-            f"({float(np.median(emptiness.radii)):.3g} scene units); ask for a smaller keep_out, or 0 to have it found"
+            f"({float(np.median(emptiness.radii)):.3g} scene units); ask for a smaller keep_out, or leave it out to have it found"
         )
     offset = world - np.median(emptiness.centres, axis=0)
     distance = np.linalg.norm(offset, axis=1)

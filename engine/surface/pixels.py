@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt, mean
 
 from engine.errors import SurfaceError
 from engine.geometry import rays, resized
+from engine.limits import MORE, check
 from engine.mapfiles import FRAMES
 from engine.progress import Progress
 from engine.surface import horizons, newton
@@ -25,14 +26,15 @@ from engine.surface.visibility import occlusion
 from engine.types import Camera, Frames
 
 LEAST_VIEWS = 8
-LEAST = {
-    "probes_across": 0, "probes_deep": 0, "probe_face_px": 8, "candidates": 10, "rough_rounds": 0,
-    "rough_views": LEAST_VIEWS, "rounds": 1, "passes": 1, "relight_groups": 1, "relight_prior": 0.001, "model_error": 0.001,
-    "held_out": 0, "object_distance": 0.0, "together": 100,
+BOUNDS = {
+    "directions": (64, MORE), "views": (LEAST_VIEWS, MORE), "probes_across": (0, MORE), "probes_deep": (0, MORE),
+    "probe_face_px": (8, MORE), "candidates": (10, MORE), "rough_rounds": (0, MORE), "rough_views": (LEAST_VIEWS, MORE),
+    "rounds": (1, MORE), "passes": (1, MORE), "relight_groups": (1, MORE), "relight_prior": (0.001, MORE),
+    "model_error": (0.001, MORE), "held_out": (0, MORE), "object_distance": (0.0, MORE), "together": (100, MORE),
 }  # fmt: skip
-"""What each number that may be asked must be at least."""
-LEAST_OR_NONE = {"directions": 64, "views": LEAST_VIEWS}
-"""The same of those that may also be 0."""
+"""What each number that may be asked must lie between."""
+OR_NONE = ("directions", "views")
+"""Of these, those that may also be 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +89,7 @@ class SurfaceParams:
     start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
 
     def __post_init__(self) -> None:
-        for name, least in {**LEAST, **LEAST_OR_NONE}.items():
-            asked = getattr(self, name)
-            if not (asked >= least or (asked == 0 and name in LEAST_OR_NONE)):
-                raise SurfaceError(f"surface.{name} is {getattr(self, name)}; give {least} or more")
-        if self.start_frame not in FRAMES:
-            raise SurfaceError(f'surface.start_frame is "{self.start_frame}"; give {" or ".join(FRAMES)}')
+        check(self, "surface", SurfaceError, BOUNDS, {"start_frame": FRAMES}, OR_NONE)
         if self.start_roughness and not self.start_maps:
             raise SurfaceError("surface.start_roughness begins nothing alone; give surface.start_maps too")
 

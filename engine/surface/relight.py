@@ -357,9 +357,8 @@ def doubt(
     parts: Parts,
     voting: tuple[Sample, newton.State],
     others: tuple[Sample, newton.State],
-    free_distance: bool,
 ) -> Float[np.ndarray, "p 6"]:
-    """Variances of other pixels' unknowns by what those that vote leave open of the light and the distance."""
-    system, _, _ = _believed(setting, parts, *voting, free_distance, True)
+    """Variances of other pixels' unknowns by what those that vote leave open of the light; the distance stands."""
+    system, _, _ = _believed(setting, parts, *voting, False, True)
     following = _told(setting, parts, *others)[3]
     return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(system), following, optimize=True)

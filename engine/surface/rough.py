@@ -205,7 +205,7 @@ def rough(
             if params.relight and turn == len(levels) - 1:
                 some = some_of(inner(who), VOTERS, seed + 1)
                 others = sampled(who, seeing, distance, some, params, light=light), state.part(some)
-                left = Doubt(others[1].normals, doubt(setting, parts, (sample, voted), others, False))
+                left = Doubt(others[1].normals, doubt(setting, parts, (sample, voted), others))
             if free and turn == placing:
                 setting = place(
                     setting, parts, sample, voting, params.relight, ROUNDS // 2, PASSES, span.part(0.9, 1)

@@ -9,7 +9,7 @@ import pytest
 from app.parameters import MEANINGS, STAGES
 from engine.pipeline import presets, table
 from engine.pipeline import settings as asked
-from engine.surface.pixels import LEAST
+from engine.surface.pixels import BOUNDS, OR_NONE
 from tests.engine.test_limits import BOUNDED
 
 
@@ -56,8 +56,8 @@ def test_defaults_and_presets_lie_within_what_the_window_offers(preset: str) -> 
 
 
 def test_the_window_offers_no_less_of_the_surface_than_the_engine_takes() -> None:
-    for name, least in LEAST.items():
-        assert MEANINGS[f"surface.{name}"].low == least, name
+    for name, (least, _) in BOUNDS.items():
+        assert MEANINGS[f"surface.{name}"].low == (0 if name in OR_NONE else least), name
 
 
 def test_the_window_offers_nothing_that_the_engine_refuses() -> None:

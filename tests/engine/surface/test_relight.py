@@ -322,8 +322,8 @@ def test_what_the_voters_leave_open_of_the_light_is_less_the_more_they_know():
     setting = replace(untouched(parts, TRUE_Z), gain=np.ones((4, 3)))
     sharp, blunt = (replace(state, spread=np.full(len(state.roughness), s)) for s in (1.0, 10.0))
     others = sample, sharp
-    little, much = (doubt(setting, parts, (sample, one), others, False) for one in (sharp, blunt))
+    little, much = (doubt(setting, parts, (sample, one), others) for one in (sharp, blunt))
     assert (little > 0).all()
     assert (little < much).all()
     certain = replace(parts, kind=np.full_like(parts.kind, FILLED))
-    assert np.median(doubt(setting, certain, (sample, blunt), others, False) / much) < 0.01
+    assert np.median(doubt(setting, certain, (sample, blunt), others) / much) < 0.01
