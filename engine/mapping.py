@@ -7,7 +7,7 @@ the images in the database. The world frame and its unit are COLMAP's, arbitrary
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +21,13 @@ from engine.progress import Progress
 
 _BATCHES = 16  # looks at a cancel request while matches are checked
 ATTEMPTS = 3  # models grown at most
+_BEYOND = 1.3  # times a focal length: where a lens that slid starts anew
 _SPANS = (0.0, 0.8, 0.9, 1.0)  # of the progress: most often the first is good
 AGREED = (
     0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
 )
+_LENS_OFF = 0.1  # of a focal length: right models stay within a hundredth of what pairs of views imply
+_AS_GOOD = 0.01  # of the matches: what agrees with two models alike tells nothing between them
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
 
 
@@ -109,8 +112,8 @@ def best_of_both(
     return np.stack([rows[clear], columns[clear]], 1).astype(np.uint32)
 
 
-def calibrate(database: Path, seed: int) -> None:
-    """Let the model start from the focal length that the pairs' fundamental matrices imply, if they imply one.
+def calibrate(database: Path, seed: int) -> float | None:
+    """Let the model start from the focal length that the pairs' fundamental matrices imply: that, if they imply one.
 
     Source: Fetzer, Reis, Stricker, "Stable Intrinsic Auto-Calibration from Fundamental Matrices of Devices with
     Uncorrelated Camera Parameters", WACV 2020, as in COLMAP's view graph calibration. What has to be refined anyway is
@@ -125,8 +128,11 @@ def calibrate(database: Path, seed: int) -> None:
     with pycolmap.Database.open(trial) as opened:
         found = opened.read_all_cameras()[0]
     trial.unlink()
-    if known and found.has_prior_focal_length:
-        _begin_with(database, (float(round(found.mean_focal_length())), *found.params[1:]))
+    if not (known and found.has_prior_focal_length):
+        return None
+    focal = float(round(found.mean_focal_length()))
+    _begin_with(database, (focal, *found.params[1:]))
+    return focal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,18 +143,36 @@ class Grown:
     sizes: tuple[int, ...]  # of all the models that were found at first
     agreement: float  # share of the verified matches between its views that agree with its poses
     support: Float[np.ndarray, " n"]  # the same of each view, NaN where it is not placed
-    attempts: int  # models that were grown until this one was good enough, or there were no more
+    reprojection: float  # mean over all observations, pixels
+    lens_doubtful: bool  # its focal length is not the expected one, and not what every attempt ended at
+    attempts: int  # models that were grown until one was good enough, or there were no more
+
+    def better_than(self, other: "Grown") -> bool:
+        """More of the matches agree; where as many do, their points lie nearer to where they were seen."""
+        count = len(self.support)
+        mine, its = (g.agreement * g.model.num_reg_images() / count for g in (self, other))
+        return mine > its + _AS_GOOD or (mine > its - _AS_GOOD and self.reprojection < other.reprojection)
 
 
 def best_grown(
-    database: Path, factor: int, count: int, params: MapParams, seed: int, progress: Progress
+    database: Path,
+    factor: int,
+    count: int,
+    focal: float | None,
+    params: MapParams,
+    seed: int,
+    progress: Progress,
 ) -> Grown | None:
     """The model that the matches agree with best; None when no two views fit.
 
     A model grown from an unlucky pair of views under a wrong lens may hold together and yet be wrong by a tenth of the
     path; its matches know. It is grown anew then, from the lens that was found and with other chances.
+    Or its lens slides off, the path and the points with it, and all matches still agree: a wide lens that bends stands
+    in for a narrow one. That shows beside the expected focal length. Others grow then from beyond that and from beyond
+    what was found, and the one whose points fit best is kept; if all end at one lens, it was the expectation that is off.
     """
-    best = None
+    best: Grown | None = None
+    lenses: list[float] = []
     for attempt in range(ATTEMPTS):
         span = progress.part(_SPANS[attempt], _SPANS[attempt + 1])
         grown = grow(database, factor, params, seed + attempt, span)
@@ -156,13 +180,32 @@ def best_grown(
             continue
         model, sizes = grown
         support, agreement, _ = support_of(model, database, count, 2 * params.epipolar_px * factor)
-        placed_share = model.num_reg_images() / count
-        if best is None or agreement * placed_share > best.agreement * best.model.num_reg_images() / count:
-            best = Grown(model, sizes, agreement, support, attempt + 1)
-        if agreement >= AGREED:
+        lenses.append(next(iter(model.cameras.values())).mean_focal_length())
+        slid = focal is not None and _apart(lenses[-1], focal)
+        fits = float(model.compute_mean_reprojection_error())
+        found = Grown(model, sizes, agreement, support, fits, slid, attempt + 1)
+        if best is None or found.better_than(best):
+            best = found
+        if agreement >= AGREED and not slid:
             break
-        _begin_with(database, next(iter(best.model.cameras.values())).params)
-    return best
+        if focal is not None and slid:
+            here, there = (focal, lenses[0]) if attempt == 0 else (lenses[0], focal)
+            _begin_with(database, _undistorted(model, here * (_BEYOND if here > there else 1 / _BEYOND)))
+        else:
+            _begin_with(database, next(iter(best.model.cameras.values())).params)
+    if best is None:
+        return None
+    one_lens = len(lenses) == ATTEMPTS and not any(_apart(lens, lenses[0]) for lens in lenses)
+    return replace(best, lens_doubtful=best.lens_doubtful and not one_lens)
+
+
+def _apart(focal: float, other: float) -> bool:
+    return abs(focal / other - 1) > _LENS_OFF
+
+
+def _undistorted(model: pycolmap.Reconstruction, focal: float) -> tuple[float, ...]:
+    camera = next(iter(model.cameras.values()))
+    return (focal, camera.principal_point_x, camera.principal_point_y, 0.0)
 
 
 def _begin_with(database: Path, lens: Iterable[float]) -> None:

@@ -185,6 +185,12 @@ def cautions(c: Contents) -> tuple[str, ...]:
                 f"Only {100 * agreement:.0f} % of what pairs of views have in common agrees with the poses: they"
                 " may be wrong, and with them the light and the surface. Add views, or import other poses."
             )
+        if found.get("lens_doubtful"):
+            lines.append(
+                f"The focal length was found to be {found['focal_px']:.0f} px where {found['focal_expected_px']:.0f} px were"
+                " expected: the lens may be wrong, and with it all lengths. Give it with `--set poses.focal_px=…`, add views"
+                " that roll and step aside, or import other poses."
+            )
         if c.poses.scale == "unknown":
             lines.append(
                 "The length of one scene unit is unknown: depth and light are right up to one factor."

@@ -78,6 +78,8 @@ class PoseReport:
     observations: float  # median number of points seen by a placed view
     reprojection_px: float  # mean over all observations
     focal_px: float
+    focal_expected_px: float | None  # as asked for or as pairs of views imply
+    lens_doubtful: bool  # it is not the expected one, and several attempts disagree
     k1: float
     scale: str
     scale_stderr: float | None  # relative
@@ -118,9 +120,10 @@ def find_poses(
     database = detect(frames, masks, guess, params.features, workdir, progress.part(0.0, 0.35))
     pairs = likely_pairs(database, count, params.features, progress.part(0.35, 0.37))
     mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
-    if params.focal_px <= 0:
-        mapping.calibrate(database, params.seed)
-    grown = mapping.best_grown(database, factor, count, params.mapping, params.seed, progress.part(0.7, 0.97))
+    focal = params.focal_px * factor or mapping.calibrate(database, params.seed)
+    grown = mapping.best_grown(
+        database, factor, count, focal, params.mapping, params.seed, progress.part(0.7, 0.97)
+    )
     if grown is None:
         raise PoseError(
             f"none of {count} views could be placed: no two show the same part of the room; {_REMEDY}"
@@ -133,6 +136,8 @@ def find_poses(
     rejected = grown.support < params.trusted_share
     found[rejected] = np.nan
     placed = _known(found)
+    if not placed.any():
+        raise PoseError(f"no pose of {count} views agrees with what pairs of views have in common; {_REMEDY}")
     points = np.array([model.points3D[i].xyz for i in sorted(model.point3D_ids())]).reshape(-1, 3)
 
     fitted = None if logged is None else rigs.fit(logged, found)
@@ -160,7 +165,8 @@ def find_poses(
         unregistered=names(~registered), rejected=names(rejected), models=grown.sizes, attempts=grown.attempts,
         agreement=grown.agreement, doubtful=grown.agreement < mapping.AGREED, pairs=len(pairs),
         points=len(points), observations=float(np.median(seen)), reprojection_px=reprojection,
-        focal_px=camera.fx, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,
+        focal_px=camera.fx, focal_expected_px=None if focal is None else focal / factor,
+        lens_doubtful=grown.lens_doubtful, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,
         rig_rotation_deg=None if fitted is None else float(np.degrees(fitted.rotation_rad)),
         rig_position_m=None if fitted is None else fitted.position_m,
         rig_disagrees=() if fitted is None else names(placed & ~fitted.agree),

@@ -117,6 +117,14 @@ def test_names_are_text_not_markup():
 
 
 @pytest.mark.parametrize("doubtful", [True, False])
+def test_a_lens_far_from_the_expected_one_is_warned_of(doubtful: bool):
+    facts = {"lens_doubtful": doubtful, "focal_px": 187.2, "focal_expected_px": 264.0}
+    stage = StageRun("poses", 9.0, "cpu", {}, facts)
+    text = " ".join(cautions(replace(full(), stages=(stage,))))
+    assert ("found to be 187 px where 264 px were expected" in text) == doubtful
+
+
+@pytest.mark.parametrize("doubtful", [True, False])
 def test_poses_that_matches_contradict_are_warned_of(doubtful: bool):
     stage = StageRun("poses", 9.0, "cpu", {}, {"agreement": 0.912, "doubtful": doubtful})
     text = " ".join(read(report.html(replace(full(), stages=(stage,)))).text)

@@ -1,5 +1,6 @@
 """Promises of `engine.sfm`, on a small room ray cast in numpy."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -196,6 +197,62 @@ def test_a_model_that_its_matches_contradict_is_grown_again_from_its_lens(
     assert np.median(angles) < 0.1
     assert lenses[0] == (pytest.approx(250, rel=0.1), True)  # by pairs of views, that know of no distortion
     assert lenses[1] == (pytest.approx(250, rel=0.02), True)
+
+
+def sliding(monkeypatch: pytest.MonkeyPatch, *shares: float) -> list[float]:
+    """Each model's focal length becomes a share of what it is, as a path can slide along with its lens; the list
+    fills with the focal lengths that models start from."""
+    grow, starts = mapping.grow, []
+
+    def slid(database: Path, *args):
+        with pycolmap.Database.open(database) as opened:
+            starts.append(opened.read_all_cameras()[0].params[0])
+        model, sizes = grow(database, *args)
+        model.cameras[1].params = model.cameras[1].params * np.array([shares[len(starts) - 1], 1, 1, 1])
+        model.update_point_3d_errors()
+        return model, sizes
+
+    monkeypatch.setattr(mapping, "grow", slid)
+    monkeypatch.setattr(mapping, "AGREED", 0.0)  # matches tell nothing
+    return starts
+
+
+def test_a_lens_that_slid_off_is_grown_again_from_the_other_side(
+    turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, masks, truth = turned
+    starts = sliding(monkeypatch, 0.8, 1.0)
+    poses, report = find_poses(frames, masks, None, PARAMS, tmp_path, Progress())
+    assert (report.attempts, report.lens_doubtful) == (2, False)
+    assert starts[1] == pytest.approx(1.3 * starts[0])
+    assert poses.camera.fx == pytest.approx(250, rel=0.01)
+    angles, _ = errors(poses.cam_from_world, truth)
+    assert np.median(angles) < 0.1
+
+
+def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful(
+    turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, masks, _ = turned
+    sliding(monkeypatch, 0.8, 1.4, 0.7)
+    _, report = find_poses(frames, masks, None, replace(PARAMS, trusted_share=0.0), tmp_path, Progress())
+    assert report.lens_doubtful
+
+
+def test_poses_that_all_contradict_their_matches_are_an_error(
+    turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, masks, _ = turned
+    sliding(monkeypatch, 0.5, 0.5, 0.5)
+    with pytest.raises(PoseError, match=f"no pose of {HELD} views agrees"):
+        find_poses(frames, masks, None, PARAMS, tmp_path, Progress())
+
+
+def test_an_expected_focal_length_that_no_attempt_ends_at_was_wrong(turned, tmp_path: Path) -> None:
+    frames, masks, _ = turned
+    poses, report = find_poses(frames, masks, None, replace(PARAMS, focal_px=330.0), tmp_path, Progress())
+    assert not report.lens_doubtful
+    assert (report.focal_expected_px, poses.camera.fx) == (330, pytest.approx(250, rel=0.01))
 
 
 def test_pairs_hold_neighbours_in_time_and_in_looks() -> None:
