@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 something got worse than the baseline or a quick run finds
 every command.
 """
 
+import os
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
@@ -119,7 +120,8 @@ def run(args: Namespace) -> int:
     Raises:
         RoomlightError: what was asked cannot be measured.
     """
-    baseline = record.read(args.gate) if args.gate else None  # before hours of work
+    _check_outputs(args)  # before hours of work, as all that follows
+    baseline = record.read(args.gate) if args.gate else None
     if getattr(args, "records", None):
         return _of_records(args)
     call = Call(args)
@@ -138,6 +140,24 @@ def run(args: Namespace) -> int:
         print("ours, standard, does not beat the reference in time and every error", file=sys.stderr)
         return 1
     return _judge(measured, baseline) if baseline is not None else 0
+
+
+def _check_outputs(args: Namespace) -> None:
+    files = {"--json": args.json, "--write-baseline": args.write_baseline}
+    for option, file in files.items():
+        if file is not None and file.is_dir():
+            raise BenchError(f"{file}: is a folder; name a file with {option}")
+    folders = {option: file and file.parent for option, file in files.items()} | {
+        "--out": getattr(args, "out", None)
+    }
+    for option, folder in folders.items():
+        if folder is None:
+            continue
+        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+        if not there.is_dir():
+            raise BenchError(f"{there}: is no folder; name another with {option}")
+        if not os.access(there, os.W_OK):
+            raise BenchError(f"{there}: may not be written to; name another with {option}")
 
 
 def table(call: Call) -> list[Metric]:

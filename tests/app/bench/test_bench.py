@@ -447,6 +447,27 @@ def test_what_cannot_be_measured_is_one_line(words: list[str], why: str, capsys:
     assert why in refused(capsys, "bench", "table", "--quick", *words)
 
 
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--json", "here"], "here: is a folder; name a file with --json"),
+        (["--write-baseline", "here"], "here: is a folder; name a file with --write-baseline"),
+        (["--json", "file/record.json"], "file: is no folder; name another with --json"),
+        (["--out", "file"], "file: is no folder; name another with --out"),
+        (["--out", "file/deep/er"], "file: is no folder; name another with --out"),
+    ],
+)
+def test_places_that_cannot_be_written_to_are_refused_before_any_work(
+    words: list[str], why: str, tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+):  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path("here").mkdir()
+    Path("file").write_text("")
+    assert why in refused(capsys, "bench", "chart", "--quick", "--device", "cpu", *words)
+    assert calls == []
+
+
 @pytest.mark.parametrize("words", [["--quick", "--size", "small"], ["--rooms", "a,,b"], ["--size", "huge"]])
 def test_what_the_command_line_does_not_know_is_refused(words: list[str]):
     with pytest.raises(SystemExit) as left:
