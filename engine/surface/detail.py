@@ -54,11 +54,18 @@ class Picture:
             start = replace(start, mask=mask) if mask.sum() == self.mask.sum() else None
         return Picture(window, mask, cropped(self.camera, rows, columns), start)
 
+    def halved(self) -> "Picture":
+        """Half as many pixels across."""
+        frames, mask, camera = halved(self.frames, self.mask, self.camera)
+        start = None if self.start is None else start_maps.halved(self.start, mask)
+        return Picture(frames, mask, camera, start)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
     """A picture whose pixels were solved together."""
 
+    picture: Picture
     who: Subject
     state: State
     depth: Float[np.ndarray, "h w"]
@@ -105,11 +112,8 @@ def smaller(picture: Picture, most: int) -> tuple[Picture, Int[np.ndarray, " p"]
     whole one's."""
     take = np.arange(int(picture.mask.sum()))
     while picture.mask.sum() > most:
-        frames, mask, camera = halved(picture.frames, picture.mask, picture.camera)
-        # Composed from the finest level on.
-        take = doubled(mask, picture.mask)[take]
-        start = None if picture.start is None else start_maps.halved(picture.start, mask)
-        picture = Picture(frames, mask, camera, start)
+        half = picture.halved()
+        take, picture = doubled(half.mask, picture.mask)[take], half
     return picture, take
 
 

@@ -42,6 +42,9 @@ from engine.types import Frames
 
 HALVED_FROM = 6000
 """Object pixels from which on half the size is worth a look."""
+BARE = 0.01
+"""Mean share of the hemisphere that an object hides from itself, up to which it is solved at half the size and then in detail:
+what stands in the way is all that a halved picture tells worse."""
 DIRECTIONS = 512
 """At most: never more than the full solve takes. With twice as many these turns find the same surface and take half as
 long again; it is the last one that a highlight asks for more."""
@@ -87,6 +90,7 @@ class Rough:
     parts: Parts  # its light in those views
     material: Float[np.ndarray, "p 2"] | None  # as in `Subject`
     around: bool  # whether its lattice is around this depth
+    halved: bool  # whether the picture was, and is to stay so until its pixels are solved in detail
     doubt: Doubt | None  # what is left of it about the light; None: nothing was open
 
     def alike(self, directions: int) -> bool:
@@ -150,7 +154,7 @@ def rough(
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
     turn, finer_light = 0, False
     while turn < len(levels):
-        following = levels[turn]
+        following = levels[turn] if turn == 0 or hiding(sight) else who
         begin = 0.35 + 0.65 * turn / len(levels)
         span = progress.part(begin, begin + 0.65 / len(levels))
         if turn == 1 or (turn and drifted(distance, middle)):  # the first turn gives points to put it around
@@ -214,13 +218,19 @@ def rough(
             moved, distance = setting.distance / distance, setting.distance
             sight, depth = sight.at(moved), depth * moved
         turn += 1
-    if who.mask is not whole.mask:
+    if who.mask is not whole.mask and hiding(sight):
         who, state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
     return Rough(
-        state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around, left
-    )
+        state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around,
+        who.mask is not whole.mask, left,
+    )  # fmt: skip
+
+
+def hiding(sight: Sight) -> bool:
+    """Whether the object hides more of the room from itself than `BARE`; so it is taken where nobody looked."""
+    return sight.occlusion is None or float(sight.occlusion.share.mean()) > BARE
 
 
 def made_anew(

@@ -3,7 +3,8 @@
 Coarse to fine: `rough` finds a first surface together with the object's distance and the brightness of the light's
 parts; under that light, now in all views and many directions, every pixel is solved again, with the depth,
 shadows and bounced light of the last round. Some views are kept out of the fit and re-rendered. Of an object too large
-for that a smaller picture is solved so, and then its pixels tile by tile (`detail`).
+for that, or one that hides nothing of the room from itself, a smaller picture is solved so, and then its pixels tile by
+tile (`detail`).
 """
 
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from engine.surface.pixels import (
     SurfaceParams,
     answering,
     as_photographed,
+    doubled,
     image,
     photographed_in,
     sight_of,
@@ -117,23 +119,23 @@ def solve(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
         DRIFT * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
     )  # fmt: skip
-    whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask))
-    if mask.sum() > params.together:
-        whole = whole.part(*window(mask))
+    whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask)).part(*window(mask))
     picture, take = smaller(whole, params.together)
     room = replace(room, poses=replace(poses, camera=picture.camera))
-    span = progress if picture is whole else progress.part(0, 0.3)
+    alone = 0.9 if picture is whole else 0.3
     found, first, fitted, emitters, turns = together(
-        picture, room, fitted, kept_out, params, device, seed, span.part(0, 0.99)
+        picture, room, fitted, kept_out, params, device, seed, progress.part(0, alone)
     )
+    if found.picture is not picture:
+        take, picture = doubled(found.picture.mask, picture.mask)[take], found.picture
     here = found.who.responses(found.here, params, device, found.sight)
     seen = photographed_in(picture.frames, picture.mask, kept_out)
     there = answering(seen, found.there, found.sight, params, device)
     if picture is whole:
-        maps = judged(found.who, found.state, found.sight, here, there, found.doubt, progress.part(0.99, 1))
+        maps = judged(found.who, found.state, found.sight, here, there, found.doubt, progress.part(alone, 1))
         z = found.depth[picture.mask]
     else:
-        maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(0.3, 1))
+        maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(alone, 1))
         z = depth[whole.mask]
     made = of_pixels(first.material, take)
     surface = surface_of(mask, maps, z, params.model_error, made)
@@ -143,7 +145,7 @@ def solve(
     drift[fitted] = found.drift
     report = SurfaceReport(
         len(z),
-        len(take) if picture is whole else int(picture.mask.sum()),
+        int(picture.mask.sum()),
         turns,
         len(fitted),
         kept_out,
@@ -176,13 +178,16 @@ def together(
     seed: int,
     progress: Progress,
 ) -> tuple[Solved, Rough, Int[np.ndarray, " n"], Emitters, int]:
-    """All pixels of a picture at once: the surface, what the rough turns found, the views that were fitted, the light that
-    they settled, and how many rounds it took.
+    """All pixels of a picture at once, or of its half where that tells as much: the surface, what the rough turns found, the
+    views that were fitted, the light that they settled, and how many rounds it took.
 
     The poses of `room` have the picture's camera.
     """
-    frames, mask, poses = picture.frames, picture.mask, room.poses
-    first = rough(frames, mask, room, fitted, picture.start, params, device, seed, progress.part(0, 0.5))
+    first = rough(
+        picture.frames, picture.mask, room, fitted, picture.start, params, device, seed, progress.part(0, 0.5)
+    )
+    picture = picture.halved() if first.halved else picture
+    frames, mask, poses = picture.frames, picture.mask, replace(room.poses, camera=picture.camera)
     state, depth, sight = first.state, first.depth, first.sight
     fitted = thinned(fitted, params.views or len(fitted))
     who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
@@ -216,7 +221,8 @@ def together(
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    return Solved(who, state, depth, sight, here, there, drift, first.doubt), first, fitted, emitters, turns
+    found = Solved(picture, who, state, depth, sight, here, there, drift, first.doubt)
+    return found, first, fitted, emitters, turns
 
 
 def until_still(

@@ -7,10 +7,12 @@ import pytest
 
 from engine.geometry import angle_between, rays
 from engine.progress import Progress
-from engine.surface import detail
+from engine.surface import detail, rough
 from engine.surface.detail import Picture, enlarged, smaller, window
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve
+from engine.surface.transport import Sight
+from engine.surface.visibility import Occlusion
 from tests.engine.reference.lit_room import DISTANCE, glossy, scene
 
 PARAMS = replace(
@@ -44,6 +46,31 @@ def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.Monk
     np.testing.assert_allclose(tiled.depth[mask], at_once.depth[mask], rtol=0.01)
     shown = frames.radiance[list(renders.views)][:, mask]
     assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
+
+
+@pytest.mark.parametrize("visibility", [True, False])
+def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_and_then_in_detail(
+    ball, monkeypatch: pytest.MonkeyPatch, visibility: bool
+):
+    """Where nobody looks whether it does, all its pixels are."""
+    monkeypatch.setattr(rough, "HALVED_FROM", 100)
+    params = replace(PARAMS, visibility=visibility)
+    whole, *_, all_pixels = solve(*ball.given, replace(params, visibility=False), "cpu", 0, Progress())
+    found, renders, _, _, report = solve(*ball.given, params, "cpu", 0, Progress())
+    assert all_pixels.together == report.pixels
+    assert (report.together < report.pixels / 3) == visibility
+    mask = found.mask
+    one, other = (np.degrees(angle_between(s.normal[mask], ball.normals)).mean() for s in (whole, found))
+    assert other < 1.15 * one < 1.2
+    shown = ball.given[0].radiance[list(renders.views)][:, mask]
+    assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
+
+
+@pytest.mark.parametrize(("share", "stays"), [(0.004, False), (0.05, True)])
+def test_an_object_hides_itself_from_a_hundredth_of_the_hemisphere_on(share: float, stays: bool):
+    none = np.zeros(0, np.int32)
+    hidden = Occlusion(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
+    assert rough.hiding(Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)) == stays
 
 
 def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.MonkeyPatch):
