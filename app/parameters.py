@@ -245,7 +245,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         8, 100000)),
     ("surface.full_turn", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Full turn"), "",
-        QT_TRANSLATE_NOOP("parameters", "After the rough rounds, one such turn with all pixels: steep walls and recesses gain by it."))),
+        QT_TRANSLATE_NOOP("parameters", "One with all pixels, where the object hides the room from itself: steep walls and recesses gain by it."))),
     ("surface.views", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Views of full rounds"), VIEWS,
         QT_TRANSLATE_NOOP("parameters", "Views, spread evenly, that serve on all pixels. 0: all."),

@@ -52,7 +52,9 @@ class SurfaceParams:
     candidates: int = 300  # normals tried by the global search
     rough_rounds: int = 4  # on pixels of half the size: solve, integrate, see, refine the light: how often
     rough_views: int = 32  # that serve in these rounds
-    full_turn: bool = True  # one turn more with all pixels before the last look at the light
+    full_turn: bool = (
+        True  # one turn more before the last look at the light, with all pixels if some hide the room
+    )
     views: int = 0  # that serve after them, spread evenly; 0: all
     rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see
     passes: int = 4  # Gauss-Newton evaluations in each round

@@ -2,8 +2,8 @@
 
 A look at a few hundred pixels says about how far away the object is. Pixels of half the size are then solved in
 turns with the light (how far away it stands, how bright its parts are), each turn with the depth, shadows and
-bounced light that the last one gave; all pixels take one turn at the end. Some views serve:
-model errors, not noise, are what these turns remove.
+bounced light that the last one gave; all pixels take one turn at the end, unless the object hides nothing of the room
+from itself. Some views serve: model errors, not noise, are what these turns remove.
 """
 
 from collections.abc import Callable
