@@ -9,7 +9,7 @@ from engine.geometry import angle_between, rays
 from engine.progress import Progress
 from engine.surface import detail, rough
 from engine.surface.detail import Picture, enlarged, smaller, window
-from engine.surface.pixels import SurfaceParams
+from engine.surface.pixels import SurfaceParams, subject
 from engine.surface.solve import solve
 from engine.surface.transport import Sight
 from engine.surface.visibility import Occlusion
@@ -54,6 +54,7 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
 ):
     """Where nobody looks whether it does, all its pixels are."""
     monkeypatch.setattr(rough, "HALVED_FROM", 100)
+    monkeypatch.setattr(rough, "TELLING", 100)
     params = replace(PARAMS, visibility=visibility)
     whole, *_, all_pixels = solve(*ball.given, replace(params, visibility=False), "cpu", 0, Progress())
     found, renders, _, _, report = solve(*ball.given, params, "cpu", 0, Progress())
@@ -66,11 +67,20 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
 
 
-@pytest.mark.parametrize(("share", "stays"), [(0.004, False), (0.05, True)])
-def test_an_object_hides_itself_from_a_hundredth_of_the_hemisphere_on(share: float, stays: bool):
+@pytest.mark.parametrize(
+    ("share", "least", "enough"), [(0.004, 2, True), (0.05, 2, False), (0.004, 3, False)]
+)
+def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
+    ball, share: float, least: int, enough: bool, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(rough, "TELLING", least)
+    frames, masks, poses, *_ = ball.given
+    two = np.zeros_like(masks.object)
+    two[np.nonzero(masks.object)[0][:2], np.nonzero(masks.object)[1][:2]] = True
+    who = subject(frames, two, poses.camera, np.arange(len(frames.names)), PARAMS)
     none = np.zeros(0, np.int32)
     hidden = Occlusion(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
-    assert rough.hiding(Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)) == stays
+    assert rough.telling(who, Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)) == enough
 
 
 def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.MonkeyPatch):
