@@ -180,7 +180,8 @@ def best_grown(
             continue
         model, sizes = grown
         support, agreement, _ = support_of(model, database, count, 2 * params.epipolar_px * factor)
-        lenses.append(next(iter(model.cameras.values())).mean_focal_length())
+        lens = camera_of(model)
+        lenses.append(lens.mean_focal_length())
         slid = focal is not None and _apart(lenses[-1], focal)
         fits = float(model.compute_mean_reprojection_error())
         found = Grown(model, sizes, agreement, support, fits, slid, attempt + 1)
@@ -190,9 +191,10 @@ def best_grown(
             break
         if focal is not None and slid:
             here, there = (focal, lenses[0]) if attempt == 0 else (lenses[0], focal)
-            _begin_with(database, _undistorted(model, here * (_BEYOND if here > there else 1 / _BEYOND)))
+            aside = here * (_BEYOND if here > there else 1 / _BEYOND)
+            _begin_with(database, (aside, lens.principal_point_x, lens.principal_point_y, 0.0))
         else:
-            _begin_with(database, next(iter(best.model.cameras.values())).params)
+            _begin_with(database, camera_of(best.model).params)
     if best is None:
         return None
     one_lens = len(lenses) == ATTEMPTS and not any(_apart(lens, lenses[0]) for lens in lenses)
@@ -203,9 +205,9 @@ def _apart(focal: float, other: float) -> bool:
     return abs(focal / other - 1) > _LENS_OFF
 
 
-def _undistorted(model: pycolmap.Reconstruction, focal: float) -> tuple[float, ...]:
-    camera = next(iter(model.cameras.values()))
-    return (focal, camera.principal_point_x, camera.principal_point_y, 0.0)
+def camera_of(model: pycolmap.Reconstruction) -> pycolmap.Camera:
+    """The one camera of all views."""
+    return next(iter(model.cameras.values()))
 
 
 def _begin_with(database: Path, lens: Iterable[float]) -> None:
@@ -337,7 +339,7 @@ def support_of(
     A view that was placed by a few matches on a repeated piece of furniture disagrees with the rest of its
     matches: they lie further than `most_px` from the epipolar lines that the poses imply.
     """
-    camera = next(iter(model.cameras.values()))
+    camera = camera_of(model)
     poses = placed(model, count)
     agree, total = np.zeros(count), np.zeros(count)
     with pycolmap.Database.open(database) as opened:

@@ -87,8 +87,12 @@ def told(path: Path) -> Iterator[None]:
 
 def _full_disk(path: Path) -> int:
     """ENOSPC when the disk is full: libraries that write in C report a short write without its reason."""
-    existing = next(place for place in (path, *path.absolute().parents) if place.exists())
-    return errno.ENOSPC if shutil.disk_usage(existing).free < 1 << 20 else 0
+    return errno.ENOSPC if shutil.disk_usage(nearest_existing(path)).free < 1 << 20 else 0
+
+
+def nearest_existing(path: Path) -> Path:
+    """The path, or of the folders that it would lie in the first that is there."""
+    return next(place for place in (path, *path.absolute().parents) if place.exists())
 
 
 def sync(path: Path) -> None:

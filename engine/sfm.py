@@ -192,7 +192,7 @@ def _first_guess(width: int, height: int, focal_px: float) -> pycolmap.Camera:
 
 
 def _camera(model: pycolmap.Reconstruction) -> Camera:
-    camera = next(iter(model.cameras.values()))
+    camera = mapping.camera_of(model)
     focal, cx, cy, k1 = (float(value) for value in camera.params)
     return Camera(camera.width, camera.height, focal, focal, cx, cy, k1=k1)
 

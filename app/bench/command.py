@@ -33,6 +33,7 @@ from app.bench.scores import Scored
 from app.bench.sets import Set
 from app.bench.sizes import SIZES, Size
 from engine.pipeline.run import choose_device
+from engine.session import nearest_existing
 
 WHOLE, FEW = "whole objects", "the reference's pixels"
 """Groups of rows: of each, a set's rows are compared over the pixels that all of them answered."""
@@ -153,7 +154,7 @@ def _check_outputs(args: Namespace) -> None:
     for option, folder in folders.items():
         if folder is None:
             continue
-        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+        there = nearest_existing(folder)
         if not there.is_dir():
             raise BenchError(f"{there}: is no folder; name another with {option}")
         if not os.access(there, os.W_OK):

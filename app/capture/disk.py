@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.capture.order import CaptureError, Order
+from engine.session import nearest_existing
 from hardware.interfaces import CameraFeatures
 
 # A full-frame camera of 24 to 33 Mpx; lossless compression where the maker has it.
@@ -27,8 +28,7 @@ def typical_bytes(suffix: str) -> int:
 
 def free_bytes(folder: Path) -> int:
     """Room on the disk that `folder` lies or will lie on."""
-    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    return shutil.disk_usage(existing).free
+    return shutil.disk_usage(nearest_existing(folder)).free
 
 
 def check_plan(
