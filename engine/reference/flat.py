@@ -85,7 +85,8 @@ class HarmonicRows:
         """All pixels see all of the light."""
         coefficients = self.incident.coefficients
         no_lamps = np.zeros((len(pixels), coefficients.shape[1] // 3, 0), np.float32)
-        return Block(sight.points[pixels], sight.views[pixels], coefficients, None, no_lamps)
+        alike = np.zeros((0, *coefficients.shape)), np.zeros((len(pixels), 0))
+        return Block(sight.points[pixels], sight.views[pixels], coefficients, *alike, None, no_lamps)
 
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]

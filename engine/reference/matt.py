@@ -72,9 +72,8 @@ def refined(
     """Robust Gauss-Newton; the widths of the residuals are measured, and measured again at its answer."""
     parts = blocks(who.mask)
     for turn in range(2):
-        state = newton.respread(state, rows, sight, parts, who.seen)
         span = progress.part(turn / 2, (turn + 1) / 2)
-        state = newton.iterate(state, rows, sight, parts, who.seen, passes, span)
+        state = newton.iterate(state, rows, sight, parts, who.seen, passes, span, anew=True)
     # Without a highlight nothing tells the roughness but how a processor rounds.
     return replace(state, roughness=np.full_like(state.roughness, MATT_ROUGHNESS))
 

@@ -42,8 +42,12 @@ def guessed_share(
 ) -> Float[np.ndarray, " p"]:
     """Of each pixel's light in all views the share that comes from walls that no photograph shows."""
     share = np.zeros(len(state.normals))
-    if not len(responses.walls):
+    if not len(responses.walls) or sight.occlusion is None:
         return share
+    start, source = sight.occlusion.start, sight.occlusion.source
+    before = np.concatenate([[0], np.cumsum(source >= len(responses.photographed))])
+    lit_by_walls = np.diff(before[start]) > 0
+    parts = [part[lit_by_walls[part]] for part in parts if lit_by_walls[part].any()]
     black = Responses(
         responses.incident, responses.photographed, responses.full_diffuse, responses.bounce, responses.device,
         np.zeros_like(responses.walls),

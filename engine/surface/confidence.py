@@ -74,16 +74,17 @@ def jackknifed(
     parts: list[Int[np.ndarray, " _"]],
     seen: Observations,
     progress: Progress,
-) -> Float[np.ndarray, "p 6"]:
-    """Variances by leaving out stretches of the views, no less than the formal ones; `state` has its spread measured."""
-    systems, slopes = by_stretches(state, responses, sight, parts, seen, STRETCHES, progress)
+) -> tuple[State, Float[np.ndarray, "p 6"]]:
+    """The state with its residuals' spread measured, and its variances by leaving out stretches of the views, no less than the
+    formal ones."""
+    state, systems, slopes = by_stretches(state, responses, sight, parts, seen, STRETCHES, progress)
     system, slope = systems.sum(1), slopes.sum(1)
     without = np.stack([
         np.linalg.solve(_regular(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
         for k in range(STRETCHES)
     ])  # fmt: skip
     variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
-    return np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
+    return state, np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
 
 
 def _regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:

@@ -20,7 +20,7 @@ from engine.surface.bounced import guessed_share
 from engine.surface.brdf import of_pixels
 from engine.surface.confidence import Confidence, Doubt, confidence, jackknifed
 from engine.surface.integrate import integrate
-from engine.surface.newton import State, begin, iterate, respread
+from engine.surface.newton import State, begin, iterate
 from engine.surface.observations import numbered
 from engine.surface.pixels import Subject, SurfaceParams, doubled, halved, lifted, painted, subject
 from engine.surface.start_maps import StartMaps
@@ -128,8 +128,7 @@ def judged(
 ) -> Maps:
     """Errors, flags and pictures of pixels that have their answer."""
     parts = blocks(who.mask)
-    state = respread(state, here, sight, parts, who.seen)
-    variance = jackknifed(state, here, sight, parts, who.seen, progress)
+    state, variance = jackknifed(state, here, sight, parts, who.seen, progress)
     if doubt is not None:
         variance = variance + doubt.of(state.normals)
     certainty = confidence(state, variance, who.seen, sight, guessed_share(state, here, sight, parts))
@@ -174,8 +173,9 @@ def in_detail(
         state = replace(state, gloss=gloss)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
-        state = respread(state, here, sight, blocks(part.mask), who.seen)
-        state = iterate(state, here, sight, blocks(part.mask), who.seen, params.passes, span.part(0, 0.8))
+        state = iterate(
+            state, here, sight, blocks(part.mask), who.seen, params.passes, span.part(0, 0.8), anew=True
+        )
         if params.accord:
             state = accord(state, part.mask)
         told = judged(who, state, sight, here, there, found.doubt, span.part(0.8, 1))

@@ -118,10 +118,15 @@ def respread(
         diffuse, specular = responses(
             responses.block(sight, pixels), state.normals[pixels][:, None], state.roughness[pixels][:, None]
         )
-        residual = _residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)
-        spread[pixels] = 1.4826 * np.nanmedian(np.abs(residual), axis=1)
-    spread = np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
+        spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
     return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
+
+
+def _spread(diffuse, specular, state, seen, pixels):
+    """Of the residuals of the answers' first variants, that of the state itself."""
+    residual = _residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)
+    spread = 1.4826 * np.nanmedian(np.abs(residual), axis=1)
+    return np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
 
 
 def _residuals(diffuse, specular, state, seen, pixels):
@@ -157,10 +162,11 @@ def iterate(
     seen: Observations,
     passes: int,
     progress: Progress,
+    anew: bool = False,
 ) -> State:
     """Up to `passes` evaluations of every pixel with a damped step between them; ends on an accepted state.
 
-    A pixel whose next step would be less than `AT_REST` is left where it is.
+    A pixel whose next step would be less than `AT_REST` is left where it is. `anew`: after a `respread`, which costs nothing here.
     """
     kept = state.copy()
     tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
@@ -171,6 +177,9 @@ def iterate(
         for turn in range(passes):
             leaning, rough, inward = variants(n, r)
             diffuse, specular = responses(block, leaning, rough)
+            if anew and turn == 0:
+                kept.spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
+                kept.misfit[pixels] = np.inf
             misfit, system, slope = _normal_equations(
                 diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels],
                 kept.spread[pixels], seen.cauchy, r, kept.gloss[pixels], b, seen.row[pixels], seen.beside, 1.0,
@@ -219,29 +228,27 @@ def by_stretches(
     seen: Observations,
     count: int,
     progress: Progress,
-) -> tuple[Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
-    """(J^T W J, J^T W e) of all seven unknowns at the state, parted by stretches of `g` = `count` views in a row; each bears
-    its share of the priors."""
+) -> tuple[State, Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
+    """The state after a `respread`, and (J^T W J, J^T W e) of all its seven unknowns, parted by stretches of `g` = `count`
+    views in a row; each bears its share of the priors."""
     pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
     system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
+    spread = np.empty(pixels_in_all)
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "judging the answer by parts of the views")
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
         leaning, rough, inward = variants(n, r)
-        by_view = (
-            *responses(responses.block(sight, pixels), leaning, rough),
-            seen.radiance[pixels],
-            seen.weight[pixels],
-            seen.beside,
-        )
+        answers = responses(responses.block(sight, pixels), leaning, rough)
+        spread[pixels] = _spread(*answers, state, seen, pixels)
+        by_view = *answers, seen.radiance[pixels], seen.weight[pixels], seen.beside
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
             d, s, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
             _, system[pixels, k], slope[pixels, k] = _normal_equations(
-                d, s, a, inward, radiance, weight, seen.eps[pixels], state.spread[pixels], seen.cauchy, r,
+                d, s, a, inward, radiance, weight, seen.eps[pixels], spread[pixels], seen.cauchy, r,
                 state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
             )  # fmt: skip
-    return system, slope
+    return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
 
 
 def _damped_step(system, slope, damping):

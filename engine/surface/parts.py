@@ -51,7 +51,7 @@ class Parts:
         self, point: Float[np.ndarray, " 3"], gain: Float[np.ndarray, "k 3"]
     ) -> Float[np.ndarray, "k d v"]:
         """Every group's energy at a point, under its gain; nothing of the lamps."""
-        weights = self.incident.lattice.weights(point).astype(np.float32)
+        weights = self.incident.lattice.weights(point[None])[0].astype(np.float32)
         gain = gain.astype(np.float32)
         out = np.zeros((len(gain), *self.incident.energy.shape[1:]), np.float32)
         for k in np.nonzero(weights)[0]:

@@ -131,8 +131,7 @@ def settle(
         span = progress.part(turn / (rounds + 1), (turn + 1) / (rounds + 1))
         even, sight = sample.exposed(setting.drift), sample.at(setting.distance)
         responses = even.responses(parts.under(setting.gain, setting.aside))
-        state = newton.respread(state, responses, sight, sample.regions, even.seen)
-        state = newton.iterate(state, responses, sight, sample.regions, even.seen, passes, span)
+        state = newton.iterate(state, responses, sight, sample.regions, even.seen, passes, span, anew=True)
         fresh, misfit = _improved(setting, parts, sample, state, free_distance, free_light)
         if misfit < best[0].misfit:
             best = replace(setting, distance_stderr=fresh.distance_stderr, misfit=misfit), state
@@ -210,12 +209,12 @@ def _told(setting, parts, sample, state):
     system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     sample = sample.exposed(setting.drift)
     seen, sight = sample.seen, sample.at(setting.distance)
-    responses = sample.responses(parts.incident)
+    responses = sample.responses(parts.under(setting.gain, setting.aside))
     dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
     misfits, following = np.zeros(len(seen.eps)), np.zeros((len(seen.eps), 6, unknowns))
     lamps = parts.of_lamps
     others = np.r_[0 : lamps.start, lamps.stop : count]
-    near = parts.moved(setting.aside).under(setting.gain[lamps])
+    near = responses.incident.near
     lean = [parts.moved(setting.aside + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)]
     for pixels in sample.regions:
         block = responses.block(sight, pixels)
@@ -225,12 +224,9 @@ def _told(setting, parts, sample, state):
         total = each.sum(0)
         n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
         variants, rough, inward = newton.variants(n, r)
-        diffuse, specular = responses(replace(block, energy=total), variants, rough)
-        seen_lamps = near.visible(points, block.hidden[:2] if block.hidden else None)
+        diffuse, specular = responses(block, variants, rough)
         made = sample.full_diffuse, block.material
-        shining = near.each(points, block.views, variants, rough, seen_lamps, *made)
-        diffuse += near.shone(shining[0]).reshape(diffuse.shape)
-        specular += near.shone(shining[1]).reshape(specular.shape)
+        shining = near.each(points, block.views, variants, rough, block.lamps, *made)
         channels = total.shape[1]
         colour = np.tile(a, channels // 3)
         model = colour[:, None] * diffuse + specular  # p 4 v
@@ -250,11 +246,11 @@ def _told(setting, parts, sample, state):
             own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
         lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
         every = np.ascontiguousarray(lights).reshape(len(total), -1)
-        d, s = dark(replace(block, energy=every), n[:, None], r[:, None])
+        d, s = dark(block.under(every), n[:, None], r[:, None])
         sent = (len(pixels), len(others) + 1, channels)
         share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
         # What hides what does not change when the whole object moves along the viewing rays.
-        moved = near.each(points * np.exp(NUDGE), block.views, n[:, None], r[:, None], seen_lamps, *made)
+        moved = near.each(points * np.exp(NUDGE), block.views, n[:, None], r[:, None], block.lamps, *made)
         for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
             change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / NUDGE
             share[:, -1] += gain_of * change
@@ -273,7 +269,7 @@ def _told(setting, parts, sample, state):
                 light[:, c::3, exposures] = known[:, c::3, None] * np.eye(views)
         if parts.astray:
             for way, there in enumerate(lean):
-                d, s = there.each(points, block.views, n[:, None], r[:, None], seen_lamps, *made)
+                d, s = there.each(points, block.views, n[:, None], r[:, None], block.lamps, *made)
                 for c in range(3):
                     change = a[:, c, None, None] * (d[:, 0] - shining[0][:, 0]) + s[:, 0] - shining[1][:, 0]
                     change = change * near.radiance[..., c] / (ASIDE * base[:, c::3, None])

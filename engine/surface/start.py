@@ -5,8 +5,6 @@ least-squares albedo and its misfit follow from five sums over the views, each o
 pixels with candidates. The best few are compared again by a robust log misfit, which forgives shadows.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -48,7 +46,7 @@ def global_start(
             material=None if sight.material is None else np.repeat(sight.material[middle], len(tried), 0),
         )
         block = responses.block(alike, np.arange(len(tried)))
-        block = replace(block, energy=responses.incident.at(sight.points[pixels].mean(0)))
+        block = block.under(responses.incident.at(sight.points[pixels].mean(0)))
         diffuse, specular = responses(block, tried[:, None], rough[:, None])
         best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a

@@ -110,7 +110,8 @@ def begun(
     for i, pixels in enumerate(parts):
         progress.step(i / len(parts), "beginning from the maps given")
         leaning = np.repeat(normals[pixels][:, None], tried.shape[1], 1)
-        diffuse, specular = responses(responses.block(sight, pixels), leaning, tried[pixels])
+        block = responses.block(sight, pixels)
+        diffuse, specular = responses(block.under(block.energy), leaning, tried[pixels])
         best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
         roughness[pixels] = tried[pixels, best]
     return newton.begin(normals, albedo, roughness)

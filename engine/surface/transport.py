@@ -2,9 +2,9 @@
 
 Camera and object are rigid, so a pixel's rows T (reflectance, cosine, visibility for every direction) are
 the same in all views and the pictures follow from one matrix product with the incident energy E. E is known
-at a small lattice of probe points around the object and interpolated to the centre of each block of pixels:
-over a block of 16 x 16 pixels the light does not change noticeably, over the object it does. Lamps are left out of
-E and shine on every pixel from their own place (`near`).
+at a small lattice of probe points around the object and interpolated to every pixel: the pixels of a block share the
+mean of their light, which is all that small changes of their rows are told under, and two or three ways in which it
+differs among them (decision 42). Lamps are left out of E and shine on every pixel from their own place (`near`).
 
 Camera frame throughout; energies are radiance times solid angle; arrays over views keep (view, channel)
 flattened to one axis `v` = 3 n, view-major.
@@ -25,7 +25,9 @@ from engine.surface.visibility import Occlusion, owned
 from engine.types import Camera
 
 BLOCK = 16
-"""Pixels along one side of a block that shares one interpolated light."""
+"""Pixels along one side of a block that shares products with one light."""
+UNEVEN = 0.01
+"""What the probes' weights may be off at the pixels of a block, root mean square; the light differs in as many ways as that takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,24 +53,24 @@ class Lattice:
         x, y, z = np.meshgrid(*axes, self.depths(), indexing="ij")
         return np.stack([x * z, y * z, z], -1).reshape(-1, 3)
 
-    def weights(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " m"]:
-        """Trilinear weights of the probes at one point; points outside take the nearest face's values."""
-        at = np.array([point[0] / point[2], point[1] / point[2], np.log(point[2])])
+    def weights(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p m"]:
+        """Trilinear weights of the probes at some points; points outside take the nearest face's values."""
+        at = np.stack([points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], np.log(points[:, 2])])
         low, high = (
             np.append(self.low[:2], np.log(self.low[2])),
             np.append(self.high[:2], np.log(self.high[2])),
         )
-        per_axis = []
+        every, per_axis = np.arange(len(points)), []
         for i, count in enumerate(self.shape):
-            axis = np.zeros(count)
+            axis = np.zeros((len(points), count))
             if count == 1:
-                axis[0] = 1
+                axis[:] = 1
             else:
                 t = np.clip((at[i] - low[i]) / (high[i] - low[i]), 0, 1) * (count - 1)
-                k = min(int(t), count - 2)
-                axis[k], axis[k + 1] = 1 - (t - k), t - k
+                k = np.minimum(t.astype(int), count - 2)
+                axis[every, k], axis[every, k + 1] = 1 - (t - k), t - k
             per_axis.append(axis)
-        return np.einsum("i,j,k->ijk", *per_axis).ravel()
+        return np.einsum("pi,pj,pk->pijk", *per_axis).reshape(len(points), -1)
 
 
 def lattice_around(
@@ -79,6 +81,19 @@ def lattice_around(
     corners = np.array([[u.min(), v.min()], [u.max() + 1.0, v.max() + 1.0]], dtype=float)
     xy = unproject(camera, corners)
     return Lattice(np.append(xy.min(0), depth[0]), np.append(xy.max(0), depth[1]), shape)
+
+
+@numba.njit(parallel=True, fastmath=True, cache=True)
+@no_type_check
+def _mixed(energy, probes, weights):
+    """Weighted sums of some probes' energy."""
+    out = np.zeros((len(weights), energy.shape[1], energy.shape[2]), np.float32)
+    for d in numba.prange(energy.shape[1]):
+        for k in range(len(probes)):
+            for j in range(len(weights)):
+                for v in range(energy.shape[2]):
+                    out[j, d, v] += weights[j, k] * energy[probes[k], d, v]
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,11 +107,26 @@ class Incident:
 
     def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
         """Energy at a point of the camera frame, without the lamps."""
-        weights = self.lattice.weights(point).astype(np.float32)
-        total = np.zeros(self.energy.shape[1:], np.float32)
-        for k in np.nonzero(weights)[0]:
-            total += weights[k] * self.energy[k]
-        return total
+        return self._sums(self.lattice.weights(point[None]))[0]
+
+    def among(
+        self, points: Float[np.ndarray, "p 3"]
+    ) -> tuple[Float[np.ndarray, "d v"], Float[np.ndarray, "r d v"], Float[np.ndarray, "p r"]]:
+        """The mean energy of some points, without the lamps, the ways in which theirs differs from it, and how much each
+        point's does so in each way: the principal components of the probes' weights."""
+        weights = self.lattice.weights(points)
+        middle = weights.mean(0)
+        apart = weights - middle
+        strength, ways = np.linalg.eigh(apart.T @ apart / len(points))
+        # The rest is what the weakest leave out, which come first.
+        told = np.sqrt(np.cumsum(np.maximum(strength, 0))) > UNEVEN
+        ways = ways.T[told]
+        sums = self._sums(np.concatenate([middle[None], ways]))
+        return sums[0], sums[1:], (apart @ ways.T).astype(np.float32)
+
+    def _sums(self, weights: Float[np.ndarray, "j m"]) -> Float[np.ndarray, "j d v"]:
+        probes = np.nonzero(weights.any(0))[0]
+        return _mixed(self.energy, probes, weights[:, probes].astype(np.float32))
 
     def views(self, index: Int[np.ndarray, " k"]) -> "Incident":
         """The same light for some of its views."""
@@ -173,7 +203,9 @@ class Block:
 
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
-    energy: Float[np.ndarray, "d v"]  # the light they share: all but the lamps
+    energy: Float[np.ndarray, "d v"]  # the light they share: the mean of all but the lamps
+    ways: Float[np.ndarray, "r d v"]  # in which it differs among them
+    apart: Float[np.ndarray, "p r"]  # how far each pixel's does so in each
     hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
     lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
     material: Float[np.ndarray, "p 2"] | None = None  # as in `Sight`
@@ -183,8 +215,14 @@ class Block:
         hidden = None if self.hidden is None else owned(self.hidden, pixels)
         material = of_pixels(self.material, pixels)
         return Block(
-            self.points[pixels], self.views[pixels], self.energy, hidden, self.lamps[pixels], material
-        )
+            self.points[pixels], self.views[pixels], self.energy, self.ways, self.apart[pixels], hidden,
+            self.lamps[pixels], material,
+        )  # fmt: skip
+
+    def under(self, energy: Float[np.ndarray, "d v"]) -> "Block":
+        """The same under another light, which is the same for all of them."""
+        ways, apart = np.zeros((0, *energy.shape), np.float32), self.apart[:, :0]
+        return replace(self, energy=energy, ways=ways, apart=apart)
 
 
 @runtime_checkable
@@ -212,7 +250,8 @@ class Rows(Protocol):
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
     ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
-        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied."""
+        """(diffuse, specular) of `k` variants of each of the block's pixels, which lean little from the first; no albedo
+        applied."""
         ...
 
 
@@ -252,7 +291,7 @@ class Responses:
         hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
         lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
         material = of_pixels(sight.material, pixels)
-        return Block(points, sight.views[pixels], self.incident.at(points.mean(0)), hidden, lamps, material)
+        return Block(points, sight.views[pixels], *self.incident.among(points), hidden, lamps, material)
 
     def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
         """All the light a block of pixels shares, with the lamps as its middle sees them."""
@@ -262,10 +301,13 @@ class Responses:
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
     ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
-        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied."""
+        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied. What sets a pixel's light apart
+        from the block's is told for its first variant, and taken to be the same for the others."""
         count, variants = roughness.shape
         # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
-        kept = np.nonzero((normals.reshape(-1, 3).astype(np.float32) @ self.towards).max(0) > 0)[0]
+        first = normals[:, 0].astype(np.float32)
+        lean = np.linalg.norm(normals - normals[:, :1], axis=2).max()
+        kept = np.nonzero((first @ self.towards).max(0) > -lean)[0]
         hidden = None
         if block.hidden is not None:
             start, direction, source = block.hidden
@@ -279,6 +321,7 @@ class Responses:
         answer = run(
             normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0), material,
             self.incident.directions[kept], block.energy[kept], hidden, variants,
+            [(way[kept], block.apart[:, j]) for j, way in enumerate(block.ways)],
         )  # fmt: skip
         diffuse, specular = answer.reshape(2, count, variants, -1)
         self.incident.near.add(
@@ -294,7 +337,7 @@ class Responses:
         )
         return diffuse, specular
 
-    def _on_cpu(self, normals, roughness, views, material, directions, energy, hidden, variants):
+    def _on_cpu(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
         size, d = len(normals), len(directions)
         table = np.empty((2 * size, d), np.float32)
         everything = np.ones((size, d), np.uint8)
@@ -307,9 +350,12 @@ class Responses:
             start, column, source = hidden
             _bounce(table, start, column, source, self.photographed, self.walls, self.cell, variants, out)
         out += table @ energy
+        first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
+        for way, apart in ways:
+            every += ((first @ way) * np.tile(apart, 2)[:, None])[:, None]
         return out
 
-    def _on_device(self, normals, roughness, views, material, directions, energy, hidden, variants):
+    def _on_device(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
         # Only here: torch takes seconds to load.
         import torch
 
@@ -347,6 +393,9 @@ class Responses:
                     sums = torch.segment_reduce(share[:, None] * light, "sum", lengths=counts, axis=0)
                     out[variant + half : half + size : variants] += sums
         out += table @ there(energy)
+        first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
+        for way, apart in ways:
+            every += ((first @ there(way)) * there(np.tile(apart, 2))[:, None])[:, None]
         return out.cpu().numpy()
 
 

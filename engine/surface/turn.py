@@ -30,8 +30,7 @@ def improve(
 
     def settled(state: newton.State, passes: int, span: Progress) -> tuple[newton.State, Sight]:
         seeing = as_photographed(who, state, sight, light.directions)
-        state = newton.respread(state, responses, seeing, parts, who.seen)
-        return newton.iterate(state, responses, seeing, parts, who.seen, passes, span), seeing
+        return newton.iterate(state, responses, seeing, parts, who.seen, passes, span, anew=True), seeing
 
     state, seeing = settled(state, params.passes, progress.part(0, 0.3))
     if params.gloss:

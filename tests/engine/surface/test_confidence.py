@@ -42,7 +42,7 @@ def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     error = np.arccos(np.clip((state.normals * truth).sum(1), -1, 1))
     variances = {
         "formal": formal(state.system, state.spread),
-        "jackknife": jackknifed(state, *under, Progress()),
+        "jackknife": jackknifed(state, *under, Progress())[1],
     }
     return {
         name: (error, confidence(state, v, who.seen, under[1], np.zeros(len(v))).normal)
@@ -73,7 +73,7 @@ def test_stretches_sum_to_the_whole_system() -> None:
     frames, mask = pictures_of_a_ball(rng, 24, light)
     _, state, under = at_the_truth(subject(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
     state = newton.iterate(state, *under, 1, Progress())
-    system, slope = newton.by_stretches(state, *under, 5, Progress())
+    _, system, slope = newton.by_stretches(state, *under, 5, Progress())
     # The kernel's own arithmetic is that of single precision.
     system, slope = newton.reduced(system.sum(1), slope.sum(1))
     np.testing.assert_allclose(system, state.system, rtol=1e-4, atol=1e-4 * np.abs(state.system).max())

@@ -128,7 +128,9 @@ def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: 
     began = []
     monkeypatch.setattr(detail, "TILE", 16)
     evaluated = detail.iterate
-    monkeypatch.setattr(detail, "iterate", lambda state, *a: began.append(state) or evaluated(state, *a))
+    monkeypatch.setattr(
+        detail, "iterate", lambda state, *a, **k: began.append(state) or evaluated(state, *a, **k)
+    )
     solve(*dull.given, few, "cpu", 0, Progress())
     expected = np.concatenate([state.gloss[:, 0] for state in began])
     assert (expected < 0.35).mean() > 0.3  # of anything it is a half

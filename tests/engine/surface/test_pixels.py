@@ -277,7 +277,7 @@ def test_lattice_weights_sum_to_one_and_interpolate_log_depth_exactly():
     lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
     points = lattice.points()
     for point in ([0.0, 0.0, 0.5], [0.02, -0.03, 0.45]):
-        weights = lattice.weights(np.array(point))
+        weights = lattice.weights(np.array(point)[None])[0]
         assert weights.sum() == pytest.approx(1)
         assert weights @ np.log(points[:, 2]) == pytest.approx(np.log(point[2]))
 
@@ -286,6 +286,55 @@ def test_blocks_cover_every_pixel_once():
     mask, _, _ = ball()
     together = np.concatenate(blocks(mask))
     np.testing.assert_array_equal(np.sort(together), np.arange(mask.sum()))
+
+
+def light_that_varies(lattice: Lattice, views: int, d: int) -> Incident:
+    """Every view sees a lamp of its own that stands near, where the probes see it each elsewhere."""
+    directions = direction_cells(d)
+    lamps = np.random.default_rng(3).normal(size=(views, 3)) * 0.3 + [0, 0, -0.4]
+    energy = np.zeros((len(lattice.points()), d, views, 3), np.float32)
+    for k, point in enumerate(lattice.points()):
+        for n, lamp in enumerate(lamps - point):
+            far = np.linalg.norm(lamp)
+            energy[k, :, n] = (np.exp(9 * (directions @ lamp / far - 1)) / far**2)[:, None] * [3, 2, 1]
+    return Incident(lattice, directions, energy.reshape(len(energy), d, -1), Near.none(views, d))
+
+
+@pytest.mark.parametrize("device", ["cpu", "cpu:0"])
+def test_every_pixel_of_a_block_answers_the_light_at_its_own_place(device: str):
+    mask, normals, points = ball()
+    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    light = light_that_varies(lattice, 5, 400)
+    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
+    responses = Responses(light, np.zeros((int(mask.sum()), 15), np.float32), True, False, device)
+    pixels = max(blocks(mask), key=len)
+    leaning, rough, _ = newton.variants(normals[mask][pixels], np.full(len(pixels), 0.3))
+    together = responses.block(sight, pixels)
+    assert 0 < len(together.ways) < len(lattice.points()) / 2
+
+    def sent(block, some) -> np.ndarray:
+        diffuse, specular = responses(block, leaning[some], rough[some])
+        return 0.5 * diffuse + specular
+
+    alone = np.concatenate([sent(responses.block(sight, pixels[[i]]), [i]) for i in range(len(pixels))])
+    everyone = np.arange(len(pixels))
+    off, by_the_mean = (
+        np.abs(sent(block, everyone) / alone - 1) for block in (together, together.under(together.energy))
+    )
+    assert off.mean() < 0.003 < 0.02 < by_the_mean.mean()
+    np.testing.assert_allclose(
+        sent(together.part(everyone[::7]), everyone[::7]), sent(together, everyone)[::7], 1e-4
+    )
+
+
+def test_pixels_at_one_place_share_one_light_and_no_ways_it_differs():
+    mask, _, points = ball()
+    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    light = light_that_varies(lattice, 2, 200)
+    point = points[mask][:1]
+    energy, ways, apart = light.among(np.repeat(point, 9, 0))
+    assert len(ways) == apart.shape[1] == 0
+    np.testing.assert_allclose(energy, light.at(point[0]), rtol=1e-6)
 
 
 def test_a_rim_s_pixels_know_what_is_beside_them_unless_it_is_dark():
