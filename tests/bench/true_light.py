@@ -36,7 +36,7 @@ from engine.hdr import HdrReport
 from engine.metrics import psnr
 from engine.pipeline import run
 from engine.progress import Progress
-from engine.surface.newton import State, begin, iterate, respread
+from engine.surface.newton import State, begin, iterate
 from engine.surface.pixels import Subject, SurfaceParams, depth_of, search, sight_of, subject
 from engine.surface.rough import reach
 from engine.surface.solve import until_still
@@ -238,8 +238,7 @@ def from_truth(
     """Where Gauss-Newton ends that begins at the truth and sees what the true depth hides."""
     who = known.who
     responses = who.responses(known.light, params, "cpu", sight)
-    begun = respread(true, responses, sight, parts, who.seen)
-    return iterate(begun, responses, sight, parts, who.seen, params.passes, progress)
+    return iterate(true, responses, sight, parts, who.seen, params.passes, progress, anew=True)
 
 
 def table(rows: Sequence[Row]) -> str:
