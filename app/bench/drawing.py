@@ -54,7 +54,13 @@ def number(axis, limits: tuple[float, float]) -> None:
     span = limits[1] / limits[0]
     between = (1.0, 2.0, 3.0, 5.0, 7.0) if span < 10 else (1.0, 2.0, 5.0) if span < 100 else (1.0,)
     axis.set_major_locator(LogLocator(subs=between, numticks=20))
-    axis.set_major_formatter(
-        FuncFormatter(lambda value, place: f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k")
-    )
+    axis.set_major_formatter(FuncFormatter(lambda value, place: short(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def short(value: float) -> str:
+    """A tick's label, narrow enough to stand at the very end of an axis: 0.5, 20, 100k, 1M."""
+    for unit, letter in ((1e6, "M"), (1e3, "k")):
+        if value >= unit:
+            return f"{value / unit:g}{letter}"
+    return f"{value:g}"

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from app.bench import ablation_chart, scaling_chart
+from app.bench.drawing import short
 from app.bench.scaling import Point
 from app.bench.scores import Scored
 
@@ -78,3 +79,7 @@ def test_the_line_goes_through_what_it_is_fitted_to() -> None:
     assert list(line.get_xdata()) == [100, 400]
     assert list(line.get_ydata()) == pytest.approx([10.0, 40.0])
     assert list(dots.get_ydata()) == pytest.approx([10.0, 20.0, 40.0])
+
+
+def test_a_tick_is_named_shortly() -> None:
+    assert [short(x) for x in (0.005, 2.0, 1e3, 2e5, 1e6)] == ["0.005", "2", "1k", "200k", "1M"]
