@@ -4,11 +4,11 @@ Exit codes: 0 done, 1 something got worse than the baseline or a quick run finds
 every command.
 """
 
-import os
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from tempfile import TemporaryFile
 
 from app.bench import (
     ablation_chart,
@@ -157,8 +157,13 @@ def _check_outputs(args: Namespace) -> None:
         there = nearest_existing(folder)
         if not there.is_dir():
             raise BenchError(f"{there}: is no folder; name another with {option}")
-        if not os.access(there, os.W_OK):
-            raise BenchError(f"{there}: may not be written to; name another with {option}")
+        try:  # permissions alone do not say it: root has them everywhere
+            with TemporaryFile(dir=there):
+                pass
+        except OSError as error:
+            raise BenchError(
+                f"{there}: may not be written to ({error.strerror}); name another with {option}"
+            ) from error
 
 
 def table(call: Call) -> list[Metric]:
@@ -194,8 +199,10 @@ def ablation(call: Call) -> list[Metric]:
     print("light, poses and masks are shared but where another light is named\n")
     _print_switches(found)
     drawn = found.get(WHOLE, [])
-    if drawn:
-        for path in ablation_chart.write(scores.means(drawn), call.args.out, _caption(call, drawn)):
+    means = scores.means(drawn)
+    # A switch is drawn beside ours with every switch on.
+    if len(means) > 1 and any(one.method == rows.OURS for one in means):
+        for path in ablation_chart.write(means, call.args.out, _caption(call, drawn)):
             print(path)
     return _metrics(found)
 

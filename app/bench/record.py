@@ -142,7 +142,11 @@ def engine_digest() -> str:
 def told(record: Record) -> str:
     """The line under a table: where it was measured, with what."""
     where = record.machine
-    parts = [str(where["processor"]), f"{where['cores']} cores", f"{where['memory_gb']} GB"]
+    parts = [
+        str(where["processor"]),
+        f"{where['cores']} core{'s' * (where['cores'] != 1)}",
+        f"{where['memory_gb']} GB",
+    ]
     parts += [str(where["gpu"])] if where["gpu"] else []
     known: Sequence[str] = [
         f"{name} {record.versions[name]}" for name in ("roomlight", "python", "numba", "torch")

@@ -309,6 +309,10 @@ def test_an_ablation_compares_our_switches_over_all_pixels(
     assert f"window-blob 5 pixels/{DEAREST}/normal" in keys
     assert "window-blob 5 pixels/standard/normal" in keys
     assert len(keys) == len(set(keys))
+    # Neither ours alone nor a switch alone makes a chart.
+    for only in (f"standard,{DEAREST}", "no_bounce", DEAREST):
+        assert main([*words, "--methods", only, "--out", str(tmp_path / "none")]) == 0
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_table_of_parts_is_that_of_one_call(
@@ -455,6 +459,7 @@ def test_what_cannot_be_measured_is_one_line(words: list[str], why: str, capsys:
         (["--json", "file/record.json"], "file: is no folder; name another with --json"),
         (["--out", "file"], "file: is no folder; name another with --out"),
         (["--out", "file/deep/er"], "file: is no folder; name another with --out"),
+        (["--out", "/proc/nope"], "/proc: may not be written to"),
     ],
 )
 def test_places_that_cannot_be_written_to_are_refused_before_any_work(
