@@ -4,7 +4,8 @@ The system's covariance is (J^T W J)^-1 times the squared spread of the weighted
 independent, which those of neighbouring views and of the three channels are not: they look at one and the same error of
 the light. So the answer is also asked what it would be without each of a few stretches of the views (delete-a-group
 jackknife: Shao, Tu, "The Jackknife and Bootstrap", 1995, ch. 2), one Gauss-Newton step each. What is wrong
-alike in all views, neither can know. Radians for normals.
+alike in all views, neither can know: of the light `Doubt` tells it, of what hides the room `misplaced`. Radians for
+normals.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial import KDTree
 
 from engine.progress import Progress
-from engine.surface.newton import State, by_stretches, reduced
+from engine.surface.newton import State, by_stretches, reduced, regular
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 
@@ -63,7 +64,7 @@ class Doubt:
 
 def formal(system: Float[np.ndarray, "p 6 6"], spread: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 6"]:
     """Variances that the system gives if residuals are independent."""
-    variance = np.einsum("pii->pi", np.linalg.inv(_regular(system)))
+    variance = np.einsum("pii->pi", np.linalg.inv(regular(system)))
     return np.maximum(variance * np.maximum(spread, 1.0)[:, None] ** 2, 0)
 
 
@@ -80,15 +81,11 @@ def jackknifed(
     state, systems, slopes = by_stretches(state, responses, sight, parts, seen, STRETCHES, progress)
     system, slope = systems.sum(1), slopes.sum(1)
     without = np.stack([
-        np.linalg.solve(_regular(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
+        np.linalg.solve(regular(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
         for k in range(STRETCHES)
     ])  # fmt: skip
     variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
     return state, np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
-
-
-def _regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
-    return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
 
 
 def confidence(

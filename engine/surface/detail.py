@@ -20,6 +20,7 @@ from engine.surface.bounced import guessed_share
 from engine.surface.brdf import of_pixels
 from engine.surface.confidence import Confidence, Doubt, confidence, jackknifed
 from engine.surface.integrate import integrate
+from engine.surface.misplaced import Unsure
 from engine.surface.newton import State, begin, iterate
 from engine.surface.observations import numbered
 from engine.surface.pixels import Subject, SurfaceParams, doubled, halved, lifted, painted, subject
@@ -74,6 +75,7 @@ class Solved:
     there: Incident  # and of those kept out
     drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
     doubt: Doubt | None  # about the light
+    unsure: Unsure | None  # about what hides the room; None: nothing is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,13 +126,17 @@ def judged(
     here: Responses,
     there: Responses,
     doubt: Doubt | None,
+    unsure: Float[np.ndarray, "p 6"] | None,
     progress: Progress,
 ) -> Maps:
-    """Errors, flags and pictures of pixels that have their answer."""
+    """Errors, flags and pictures of pixels that have their answer; `unsure` are variances besides what the photographs and the
+    `doubt` tell."""
     parts = blocks(who.mask)
     state, variance = jackknifed(state, here, sight, parts, who.seen, progress)
     if doubt is not None:
         variance = variance + doubt.of(state.normals)
+    if unsure is not None:
+        variance = variance + unsure
     certainty = confidence(state, variance, who.seen, sight, guessed_share(state, here, sight, parts))
     return maps_of(state, certainty, painted(there, sight, parts, state))
 
@@ -176,9 +182,13 @@ def in_detail(
         state = iterate(
             state, here, sight, blocks(part.mask), who.seen, params.passes, span.part(0, 0.8), anew=True
         )
+        unsure = None
+        if found.unsure is not None:
+            horizons = found.unsure.horizons.part(take[pixels])
+            unsure = horizons.variance(state, here, sight, blocks(part.mask), who.seen)
         if params.accord:
-            state = accord(state, part.mask)
-        told = judged(who, state, sight, here, there, found.doubt, span.part(0.8, 1))
+            state = accord(state, part.mask, unsure)
+        told = judged(who, state, sight, here, there, found.doubt, unsure, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]
         own = inside[wide][part.mask]

@@ -251,6 +251,31 @@ def by_stretches(
     return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
 
 
+def slopes(
+    diffuse: Float[np.ndarray, "p 4 v"],
+    specular: Float[np.ndarray, "p 4 v"],
+    albedo: Float[np.ndarray, "p 3"],
+    inward: Float[np.ndarray, " p"],
+    eps: Float[np.ndarray, " p"],
+) -> tuple[Float[np.ndarray, "p v"], Float[np.ndarray, "p v 6"]]:
+    """What the answers to `variants` send, with eps, and how its logarithm follows each of the unknowns."""
+    colour = np.tile(albedo, diffuse.shape[2] // 3)
+    model = colour[:, None] * diffuse + specular
+    base = np.maximum(model[:, 0], 0) + eps[:, None]
+    own = np.zeros((*base.shape, 6))
+    own[..., 0] = (model[:, 1] - model[:, 0]) / (STEP * base)
+    own[..., 1] = (model[:, 2] - model[:, 0]) / (STEP * base)
+    own[..., 5] = (model[:, 3] - model[:, 0]) / (inward[:, None] * base)
+    for c in range(3):
+        own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
+    return base, own
+
+
+def regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
+    """The system with so much on its diagonal that it can be inverted."""
+    return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
+
+
 def _damped_step(system, slope, damping):
     diagonal = np.einsum("pii->pi", system)
     damped = system + np.eye(6) * (diagonal * damping[:, None] + 1e-6)[:, None]

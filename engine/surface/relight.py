@@ -229,21 +229,14 @@ def _told(setting, parts, sample, state):
         shining = near.each(points, block.views, variants, rough, block.lamps, *made)
         channels = total.shape[1]
         colour = np.tile(a, channels // 3)
-        model = colour[:, None] * diffuse + specular  # p 4 v
         eps = seen.eps[pixels][:, None]
-        base = np.maximum(model[:, 0], 0) + eps
+        base, own = newton.slopes(diffuse, specular, a, inward, seen.eps[pixels])
         e = np.log((seen.radiance[pixels] + eps) / base)
         weight = seen.weight[pixels]
         width = (seen.cauchy * SPREAD) ** 2
         misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (SPREAD**2 * CORRELATED)
         width = (seen.cauchy * state.spread[pixels][:, None]) ** 2
         weight = weight / (1 + weight * e * e / width) / (state.spread[pixels][:, None] ** 2 * CORRELATED)
-        own = np.zeros((*base.shape, 6))
-        own[..., 0] = (model[:, 1] - model[:, 0]) / (newton.STEP * base)
-        own[..., 1] = (model[:, 2] - model[:, 0]) / (newton.STEP * base)
-        own[..., 5] = (model[:, 3] - model[:, 0]) / (inward[:, None] * base)
-        for c in range(3):
-            own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
         lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
         every = np.ascontiguousarray(lights).reshape(len(total), -1)
         d, s = dark(block.under(every), n[:, None], r[:, None])

@@ -23,6 +23,7 @@ from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smal
 from engine.surface.distance import Distance
 from engine.surface.drift import DRIFT, drift_of
 from engine.surface.groups import CLIPPED
+from engine.surface.misplaced import Unsure, unsure
 from engine.surface.newton import State
 from engine.surface.observations import thinned
 from engine.surface.pixels import (
@@ -132,7 +133,10 @@ def solve(
     seen = photographed_in(picture.frames, picture.mask, kept_out)
     there = answering(seen, found.there, found.sight, params, device)
     if picture is whole:
-        maps = judged(found.who, found.state, found.sight, here, there, found.doubt, progress.part(alone, 1))
+        more = found.unsure and found.unsure.variance
+        maps = judged(
+            found.who, found.state, found.sight, here, there, found.doubt, more, progress.part(alone, 1)
+        )
         z = found.depth[picture.mask]
     else:
         maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(alone, 1))
@@ -214,14 +218,14 @@ def together(
         # Settled views stay, and with them the scale.
         left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
         drift, who = drift + left, who.exposed(left)
-    state, depth, turns = until_still(
+    state, depth, open_to_doubt, turns = until_still(
         who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
     )
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    found = Solved(picture, who, state, depth, sight, here, there, drift, first.doubt)
+    found = Solved(picture, who, state, depth, sight, here, there, drift, first.doubt, open_to_doubt)
     return found, first, fitted, emitters, turns
 
 
@@ -235,12 +239,13 @@ def until_still(
     params: SurfaceParams,
     device: str,
     progress: Progress,
-) -> tuple[State, Float[np.ndarray, "h w"], int]:
-    """All pixels under a light that is settled, round by round with their depth; and how many rounds it took.
+) -> tuple[State, Float[np.ndarray, "h w"], Unsure | None, int]:
+    """All pixels under a light that is settled, round by round with their depth; what stays unsure about what hides the room
+    from them; and how many rounds it took.
 
     `sight` is what the depth hides, for the light's directions.
     """
-    turn, moving = 0, True
+    turn, moving, left = 0, True, None
     while moving:
         span = progress.part(turn / params.rounds, (turn + 1) / params.rounds)
         if turn:
@@ -249,10 +254,12 @@ def until_still(
         state = improve(who, state, light, sight, params, device, span.part(0.2, 0.85))
         turn += 1
         moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
-        if not moving and params.accord:
-            state = accord(state, who.mask)
+        if not moving:
+            left = unsure(who, state, light, sight, params, device)
+            if params.accord:
+                state = accord(state, who.mask, left and left.variance)
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
-    return state, depth, turn
+    return state, depth, left, turn
 
 
 def whole_light(
