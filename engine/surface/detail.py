@@ -179,13 +179,12 @@ def in_detail(
         state = replace(state, gloss=gloss)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
-        state = iterate(
-            state, here, sight, blocks(part.mask), who.seen, params.passes, span.part(0, 0.8), anew=True
-        )
+        parts = blocks(part.mask)
+        state = iterate(state, here, sight, parts, who.seen, params.passes, span.part(0, 0.75), anew=True)
         unsure = None
         if found.unsure is not None:
             horizons = found.unsure.horizons.part(take[pixels])
-            unsure = horizons.variance(state, here, sight, blocks(part.mask), who.seen)
+            unsure = horizons.variance(state, here, sight, parts, who.seen, span.part(0.75, 0.8))
         if params.accord:
             state = accord(state, part.mask, unsure)
         told = judged(who, state, sight, here, there, found.doubt, unsure, span.part(0.8, 1))

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 
 from engine.light.rasterise import workers
+from engine.progress import Progress
 from engine.surface.brdf import of_pixels, rows
 from engine.surface.horizons import LEVELS, beside, compass
 from engine.surface.newton import LONGEST, State, regular, slopes, variants
@@ -45,20 +46,20 @@ class Misplaced:
         sight: Sight,
         parts: list[Int[np.ndarray, " _"]],
         seen: Observations,
+        progress: Progress,
     ) -> Float[np.ndarray, "p 6"]:
         """What the pixels' unknowns vary by: to first order their steps towards photographs in which one sector's horizon lies
         elsewhere, each sector's by itself."""
         found = np.zeros((len(self.square), 6))
         directions = responses.incident.directions
-        level = standing(sight, state.normals, parts, directions)
         with workers() as run:
-            for block in parts:
+            for i, block in enumerate(parts):
+                progress.step(i / len(parts), "doubting what hides the room")
                 pixels = block[self.square[block] > 0]
                 if len(pixels):
-                    around = compass(directions, sight.middle(block))
-                    step = self._steps(
-                        state.part(pixels), responses, sight, pixels, seen.part(pixels), level, around, run
-                    )
+                    around, few = compass(directions, sight.middle(block)), state.part(pixels)
+                    level = standing(sight, pixels, few.normals, directions, around)
+                    step = self._steps(few, responses, sight, pixels, seen.part(pixels), level, around, run)
                     # A longer one is beyond what slopes tell.
                     found[pixels] = (np.clip(step, -LONGEST[:6], LONGEST[:6]) ** 2).sum(1)
         return found
@@ -78,7 +79,7 @@ class Misplaced:
         )  # fmt: skip
         step = np.empty((len(pixels), SECTORS, 6), np.float32)
         run(_foretold, (
-            diffuse, specular, single(state.albedo), level[pixels], *around,
+            diffuse, specular, single(state.albedo), level, *around,
             responses.whole_energy(sight, pixels), np.float32(responses.cell * responses.bounce),
             self.beside[pixels], responses.photographed, single(np.sqrt(self.square[pixels])), single(base),
             single(off), single(seen.weight), single(state.spread) ** 2, np.float32(seen.cauchy**2),
@@ -96,15 +97,22 @@ class Unsure:
 
 
 def unsure(
-    who: Subject, state: State, light: Incident, sight: Sight, params: SurfaceParams, device: str
+    who: Subject,
+    state: State,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    device: str,
+    progress: Progress,
 ) -> Unsure | None:
     """All of it for a state and what the depth says hides the room (`sight`); None where all stand as the depth has them."""
     seeing = as_photographed(who, state, sight, light.directions)
-    horizons = misplaced(sight, seeing, state, who.mask, light.directions)
+    horizons = misplaced(sight, seeing, state, who.mask, light.directions, progress.part(0, 0.2))
     if horizons is None:
         return None
-    responses = who.responses(light, params, device, seeing)
-    return Unsure(horizons, horizons.variance(state, responses, seeing, blocks(who.mask), who.seen))
+    responses, parts = who.responses(light, params, device, seeing), blocks(who.mask)
+    variance = horizons.variance(state, responses, seeing, parts, who.seen, progress.part(0.2, 1))
+    return Unsure(horizons, variance)
 
 
 def misplaced(
@@ -113,35 +121,38 @@ def misplaced(
     state: State,
     mask: Bool[np.ndarray, "h w"],
     directions: Float[np.ndarray, "d 3"],
+    progress: Progress,
 ) -> Misplaced | None:
     """As far as horizons around a pixel are off in the sight that the `depth` told, as those say that are overruled in `seeing`;
     None where all stand as the depth has them."""
     if depth.occlusion is None or not state.level.any():
         return None
-    parts = blocks(mask)
-    told, known = (standing(sight, state.normals, parts, directions) for sight in (depth, seeing))
+    off, parts = np.zeros(state.level.shape, np.int32), blocks(mask)
+    for i, block in enumerate(parts):
+        progress.step(i / len(parts), "doubting what hides the room")
+        around, normals = compass(directions, depth.middle(block)), state.normals[block]
+        told, known = (standing(sight, block, normals, directions, around) for sight in (depth, seeing))
+        off[block] = known - told
     square = np.zeros(mask.shape)
-    square[mask] = np.where(state.level > 0, (known - told) ** 2, 0).mean(1)
+    square[mask] = np.where(state.level > 0, off**2, 0).mean(1)
     around = uniform_filter(square, ROUND)[mask] / uniform_filter(mask.astype(float), ROUND)[mask]
     return Misplaced(np.maximum(around, 0), beside(mask))
 
 
 def standing(
     sight: Sight,
-    normals: Float[np.ndarray, "p 3"],
-    parts: list[Int[np.ndarray, " _"]],
+    pixels: Int[np.ndarray, " k"],
+    normals: Float[np.ndarray, "k 3"],
     directions: Float[np.ndarray, "d 3"],
-) -> Int[np.ndarray, "p s"]:
-    """The level of every sector that comes nearest to what is hidden there, by cosines; the least hiding of equal ones."""
-    level = np.full((len(normals), SECTORS), LEVELS - 1, np.int32)
-    hidden = sight.occlusion
-    if hidden is not None:
-        for pixels in parts:
-            sector, ring = compass(directions, sight.middle(pixels))
-            cosine = np.maximum(normals[pixels] @ directions.T, 0).astype(np.float32)
-            start, direction, _ = hidden.of(pixels)
-            level[pixels] = _standing(cosine, start, direction, sector, ring)
-    return level
+    around: tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]],
+) -> Int[np.ndarray, "k s"]:
+    """The level of every sector that comes nearest to what is hidden there, by cosines; the least hiding of equal ones. `around`
+    is the compass of the pixels' block."""
+    if sight.occlusion is None:
+        return np.full((len(pixels), SECTORS), LEVELS - 1, np.int32)
+    start, direction, _ = sight.occlusion.of(pixels)
+    cosine = np.maximum(normals @ directions.T, 0).astype(np.float32)
+    return _standing(cosine, start, direction, *around)
 
 
 @numba.njit(parallel=True, cache=True)

@@ -251,11 +251,11 @@ def until_still(
         if turn:
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         before = state.normals
-        state = improve(who, state, light, sight, params, device, span.part(0.2, 0.85))
+        state = improve(who, state, light, sight, params, device, span.part(0.2, 0.82))
         turn += 1
         moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
         if not moving:
-            left = unsure(who, state, light, sight, params, device)
+            left = unsure(who, state, light, sight, params, device, span.part(0.82, 0.85))
             if params.accord:
                 state = accord(state, who.mask, left and left.variance)
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))

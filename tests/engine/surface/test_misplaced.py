@@ -6,9 +6,9 @@ import numpy as np
 
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.horizons import LEVELS, beside, overruled
+from engine.surface.horizons import LEVELS, beside, compass, overruled
 from engine.surface.misplaced import Misplaced, misplaced, standing
-from engine.surface.transport import blocks
+from engine.surface.transport import Sight, blocks
 from engine.surface.visibility import SECTORS
 from tests.engine.surface.test_horizons import (
     COUNT,
@@ -24,11 +24,20 @@ from tests.engine.surface.test_horizons import (
 PARTS = blocks(MASK)
 
 
+def levels_of(sight: Sight, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """What `standing` says of all pixels, block by block."""
+    level = np.zeros((COUNT, SECTORS), int)
+    for block in PARTS:
+        around = compass(directions, sight.middle(block))
+        level[block] = standing(sight, block, normals[block], directions, around)
+    return level
+
+
 def test_a_horizon_is_read_from_what_it_hides():
     who, light, state = photographs_under(walled(0, 0, 0), np.random.default_rng(0))
     level = walled(2, 5, 3)
     sight = overruled(facing(NOTHING), level, state.normals, PARTS, light.directions, beside(MASK))
-    told = standing(sight, state.normals, PARTS, light.directions)
+    told = levels_of(sight, state.normals, light.directions)
     assert (told[:, 2:5] == 3).all()
     # What lies beneath the pixel's own plane is not hidden by anything, whatever the level.
     assert (told[:, :2] == LEVELS - 1).all()
@@ -36,7 +45,7 @@ def test_a_horizon_is_read_from_what_it_hides():
     one_less = overruled(
         facing(NOTHING), level - (level > 0), state.normals, PARTS, light.directions, beside(MASK)
     )
-    assert (standing(one_less, state.normals, PARTS, light.directions)[:, 2:5] == 2).all()
+    assert (levels_of(one_less, state.normals, light.directions)[:, 2:5] == 2).all()
 
 
 def test_what_is_overruled_speaks_for_those_around_it():
@@ -46,8 +55,8 @@ def test_what_is_overruled_speaks_for_those_around_it():
     left = np.argwhere(MASK)[:, 1] < 8
     level[~left] = 0
     seeing = overruled(depth, level, state.normals, PARTS, light.directions, aside)
-    assert misplaced(depth, seeing, state, MASK, light.directions) is None
-    found = misplaced(depth, seeing, replace(state, level=level), MASK, light.directions)
+    assert misplaced(depth, seeing, state, MASK, light.directions, Progress()) is None
+    found = misplaced(depth, seeing, replace(state, level=level), MASK, light.directions, Progress())
     assert found is not None
     # One sector of all, which the depth leaves open.
     off = (LEVELS - 1 - 4) ** 2 / SECTORS
@@ -72,9 +81,9 @@ def test_a_pixel_varies_as_its_answer_does_under_other_horizons():
     half = np.arccos(np.clip((nearer.normals * farther.normals).sum(1), -1, 1)) / 2
     sight = overruled(depth, wall, settled.normals, PARTS, light.directions, aside)
     doubt = Misplaced(np.ones(COUNT), aside)
-    variance = doubt.variance(settled, responses, sight, PARTS, who.seen)
+    variance = doubt.variance(settled, responses, sight, PARTS, who.seen, Progress())
     told = np.sqrt(variance[:, 0] + variance[:, 1])[inner()]
     assert np.median(half[inner()]) > np.radians(0.25)
     assert 0.6 < np.median(told / half[inner()]) < 1.5
-    none = Misplaced(np.zeros(COUNT), aside).variance(settled, responses, sight, PARTS, who.seen)
+    none = Misplaced(np.zeros(COUNT), aside).variance(settled, responses, sight, PARTS, who.seen, Progress())
     assert not none.any()
