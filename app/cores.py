@@ -18,12 +18,15 @@ def prepare() -> None:
 
 
 def share() -> None:
-    """Let OpenMP's threads wait asleep (OpenMP 5.2, OMP_WAIT_POLICY); call before torch or numba are loaded.
+    """Let OpenMP's threads wait asleep (OpenMP 5.2, OMP_WAIT_POLICY), and one thread do a product of matrices; call before numpy,
+    torch or numba are loaded.
 
     By default they spin between the parts of a solve, and on two cores take from a capture, the window or another
     session what nobody gains: a kernel beside other work took half as much processor time again.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # Products divided among threads sum in another order on another number of cores; ours are many, and run side by side.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:

@@ -41,7 +41,7 @@ class Matt:
     """Another model's rows with the highlight left out."""
 
     def __init__(self, rows: Rows):
-        self.rows = rows
+        self.rows, self.device = rows, rows.device
 
     @property
     def incident(self) -> Light:

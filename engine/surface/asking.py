@@ -46,6 +46,7 @@ class Asked:
     around: tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]
     seen: Observations
     beside: Int[np.ndarray, "p s"]
+    facing: Float[np.ndarray, "p 3"]  # the normals of those beside
     spread: Float[np.ndarray, " p"]
     gloss: Float[np.ndarray, "p 2"]
     usual: float
@@ -63,7 +64,7 @@ class Asked:
         """`horizons.explain` for some of the mask's pixels."""
         return horizons.explain(
             self.responses, self.sight, of, normals, roughness, level, self.energy, self.around,
-            self.seen.part(of), self.spread[of], self.gloss[of], self.usual, self.beside, self.run, sweeps, prices,
+            self.seen.part(of), self.spread[of], self.gloss[of], self.usual, self.beside, self.facing, self.run, sweeps, prices,
         )  # fmt: skip
 
 
@@ -94,7 +95,8 @@ def inquiry(
                 energy = horizons.by_channel(responses.whole_energy(sight, block))
                 around = horizons.compass(light.directions, sight.middle(block))
                 yield Asked(
-                    pixels, responses, sight, energy, around, seen, beside, state.spread, state.gloss, usual, run
+                    pixels, responses, sight, energy, around, seen, beside, state.normals, state.spread, state.gloss,
+                    usual, run,
                 )  # fmt: skip
 
 

@@ -4,12 +4,14 @@ A wall is matt and of its rim's paint. It is lit by what it sees of the room, by
 they were photographed, and by other walls as they are without one another's light. Camera frame.
 """
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from engine.radiance import luminance
+from engine.surface.abreast import abreast
 from engine.surface.newton import State
 from engine.surface.transport import Incident, Responses, Sight, predict
 
@@ -31,9 +33,14 @@ def lit(sight: Sight, light: Incident, photographed: Float[np.ndarray, "q v"]) -
         before = thrown
         thrown = np.empty_like(before)
         responses = Responses(light, photographed, False, True, "cpu", before)
-        for part in walls.parts:
+
+        def shine(
+            part: Int[np.ndarray, " _"], responses: Responses = responses, thrown: np.ndarray = thrown
+        ) -> None:
             diffuse, _ = responses(responses.block(around, part), walls.normals[part][:, None], rough[part])
             thrown[part] = diffuse[:, 0] * np.tile(walls.albedo[part], diffuse.shape[2] // 3)
+
+        deque(abreast(shine, walls.parts), 0)
     return thrown
 
 

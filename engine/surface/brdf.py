@@ -97,10 +97,10 @@ def lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse, bend, metal):
     return diffuse, specular
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _rows(normals, roughness, views, matter, dx, dy, dz, visible, full_diffuse, floor, diffuse, specular):
-    for p in numba.prange(normals.shape[0]):
+    for p in range(normals.shape[0]):
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
         r = roughness[p]

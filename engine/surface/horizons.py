@@ -33,7 +33,9 @@ chance. On a relief under lamps the horizons bought at 30, at 8 and at 3 were eq
 median), but at 30 only a third as many were, and normals stood at 6.6 degrees instead of 5.9."""
 SWEEPS = 2
 BESIDE = 4
-"""Pixels to the side, at most, whose photographs stand for what an overruled horizon puts in the way."""
+"""Pixels to the side, at most, whose photographs stand for what an overruled horizon puts in the way, in the directions that
+they look towards; in others nothing is known. A pixel whose neighbours lean as it does would explain its photographs
+by theirs, whatever its normal is."""
 
 
 def compass(
@@ -128,7 +130,12 @@ def _merge(
             lost += cosine
             if fill:
                 out_d[at[p] + n] = d
-                out_s[at[p] + n] = behind[d] if behind[d] != -2 else beside[p, sector[d]]
+                out_s[at[p] + n] = behind[d]
+                if behind[d] == -2:
+                    other, facing = beside[p, sector[d]], np.float32(0)
+                    for axis in range(3):
+                        facing -= normals[other, axis] * directions[d, axis]
+                    out_s[at[p] + n] = other if facing > 0 else -1
             n += 1
         share[p] = lost / max(whole, np.float32(1e-9))
         if not fill:
@@ -149,6 +156,7 @@ def explain(
     gloss: Float[np.ndarray, "p 2"],
     usual: float,
     beside: Int[np.ndarray, "every s"],
+    facing: Float[np.ndarray, "every 3"],
     run: Run,
     sweeps: int = SWEEPS,
     prices: Float[np.ndarray, "p s l"] | None = None,
@@ -157,7 +165,8 @@ def explain(
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
     of the depth; `energy` and `around` (the compass) belong to the block, `seen`, `spread` and `gloss` to the given pixels;
-    `usual` is the object's median spread; `run` does the work; all light and photographs are `by_channel`. Misfits
+    `usual` is the object's median spread; `facing` are the normals of those that stand `beside`; `run` does the
+    work; all light and photographs are `by_channel`. Misfits
     compare between normals, roughnesses and levels of one pixel. `prices` (float32), if given, takes what each level of
     each sector would add to the misfit, all others as they are found to be, in the spreads of `PRICE`.
     """
@@ -184,7 +193,8 @@ def explain(
     answer = level.copy(), np.empty(len(level)), np.empty((len(level), 3))
     run(_descend, (
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
-        energy, responses.cell, start, direction, source, beside[pixels], responses.photographed,
+        directions.astype(np.float32), energy, responses.cell, start, direction, source, beside[pixels],
+        np.asarray(facing, np.float32), responses.photographed,
         responses.walls, responses.bounce, seen.radiance, seen.weight, seen.eps, np.float32(seen.cauchy**2),
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
         prices,
@@ -241,7 +251,7 @@ def _misfit(sent, radiance, weight, eps, wide, square, albedo, limit):
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _descend(
-    diffuse, specular, order, sector, ring, energy, cell, start, direction, source, beside, photographed,
+    diffuse, specular, order, sector, ring, towards, energy, cell, start, direction, source, beside, facing, photographed,
     walls, bounce, radiance, weight, eps, wide, squares, dearest, away, sweeps, found, misfits, albedos, prices, part,
     parts,
 ):  # fmt: skip
@@ -263,8 +273,12 @@ def _descend(
             if a <= 0:
                 continue
             s, r = sector[d], ring[d]
-            wall[s, r, 0] += a * cell
-            wall[s, r, 1] += b * cell
+            other, seen = beside[p, s], np.float32(0)
+            for axis in range(3):
+                seen -= facing[other, axis] * towards[d, axis]
+            if seen > 0:
+                wall[s, r, 0] += a * cell
+                wall[s, r, 1] += b * cell
             into = room[s, r]
             for v in range(size):
                 into[0, v] += a * energy[d, v]

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 
-from engine.light.rasterise import workers
 from engine.progress import Progress
+from engine.surface.abreast import abreast
 from engine.surface.brdf import of_pixels, rows
 from engine.surface.horizons import LEVELS, beside, compass
 from engine.surface.newton import LONGEST, State, regular, slopes, variants
@@ -52,19 +52,21 @@ class Misplaced:
         elsewhere, each sector's by itself."""
         found = np.zeros((len(self.square), 6))
         directions = responses.incident.directions
-        with workers() as run:
-            for i, block in enumerate(parts):
-                progress.step(i / len(parts), "doubting what hides the room")
-                pixels = block[self.square[block] > 0]
-                if len(pixels):
-                    around, few = compass(directions, sight.middle(block)), state.part(pixels)
-                    level = standing(sight, pixels, few.normals, directions, around)
-                    step = self._steps(few, responses, sight, pixels, seen.part(pixels), level, around, run)
-                    # A longer one is beyond what slopes tell.
-                    found[pixels] = (np.clip(step, -LONGEST[:6], LONGEST[:6]) ** 2).sum(1)
+
+        def doubt(block: Int[np.ndarray, " _"]) -> None:
+            pixels = block[self.square[block] > 0]
+            if len(pixels):
+                around, few = compass(directions, sight.middle(block)), state.part(pixels)
+                level = standing(sight, pixels, few.normals, directions, around)
+                step = self._steps(few, responses, sight, pixels, seen.part(pixels), level, around)
+                # A longer one is beyond what slopes tell.
+                found[pixels] = (np.clip(step, -LONGEST[:6], LONGEST[:6]) ** 2).sum(1)
+
+        for i, _ in enumerate(abreast(doubt, parts, responses.device)):
+            progress.step(i / len(parts), "doubting what hides the room")
         return found
 
-    def _steps(self, state, responses, sight, pixels, seen, level, around, run):
+    def _steps(self, state, responses, sight, pixels, seen, level, around):
         leaning, rough, inward = variants(state.normals, state.roughness)
         answers = responses(responses.block(sight, pixels), leaning, rough)
         base, own = slopes(answers[0], answers[1], state.albedo, inward, seen.eps)
@@ -77,14 +79,15 @@ class Misplaced:
             state.normals, state.roughness, sight.views[pixels], directions, everything,
             responses.full_diffuse, responses.floor, of_pixels(sight.material, pixels),
         )  # fmt: skip
+        sector, ring = around
         step = np.empty((len(pixels), SECTORS, 6), np.float32)
-        run(_foretold, (
-            diffuse, specular, single(state.albedo), level, *around,
+        _foretold(
+            diffuse, specular, single(state.albedo), level, sector, ring,
             responses.whole_energy(sight, pixels), np.float32(responses.cell * responses.bounce),
             self.beside[pixels], responses.photographed, single(np.sqrt(self.square[pixels])), single(base),
             single(off), single(seen.weight), single(state.spread) ** 2, np.float32(seen.cauchy**2),
             single(towards), step,
-        ))  # fmt: skip
+        )  # fmt: skip
         return step
 
 
@@ -128,11 +131,14 @@ def misplaced(
     if depth.occlusion is None or not state.level.any():
         return None
     off, parts = np.zeros(state.level.shape, np.int32), blocks(mask)
-    for i, block in enumerate(parts):
-        progress.step(i / len(parts), "doubting what hides the room")
+
+    def compare(block: Int[np.ndarray, " _"]) -> None:
         around, normals = compass(directions, depth.middle(block)), state.normals[block]
         told, known = (standing(sight, block, normals, directions, around) for sight in (depth, seeing))
         off[block] = known - told
+
+    for i, _ in enumerate(abreast(compare, parts)):
+        progress.step(i / len(parts), "doubting what hides the room")
     square = np.zeros(mask.shape)
     square[mask] = np.where(state.level > 0, off**2, 0).mean(1)
     around = uniform_filter(square, ROUND)[mask] / uniform_filter(mask.astype(float), ROUND)[mask]
@@ -155,12 +161,12 @@ def standing(
     return _standing(cosine, start, direction, *around)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 @no_type_check
 def _standing(cosine, start, direction, sector, ring):
     count, rings = len(cosine), LEVELS - 1
     found = np.empty((count, SECTORS), np.int32)
-    for p in numba.prange(count):
+    for p in range(count):
         # Of every ring what is open and what is hidden.
         light = np.zeros((SECTORS, rings, 2))
         for d in range(cosine.shape[1]):
@@ -184,17 +190,15 @@ def _standing(cosine, start, direction, sector, ring):
     return found
 
 
-# Threads from outside, as in `horizons`.
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _foretold(
     diffuse, specular, albedo, level, sector, ring, energy, cell, instead, photographed, rings, base, off, weight,
-    squares, wide, towards, found, part, parts,
+    squares, wide, towards, found,
 ):  # fmt: skip
-    """The steps (p s 6) of the unknowns for each sector whose horizon is `rings` elsewhere, of every `parts`-th pixel from `part`
-    on."""
+    """The steps (p s 6) of the unknowns for each sector whose horizon is `rings` elsewhere."""
     size = energy.shape[1]
-    for p in range(part, len(found), parts):
+    for p in range(len(found)):
         sent = np.zeros((SECTORS, size), np.float32)
         for d in range(len(sector)):
             s = sector[d]

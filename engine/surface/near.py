@@ -189,11 +189,11 @@ def _place(faces, side, x, y, z):
     return face, v, u
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 @no_type_check
 def _visible(points, centres, shines, start, direction, cells, index, share, faces, seen):
     side = index.shape[1]
-    for p in numba.prange(points.shape[0]):
+    for p in range(points.shape[0]):
         dark = np.zeros(cells, np.float32)
         for e in range(start[p], start[p + 1]):
             dark[direction[e]] = 1
@@ -243,12 +243,12 @@ def _answers(nl, nv, lv, sine, r, full_diffuse, bend, metal):
     return a, b
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _add(
     points, views, normals, roughness, matter, centres, radii, seen, full_diffuse, radiance, diffuse, specular
 ):  # fmt: skip
-    for p in numba.prange(points.shape[0]):
+    for p in range(points.shape[0]):
         vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
         bend, metal = matter[p, 0], matter[p, 1]
         for n in range(centres.shape[0]):
@@ -271,12 +271,12 @@ def _add(
                         specular[p, k, n, c] += b * radiance[n, l, c]
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 @no_type_check
 def _spread(point, centres, radii, radiance, index, share, faces, out):
     side = index.shape[1]
     golden = math.pi * (1 + math.sqrt(5.0))
-    for n in numba.prange(centres.shape[0]):
+    for n in range(centres.shape[0]):
         for l in range(centres.shape[1]):
             if radiance[n, l].max() <= 0:
                 continue

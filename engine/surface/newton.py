@@ -11,6 +11,7 @@ is taken back. Albedo is solved as its logarithm. Derivatives of D and S by forw
 
 import itertools
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import no_type_check
 
@@ -20,6 +21,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.geometry import tangents
 from engine.progress import Progress
+from engine.surface.abreast import abreast
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 from engine.surface.visibility import SECTORS
@@ -114,11 +116,14 @@ def respread(
 ) -> State:
     """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
     spread = np.empty(len(state.normals))
-    for pixels in parts:
+
+    def measure(pixels: Int[np.ndarray, " _"]) -> None:
         diffuse, specular = responses(
             responses.block(sight, pixels), state.normals[pixels][:, None], state.roughness[pixels][:, None]
         )
         spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
+
+    deque(abreast(measure, parts, responses.device), 0)
     return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
 
 
@@ -170,8 +175,8 @@ def iterate(
     """
     kept = state.copy()
     tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
-    for i, pixels in enumerate(parts):
-        progress.step(i / len(parts), "solving pixels")
+
+    def solve(pixels: Int[np.ndarray, " _"]) -> None:
         block = responses.block(sight, pixels)
         n, a, r, b = (x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.share))
         for turn in range(passes):
@@ -208,6 +213,9 @@ def iterate(
             a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
             b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
+
+    for i, _ in enumerate(abreast(solve, parts, responses.device)):
+        progress.step(i / len(parts), "solving pixels")
     return kept
 
 
@@ -235,8 +243,8 @@ def by_stretches(
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
     system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
     spread = np.empty(pixels_in_all)
-    for i, pixels in enumerate(parts):
-        progress.step(i / len(parts), "judging the answer by parts of the views")
+
+    def judge(pixels: Int[np.ndarray, " _"]) -> None:
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
         leaning, rough, inward = variants(n, r)
         answers = responses(responses.block(sight, pixels), leaning, rough)
@@ -248,6 +256,9 @@ def by_stretches(
                 d, s, a, inward, radiance, weight, seen.eps[pixels], spread[pixels], seen.cauchy, r,
                 state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
             )  # fmt: skip
+
+    for i, _ in enumerate(abreast(judge, parts, responses.device)):
+        progress.step(i / len(parts), "judging the answer by parts of the views")
     return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
 
 
@@ -290,7 +301,7 @@ def facing(normals, views):
     return fixed / np.linalg.norm(fixed, axis=-1, keepdims=True)
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def _normal_equations(
     diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
@@ -300,7 +311,7 @@ def _normal_equations(
     misfit = np.zeros(count)
     system = np.zeros((count, 7, 7))
     slope = np.zeros((count, 7))
-    for p in numba.prange(count):
+    for p in range(count):
         width = (cauchy * spread[p]) ** 2
         tilt_step, rough_step = np.float32(1 / STEP), np.float32(1) / np.float32(inward[p])
         d, s = diffuse[p], specular[p]

@@ -23,11 +23,12 @@ Logs throughout: residual log((I + eps) / (model + eps)). Camera frame.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from engine.progress import Progress
 from engine.radiance import luminance
 from engine.surface import newton
+from engine.surface.abreast import abreast
 from engine.surface.groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN
 from engine.surface.parts import Parts
 from engine.surface.sample import Sample
@@ -216,7 +217,8 @@ def _told(setting, parts, sample, state):
     others = np.r_[0 : lamps.start, lamps.stop : count]
     near = responses.incident.near
     lean = [parts.moved(setting.aside + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)]
-    for pixels in sample.regions:
+
+    def tell(pixels: Int[np.ndarray, " _"]) -> tuple[Float[np.ndarray, "u u"], Float[np.ndarray, " u"]]:
         block = responses.block(sight, pixels)
         points, here = block.points, block.points.mean(0)
         each = parts.at(here, setting.gain)[others]
@@ -274,8 +276,12 @@ def _told(setting, parts, sample, state):
         solved = np.linalg.solve(inner, np.concatenate([cross, own_slope[..., None]], 2))
         following[pixels] = -solved[..., :-1]
         flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
-        system += flat.T @ weighted - cross.reshape(-1, unknowns).T @ solved[..., :-1].reshape(-1, unknowns)
-        slope += weighted.T @ e.ravel() - cross.reshape(-1, unknowns).T @ solved[..., -1].ravel()
+        own_share = cross.reshape(-1, unknowns).T @ solved.reshape(-1, unknowns + 1)
+        return flat.T @ weighted - own_share[:, :-1], weighted.T @ e.ravel() - own_share[:, -1]
+
+    for more, pull in abreast(tell, sample.regions):
+        system += more
+        slope += pull
     return system, slope, misfits, following
 
 

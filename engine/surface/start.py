@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from engine.geometry import fibonacci_sphere
 from engine.progress import Progress
+from engine.surface.abreast import abreast
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 
@@ -32,8 +33,8 @@ def global_start(
     roughness = np.zeros(count)
     sphere = fibonacci_sphere(2 * candidates)
     regions = [part for region in regions for part in _of_one_material(sight, region)]
-    for i, pixels in enumerate(regions):
-        progress.step(i / len(regions), "searching normals")
+
+    def search(pixels: Int[np.ndarray, " _"]) -> None:
         middle = pixels[len(pixels) // 2 : len(pixels) // 2 + 1]
         facing = sphere[sphere @ sight.views[middle[0]] > 0.05]
         tried = np.repeat(facing, len(ROUGHNESSES), 0)
@@ -50,6 +51,9 @@ def global_start(
         diffuse, specular = responses(block, tried[:, None], rough[:, None])
         best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
+
+    for i, _ in enumerate(abreast(search, regions, responses.device)):
+        progress.step(i / len(regions), "searching normals")
     return normals, albedo, roughness
 
 

@@ -15,6 +15,7 @@ from engine import mapfiles
 from engine.errors import ImportFault, SurfaceError
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.abreast import abreast
 from engine.surface.observations import Observations
 from engine.surface.pixels import Subject, SurfaceParams
 from engine.surface.start import ROUGHNESSES
@@ -107,13 +108,16 @@ def begun(
     tried = np.tile(ROUGHNESSES, (len(normals), 1)) if maps.roughness is None else maps.roughness[:, None]
     tried = np.clip(tried, *newton.ROUGHNESS)
     albedo, roughness = np.zeros((len(normals), 3)), np.zeros(len(normals))
-    for i, pixels in enumerate(parts):
-        progress.step(i / len(parts), "beginning from the maps given")
+
+    def begin(pixels: Int[np.ndarray, " _"]) -> None:
         leaning = np.repeat(normals[pixels][:, None], tried.shape[1], 1)
         block = responses.block(sight, pixels)
         diffuse, specular = responses(block.under(block.energy), leaning, tried[pixels])
         best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
         roughness[pixels] = tried[pixels, best]
+
+    for i, _ in enumerate(abreast(begin, parts, device)):
+        progress.step(i / len(parts), "beginning from the maps given")
     return newton.begin(normals, albedo, roughness)
 
 

@@ -31,6 +31,7 @@ from engine.surface.groups import (
 )
 from engine.surface.near import Near, near_of
 from engine.surface.parts import Parts
+from engine.surface.survey import survey
 from engine.surface.transport import Incident, Lattice, direction_cells
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
 
@@ -137,10 +138,11 @@ def light_at(
     progress: Progress,
 ) -> Incident:
     """The energy at the lattice for some views, small holes of the room filled."""
-    cells, points = direction_cells(directions), lattice.points()
-    energy = arriving(emitters.field(), cam_from_world, points, cells, face_px, True, progress).energy
-    near = near_of(emitters.lamps, emitters.shown(), cam_from_world, points.mean(0), directions)
-    return Incident(lattice, cells, sharpened(_stacked(energy), cells), near)
+    cells, asked = direction_cells(directions), survey(lattice)
+    energy = arriving(emitters.field(), cam_from_world, asked.points, cells, face_px, True, progress).energy
+    middle = lattice.points().mean(0)
+    near = near_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
+    return Incident(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
 
 
 def parts_at(
@@ -153,23 +155,26 @@ def parts_at(
 ) -> Parts:
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
-    points, field = lattice.points(), room.emitters.field()
-    found = arriving(field, poses, points, cells, face_px, False, progress)
+    asked, field = survey(lattice), room.emitters.field()
+    found = arriving(field, poses, asked.points, cells, face_px, False, progress)
     energy, seen = found.energy, found.seen
     lit = luminance(energy) > 0
     source = np.ascontiguousarray(whose(found.places, lit, field).transpose(1, 2, 0))
     # Small holes are filled in from their surroundings, whose level they keep.
     source[seen.transpose(1, 2, 0) < PHOTOGRAPHED] = -1
-    filled, patches = len(room.kind), room.patches()
-    came_from = np.where(source < 0, filled, room.group[source])
-    patch = None if patches is None else np.maximum(source - (len(room.group) - len(patches.group)), -1)
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
             energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
-    near = near_of(room.emitters.lamps, room.emitters.shown(), poses, points.mean(0), directions)
+    stacked = _stacked(energy)
+    source = asked.brightest(stacked, source)
+    filled, patches = len(room.kind), room.patches()
+    came_from = np.where(source < 0, filled, room.group[source])
+    patch = None if patches is None else np.maximum(source - (len(room.group) - len(patches.group)), -1)
+    middle = lattice.points().mean(0)
+    near = near_of(room.emitters.lamps, room.emitters.shown(), poses, middle, directions)
     no_lamps = Near.none(len(views), directions)
-    total = Incident(lattice, cells, sharpened(_stacked(energy), cells), no_lamps)
+    total = Incident(lattice, cells, asked.everywhere(sharpened(stacked, cells)), no_lamps)
     kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
     across = across_of(room)
     return Parts(

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.geometry import fibonacci_sphere, unproject
+from engine.surface.abreast import abreast
 from engine.surface.brdf import lobe_floor, of_pixels, rows_into
 from engine.surface.near import Near
 from engine.surface.visibility import Occlusion, owned
@@ -83,12 +84,12 @@ def lattice_around(
     return Lattice(np.append(xy.min(0), depth[0]), np.append(xy.max(0), depth[1]), shape)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True)
+@numba.njit(nogil=True, fastmath=True, cache=True)
 @no_type_check
 def _mixed(energy, probes, weights):
     """Weighted sums of some probes' energy."""
     out = np.zeros((len(weights), energy.shape[1], energy.shape[2]), np.float32)
-    for d in numba.prange(energy.shape[1]):
+    for d in range(energy.shape[1]):
         for k in range(len(probes)):
             for j in range(len(weights)):
                 for v in range(energy.shape[2]):
@@ -171,7 +172,7 @@ class Sight:
         return replace(self, points=self.points * scale, occlusion=occlusion, cast_z=cast_z)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True)
+@numba.njit(nogil=True, fastmath=True, cache=True)
 @no_type_check
 def _bounce(table, start, direction, source, photographed, walls, cell, variants, out):
     """Move each occluded entry's light from the room's to what the photograph saw there, or to what walls throw.
@@ -179,7 +180,7 @@ def _bounce(table, start, direction, source, photographed, walls, cell, variants
     Rows are the variants of every pixel, diffuse and then specular: each row of light is read once for all.
     """
     pixels, known = len(start) - 1, len(photographed)
-    for p in numba.prange(pixels):
+    for p in range(pixels):
         for k in range(start[p], start[p + 1]):
             d, q = direction[k], source[k]
             if d < 0:
@@ -237,6 +238,8 @@ class Light(Protocol):
 @runtime_checkable
 class Rows(Protocol):
     """What search and Gauss-Newton ask of a model of reflectance and light: `Responses`, or a poorer one."""
+
+    device: str  # where it answers: "cpu" several blocks at a time
 
     @property
     def incident(self) -> Light:
@@ -413,9 +416,12 @@ def predict(
     roughness: Float[np.ndarray, " p"],
 ) -> Iterator[tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b n 3"]]]:
     """Re-rendered radiance of each block of pixels in every view of the responses' light."""
-    for pixels in parts:
+
+    def sent(pixels: Int[np.ndarray, " b"]) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b n 3"]]:
         diffuse, specular = responses(
             responses.block(sight, pixels), normals[pixels][:, None], roughness[pixels][:, None]
         )
         shape = (len(pixels), -1, 3)
-        yield pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)
+        return pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)
+
+    yield from abreast(sent, parts, responses.device)

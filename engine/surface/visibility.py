@@ -127,8 +127,8 @@ def occlusion(
 ) -> Occlusion:
     """Cast every pixel's rays at the depth mesh.
 
-    With the pixels' `albedo` given, the walls that no pixel shows are sources of their own; without, the nearest pixel of
-    their rim stands for each.
+    With the pixels' `albedo` given, the walls that no pixel shows are sources of their own, and pixels are where they look;
+    without, the nearest pixel stands for all that hides, whichever way it looks.
     """
     vertices, triangles = depth_mesh(points, mask, tear)
     flat_normals = normals[mask].astype(float)
@@ -137,7 +137,7 @@ def occlusion(
     cut = Patches(np.full((len(triangles), 1), -1, np.int32), none, none, none, [])
     if albedo is not None:
         cut = patches(vertices, triangles, flat_normals, albedo, mask)
-    mesh = _Mesh(vertices, triangles, cut.of)
+    mesh = _Mesh(vertices, None if albedo is None else flat_normals, triangles, cut.of)
     origins = vertices + clearance(vertices, flat_normals, footprint, mask)
     found = mesh.hidden(origins, flat_normals, directions, -BELOW, progress)
     if not len(cut.points):
@@ -177,6 +177,7 @@ class _Mesh:
     def __init__(
         self,
         vertices: Float[np.ndarray, "p 3"],
+        normals: Float[np.ndarray, "p 3"] | None,
         triangles: Int[np.ndarray, "t 3"],
         walls: Int[np.ndarray, "t b"],
     ):
@@ -188,6 +189,7 @@ class _Mesh:
             o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
         )
         self.depths, self.triangles, self.walls = vertices[:, 2], triangles, walls
+        self.normals = np.zeros((0, 3), np.float32) if normals is None else normals.astype(np.float32)
         self.faces = faces_of(vertices, triangles)[0].astype(np.float32)
 
     def hidden(
@@ -215,7 +217,8 @@ class _Mesh:
             answer = self.scene.cast_rays(o3d.core.Tensor.from_numpy(rays[:count]))
             lengths, cells, hiders = _struck(
                 answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy(),
-                pairs[:count], self.triangles, cosine, directions32, self.depths, self.faces, self.walls, share[part],
+                pairs[:count], self.triangles, cosine, directions32, self.depths, self.normals, self.faces, self.walls,
+                share[part],
             )  # fmt: skip
             starts.append(starts[-1][-1:] + np.cumsum(lengths))
             hidden_directions.append(cells)
@@ -253,9 +256,9 @@ def _aim(cosine, origins, directions, least, rays, pairs):
 
 @numba.njit(cache=True)
 @no_type_check
-def _struck(far, triangle, uv, pairs, corners, cosine, directions, depths, faces, walls, share):
+def _struck(far, triangle, uv, pairs, corners, cosine, directions, depths, normals, faces, walls, share):
     """Of the rays that hit: how many each point has, their directions, the nearest corner of what they hit or the patch
-    of a wall; and the share of each point's cosines that they are.
+    of a wall; and the share of each point's cosines that they are. A corner that looks away is not what is seen there, where `normals` tell.
     """
     lengths = np.zeros(len(share), np.int64)
     cells, hiders = np.empty(len(far), np.int32), np.empty(len(far), np.int32)
@@ -268,6 +271,12 @@ def _struck(far, triangle, uv, pairs, corners, cosine, directions, depths, faces
         rest = 1 - (u + v)
         corner = 0 if rest >= u and rest >= v else (1 if u >= v else 2)
         cells[count], hiders[count] = d, corners[t, corner]
+        if len(normals):
+            facing = np.float32(0)
+            for k in range(3):
+                facing -= directions[d, k] * normals[corners[t, corner], k]
+            if facing <= 0:
+                hiders[count] = -1
         if walls[t, 0] >= 0:
             ahead = np.float32(0)
             for k in range(3):

@@ -53,3 +53,14 @@ def test_where_the_cache_cannot_be_written_kernels_are_kept_elsewhere(source: Pa
     assert elsewhere is not None
     assert not Path(elsewhere).is_relative_to(blocked)
     assert os.access(elsewhere, os.W_OK)
+
+
+def test_a_product_of_matrices_is_one_thread_s_unless_a_person_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    cores.share()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    cores.share()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "2"

@@ -90,7 +90,9 @@ def test_a_level_hides_its_rings_and_zero_leaves_the_depth_its_say():
     known = Occlusion(
         np.arange(COUNT + 1), np.zeros(COUNT, np.int32), np.full(COUNT, 7, np.int32), sight.points[:, 0]
     )
-    normals, parts, aside = np.tile([0.0, 0.0, -1.0], (COUNT, 1)), blocks(MASK), beside(MASK)
+    parts, aside = blocks(MASK), beside(MASK)
+    normals = np.random.default_rng(0).normal([0.0, 0.0, -1.0], 0.5, (COUNT, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     assert overruled(facing(known), walled(0, 0, 0), normals, parts, directions, aside).occlusion is known
     found = overruled(facing(known), walled(2, 5, 3), normals, parts, directions, aside).occlusion
     assert found is not None
@@ -102,9 +104,11 @@ def test_a_level_hides_its_rings_and_zero_leaves_the_depth_its_say():
         _, hidden, source = found.of(pixels[:1])
         np.testing.assert_array_equal(hidden, np.nonzero(wanted)[0])
         stands = aside[pixels[0]][sector]
+        # Who looks away is not what is seen there.
+        stands = np.where((normals[stands] * directions).sum(1) < 0, stands, -1)
         stands[0] = 7  # what the depth has in the way is what was photographed there
         np.testing.assert_array_equal(source, stands[hidden])
-    up = -directions[:, 2]
+    up = directions @ normals[0]
     assert found.share[0] == pytest.approx(
         np.maximum(up[found.direction[: found.start[1]]], 0).sum() / np.maximum(up, 0).sum(), abs=1e-3
     )

@@ -48,8 +48,8 @@ def test_a_plane_hides_nothing_from_itself_however_it_is_seen(slant_deg: float) 
     assert share.max() < 2e-3
 
 
-def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
-    """Two walls at right angles: of the sky over a strip of one the other hides (1 - s / sqrt(s^2 + l^2)) / 2."""
+def groove() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, normals and mask of two walls at right angles."""
     q = rays(Camera(128, 400, 400.0, 400.0, 64.0, 200.0))
     q = q / q[..., 2:]
     mask = np.zeros(q.shape[:2], bool)
@@ -58,7 +58,31 @@ def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
     side = np.sign(q[..., 0])
     z = depth / (1 + side * q[..., 0])  # z = depth - |x|
     points = q * z[..., None]
-    normals = np.stack([-side, np.zeros_like(side), -np.ones_like(side)], -1) / np.sqrt(2)
+    return points, np.stack([-side, np.zeros_like(side), -np.ones_like(side)], -1) / np.sqrt(2), mask
+
+
+def test_what_hides_is_seen_only_where_its_own_normal_looks_that_way() -> None:
+    """A depth that is wrong puts pixels in each other's way that do not see each other."""
+    points, normals, mask = groove()
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(mask.sum())
+    albedo = np.full((mask.sum(), 3), 0.5)
+    known = occlusion(points, normals, mask, CELLS, Progress(), albedo=albedo)
+    turned = normals.copy()
+    turned[points[..., 0] > 0] = normals[points[..., 0] < 0][0]
+    doubted = occlusion(points, turned, mask, CELLS, Progress(), albedo=albedo)
+    for pixel in index[200, 42:60:3]:
+        hidden = [one.of(np.array([pixel])) for one in (known, doubted)]
+        np.testing.assert_array_equal(hidden[0][1], hidden[1][1])
+        ahead = CELLS[hidden[0][1]] @ normals[mask][pixel] > 0.05
+        seen, unknown = (one[2][ahead] for one in hidden)
+        assert (points[mask][seen, 0] > 0).all()
+        assert (unknown == -1).all()
+
+
+def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
+    """Two walls at right angles: of the sky over a strip of one the other hides (1 - s / sqrt(s^2 + l^2)) / 2."""
+    points, normals, mask = groove()
     found = np.zeros(mask.shape)
     found[mask] = occlusion(points, normals, mask, direction_cells(4000), Progress()).share
     row = found[200]
