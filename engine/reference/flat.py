@@ -78,8 +78,6 @@ class HarmonicRows:
     Light to second order may be negative somewhere, and so may the answer; it is left so.
     """
 
-    device = "cpu"
-
     def __init__(self, light: Harmonics):
         self.incident = light
 

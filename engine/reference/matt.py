@@ -41,7 +41,7 @@ class Matt:
     """Another model's rows with the highlight left out."""
 
     def __init__(self, rows: Rows):
-        self.rows, self.device = rows, rows.device
+        self.rows = rows
 
     @property
     def incident(self) -> Light:

@@ -2,7 +2,7 @@
 
 What a block comes out at then depends on no other, and not on how many cores there are. The kernels let go of Python's lock, and
 products of matrices are one thread's as well where `app.cores` has prepared the process: divided among threads they would
-sum in another order.
+sum in another order. Threads that use a CUDA device share its one stream.
 """
 
 import os
@@ -18,11 +18,9 @@ WAITING = 2
 """Things that wait for each thread: enough that none stands idle, few enough that a stop is soon."""
 
 
-def abreast(
-    work: Callable[[Thing], Answer], things: Sequence[Thing], device: str = "cpu"
-) -> Iterator[Answer]:
-    """What `work` makes of each of the things, in their order; on another device than the CPU one after the other."""
-    threads = min(len(os.sched_getaffinity(0)), len(things)) if device == "cpu" else 1
+def abreast(work: Callable[[Thing], Answer], things: Sequence[Thing]) -> Iterator[Answer]:
+    """What `work` makes of each of the things, in their order."""
+    threads = min(len(os.sched_getaffinity(0)), len(things))
     if threads <= 1:
         yield from map(work, things)
         return

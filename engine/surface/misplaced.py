@@ -62,7 +62,7 @@ class Misplaced:
                 # A longer one is beyond what slopes tell.
                 found[pixels] = (np.clip(step, -LONGEST[:6], LONGEST[:6]) ** 2).sum(1)
 
-        for i, _ in enumerate(abreast(doubt, parts, responses.device)):
+        for i, _ in enumerate(abreast(doubt, parts)):
             progress.step(i / len(parts), "doubting what hides the room")
         return found
 

@@ -123,7 +123,7 @@ def respread(
         )
         spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
 
-    deque(abreast(measure, parts, responses.device), 0)
+    deque(abreast(measure, parts), 0)
     return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
 
 
@@ -214,7 +214,7 @@ def iterate(
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
             b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
 
-    for i, _ in enumerate(abreast(solve, parts, responses.device)):
+    for i, _ in enumerate(abreast(solve, parts)):
         progress.step(i / len(parts), "solving pixels")
     return kept
 
@@ -257,7 +257,7 @@ def by_stretches(
                 state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
             )  # fmt: skip
 
-    for i, _ in enumerate(abreast(judge, parts, responses.device)):
+    for i, _ in enumerate(abreast(judge, parts)):
         progress.step(i / len(parts), "judging the answer by parts of the views")
     return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
 

@@ -52,7 +52,7 @@ def global_start(
         best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
 
-    for i, _ in enumerate(abreast(search, regions, responses.device)):
+    for i, _ in enumerate(abreast(search, regions)):
         progress.step(i / len(regions), "searching normals")
     return normals, albedo, roughness
 

@@ -116,7 +116,7 @@ def begun(
         best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
         roughness[pixels] = tried[pixels, best]
 
-    for i, _ in enumerate(abreast(begin, parts, device)):
+    for i, _ in enumerate(abreast(begin, parts)):
         progress.step(i / len(parts), "beginning from the maps given")
     return newton.begin(normals, albedo, roughness)
 

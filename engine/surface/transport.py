@@ -239,8 +239,6 @@ class Light(Protocol):
 class Rows(Protocol):
     """What search and Gauss-Newton ask of a model of reflectance and light: `Responses`, or a poorer one."""
 
-    device: str  # where it answers: "cpu" several blocks at a time
-
     @property
     def incident(self) -> Light:
         """The light."""
@@ -424,4 +422,4 @@ def predict(
         shape = (len(pixels), -1, 3)
         return pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)
 
-    yield from abreast(sent, parts, responses.device)
+    yield from abreast(sent, parts)

@@ -1,7 +1,6 @@
 """Blocks abreast: in order, alike on any number of cores, and stopped soon."""
 
 import os
-import threading
 
 import numpy as np
 import pytest
@@ -21,11 +20,6 @@ def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> in
 def test_answers_come_in_the_order_of_the_things(cores: int) -> None:
     assert list(abreast(lambda x: x * x, range(40))) == [x * x for x in range(40)]
     assert list(abreast(str, [])) == []
-
-
-def test_one_thread_serves_another_device(cores: int) -> None:
-    names = set(abreast(lambda _: threading.current_thread().name, range(20), "cuda"))
-    assert names == {threading.current_thread().name}
 
 
 def test_what_goes_wrong_is_raised_where_it_is_asked_for(cores: int) -> None:

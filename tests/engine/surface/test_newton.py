@@ -19,7 +19,6 @@ class Counted:
 
     rows: Responses
     asked: list[int] = field(default_factory=list)
-    device = "one block after another"
 
     @property
     def incident(self):
