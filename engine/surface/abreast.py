@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
+from engine.progress import Progress
+
 Thing = TypeVar("Thing")
 Answer = TypeVar("Answer")
 
@@ -34,3 +36,9 @@ def abreast(work: Callable[[Thing], Answer], things: Sequence[Thing]) -> Iterato
             yield waiting.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def each(work: Callable[[Thing], None], things: Sequence[Thing], progress: Progress, doing: str) -> None:
+    """`work` on each of the things; what is done shows, and a stop gets through."""
+    for i, _ in enumerate(abreast(work, things)):
+        progress.step(i / len(things), doing)

@@ -46,7 +46,7 @@ class Asked:
     around: tuple[Int[np.ndarray, " d"], Int[np.ndarray, " d"]]
     seen: Observations
     beside: Int[np.ndarray, "p s"]
-    facing: Float[np.ndarray, "p 3"]  # the normals of those beside
+    facing: Float[np.ndarray, "p 3"]  # the normals of those beside, float32
     spread: Float[np.ndarray, " p"]
     gloss: Float[np.ndarray, "p 2"]
     usual: float
@@ -85,7 +85,7 @@ def inquiry(
     walls = horizons.by_channel(lit(sight, light, seen.radiance)) if params.bounce else None
     seen = replace(seen, radiance=horizons.by_channel(seen.radiance), weight=horizons.by_channel(seen.weight))
     responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, "cpu", walls)
-    usual = float(np.median(state.spread))
+    usual, facing = float(np.median(state.spread)), state.normals.astype(np.float32)
     parts = blocks(who.mask)
     with workers() as run:
         for i, block in enumerate(parts):
@@ -95,7 +95,7 @@ def inquiry(
                 energy = horizons.by_channel(responses.whole_energy(sight, block))
                 around = horizons.compass(light.directions, sight.middle(block))
                 yield Asked(
-                    pixels, responses, sight, energy, around, seen, beside, state.normals, state.spread, state.gloss,
+                    pixels, responses, sight, energy, around, seen, beside, facing, state.spread, state.gloss,
                     usual, run,
                 )  # fmt: skip
 

@@ -165,7 +165,7 @@ def explain(
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
     of the depth; `energy` and `around` (the compass) belong to the block, `seen`, `spread` and `gloss` to the given pixels;
-    `usual` is the object's median spread; `facing` are the normals of those that stand `beside`; `run` does the
+    `usual` is the object's median spread; `facing` are the normals (float32) of those that stand `beside`; `run` does the
     work; all light and photographs are `by_channel`. Misfits
     compare between normals, roughnesses and levels of one pixel. `prices` (float32), if given, takes what each level of
     each sector would add to the misfit, all others as they are found to be, in the spreads of `PRICE`.
@@ -194,7 +194,7 @@ def explain(
     run(_descend, (
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
         directions.astype(np.float32), energy, responses.cell, start, direction, source, beside[pixels],
-        np.asarray(facing, np.float32), responses.photographed,
+        facing, responses.photographed,
         responses.walls, responses.bounce, seen.radiance, seen.weight, seen.eps, np.float32(seen.cauchy**2),
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
         prices,

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 
 from engine.progress import Progress
-from engine.surface.abreast import abreast
+from engine.surface.abreast import each
 from engine.surface.brdf import of_pixels, rows
 from engine.surface.horizons import LEVELS, beside, compass
 from engine.surface.newton import LONGEST, State, regular, slopes, variants
@@ -62,8 +62,7 @@ class Misplaced:
                 # A longer one is beyond what slopes tell.
                 found[pixels] = (np.clip(step, -LONGEST[:6], LONGEST[:6]) ** 2).sum(1)
 
-        for i, _ in enumerate(abreast(doubt, parts)):
-            progress.step(i / len(parts), "doubting what hides the room")
+        each(doubt, parts, progress, "doubting what hides the room")
         return found
 
     def _steps(self, state, responses, sight, pixels, seen, level, around):
@@ -137,8 +136,7 @@ def misplaced(
         told, known = (standing(sight, block, normals, directions, around) for sight in (depth, seeing))
         off[block] = known - told
 
-    for i, _ in enumerate(abreast(compare, parts)):
-        progress.step(i / len(parts), "doubting what hides the room")
+    each(compare, parts, progress, "doubting what hides the room")
     square = np.zeros(mask.shape)
     square[mask] = np.where(state.level > 0, off**2, 0).mean(1)
     around = uniform_filter(square, ROUND)[mask] / uniform_filter(mask.astype(float), ROUND)[mask]

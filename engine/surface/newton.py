@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.geometry import tangents
 from engine.progress import Progress
-from engine.surface.abreast import abreast
+from engine.surface.abreast import abreast, each
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 from engine.surface.visibility import SECTORS
@@ -214,8 +214,7 @@ def iterate(
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
             b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
 
-    for i, _ in enumerate(abreast(solve, parts)):
-        progress.step(i / len(parts), "solving pixels")
+    each(solve, parts, progress, "solving pixels")
     return kept
 
 
@@ -257,8 +256,7 @@ def by_stretches(
                 state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
             )  # fmt: skip
 
-    for i, _ in enumerate(abreast(judge, parts)):
-        progress.step(i / len(parts), "judging the answer by parts of the views")
+    each(judge, parts, progress, "judging the answer by parts of the views")
     return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from engine.geometry import fibonacci_sphere
 from engine.progress import Progress
-from engine.surface.abreast import abreast
+from engine.surface.abreast import each
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
 
@@ -52,8 +52,7 @@ def global_start(
         best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
 
-    for i, _ in enumerate(abreast(search, regions)):
-        progress.step(i / len(regions), "searching normals")
+    each(search, regions, progress, "searching normals")
     return normals, albedo, roughness
 
 

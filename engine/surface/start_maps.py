@@ -15,7 +15,7 @@ from engine import mapfiles
 from engine.errors import ImportFault, SurfaceError
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.abreast import abreast
+from engine.surface.abreast import each
 from engine.surface.observations import Observations
 from engine.surface.pixels import Subject, SurfaceParams
 from engine.surface.start import ROUGHNESSES
@@ -116,8 +116,7 @@ def begun(
         best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
         roughness[pixels] = tried[pixels, best]
 
-    for i, _ in enumerate(abreast(begin, parts)):
-        progress.step(i / len(parts), "beginning from the maps given")
+    each(begin, parts, progress, "beginning from the maps given")
     return newton.begin(normals, albedo, roughness)
 
 
