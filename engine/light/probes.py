@@ -62,12 +62,12 @@ def _finesse(bright, mean, side):
 @njit(**_FLAGS)
 @no_type_check
 def _probe(
-    white, spread, means, density, colours, faces, first, among, origin, near, side, mean,
+    white, means, density, colours, maps, spans, faces, first, among, origin, near, side, mean,
     index1, share1, index2, share2, index4, share4, omega1, omega2, omega4, energy, opacity, shine,
 ):  # fmt: skip
     """Add one probe's light to `energy` [d 3], `opacity` [d] (x solid angle), `shine` [d 3] (luminance x solid angle x where
-    it comes from, seen from the probe). Face f may see the Gaussians `among`[`first`[f] : `first`[f + 1]]. Tiles are refined
-    where a `mean` radiance is given; returns the brightest seen.
+    it comes from, seen from the probe). Face f may see the Gaussians `among`[`first`[f] : `first`[f + 1]], of which `maps` and
+    `spans` tell what `tiles.turned` says. Tiles are refined where a `mean` radiance is given; returns the brightest seen.
     """
     brightest = np.float32(0)
     half = side / 2.0
@@ -76,9 +76,10 @@ def _probe(
     xs, ys = np.empty(kernel.AREA, np.float32), np.empty(kernel.AREA, np.float32)
     out = np.empty((kernel.AREA, kernel.CHANNELS + 1), np.float32)
     for face in range(6):
+        begin, end = first[face], first[face + 1]
         _, packed, boxes, _ = tiles.touching(
-            white, spread, means, density, colours, faces[face], origin, lens, side, side,
-            among[first[face] : first[face + 1]],
+            white, means, density, colours, maps[begin:end], spans[begin:end], faces[face], origin, lens, side, side,
+            among[begin:end],
         )  # fmt: skip
         tile_start, members, _, _ = tiles.lists(boxes, across, across)
         size = kernel.longest(tile_start)
@@ -169,12 +170,15 @@ class _Prober:
             for face in face_from_world
         ]  # fmt: skip
         first, among = np.cumsum([0, *map(len, lists)]), np.concatenate(lists)
+        faces = zip(face_from_world, lists, strict=True)
+        turned = [tiles.turned(geometry.white, geometry.spread, geometry.density, *face) for face in faces]
+        maps, spans = (np.concatenate(parts) for parts in zip(*turned, strict=True))
 
         def light(origin: np.ndarray, mean: float) -> tuple[float, _Lit]:
             energy, opacity = np.zeros((self.count, 3)), np.zeros(self.count)
             shine = np.zeros((self.count, 3))
             brightest = _probe(
-                geometry.white, geometry.spread, geometry.means, geometry.density, colours, face_from_world,
+                geometry.white, geometry.means, geometry.density, colours, maps, spans, face_from_world,
                 first, among, origin, np.float32(0), self.face, mean, *self.maps, *self.omegas, energy,
                 opacity, shine,
             )  # fmt: skip

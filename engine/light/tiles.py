@@ -136,25 +136,14 @@ def around(spread, means, density, rotation, origin, reach, lens, width, height,
 
 @njit(**_FLAGS)
 @no_type_check
-def touching(white, spread, means, density, colours, rotation, origin, lens, width, height, among):
-    """Those of the Gaussians `among` that may touch the view, in that order: what `project` gives, and distances."""
-    count = len(among)
-    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
-    across, down = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
-    sides = _sides(lens, width, height)  # a bounding sphere test rejects most at once
-    index = np.empty(count, np.int32)
-    boxes = np.empty((count, 4), np.int32)
-    depths = np.empty(count, np.float32)
-    packed = np.empty((count, WIDTH), np.float32)
-    n = 0
+def turned(white, spread, density, rotation, among):
+    """What a view's axes make of the Gaussians `among`, wherever it stands: M (9, row major), and q_cut, the radius of the
+    sphere that holds one, and q_cut times the covariance's xx, xz, yy, yz, zz.
+    """
+    maps, spans = np.empty((len(among), 9), np.float32), np.empty((len(among), 7))
     camera_spread = np.empty((3, 3))
-    for k in among:
+    for at, k in enumerate(among):
         sigma = float(density[k])
-        if sigma <= FAINT:
-            continue
-        wx, wy, wz, x, y, z = _placed(means[k], rotation, origin)
-        if _beyond(x, y, z, _radius(spread[k], sigma), sides):
-            continue
         q_cut = _cut(sigma)
         sxx = sxz = syy = syz = szz = 0.0
         for i in range(3):
@@ -164,12 +153,42 @@ def touching(white, spread, means, density, colours, rotation, origin, lens, wid
                     + spread[k, i, 1] * rotation[j, 1]
                     + spread[k, i, 2] * rotation[j, 2]
                 )
+                maps[at, 3 * i + j] = (
+                    white[k, i, 0] * rotation[j, 0]
+                    + white[k, i, 1] * rotation[j, 1]
+                    + white[k, i, 2] * rotation[j, 2]
+                )
             a, b, c = camera_spread[i, 0], camera_spread[i, 1], camera_spread[i, 2]
             sxx += q_cut * a * a
             sxz += q_cut * a * c
             syy += q_cut * b * b
             syz += q_cut * b * c
             szz += q_cut * c * c
+        spans[at, 0], spans[at, 1] = q_cut, _radius(spread[k], sigma)
+        spans[at, 2], spans[at, 3], spans[at, 4], spans[at, 5], spans[at, 6] = sxx, sxz, syy, syz, szz
+    return maps, spans
+
+
+@njit(**_FLAGS)
+@no_type_check
+def touching(white, means, density, colours, maps, spans, rotation, origin, lens, width, height, among):
+    """Those of the Gaussians `among` that may touch the view, in that order: what `project` gives, and distances; `maps` and
+    `spans` from `turned`.
+    """
+    count = len(among)
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    across, down = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
+    sides = _sides(lens, width, height)  # a bounding sphere test rejects most at once
+    index = np.empty(count, np.int32)
+    boxes = np.empty((count, 4), np.int32)
+    depths = np.empty(count, np.float32)
+    packed = np.empty((count, WIDTH), np.float32)
+    n = 0
+    for at, k in enumerate(among):
+        wx, wy, wz, x, y, z = _placed(means[k], rotation, origin)
+        if _beyond(x, y, z, spans[at, 1], sides):
+            continue
+        sxx, sxz, syy, syz, szz = spans[at, 2], spans[at, 3], spans[at, 4], spans[at, 5], spans[at, 6]
         if z < 0 and z * z > szz:
             continue
         first, last = _column_span(x, z, sxx, sxz, szz, fx, cx, across)
@@ -178,17 +197,13 @@ def touching(white, spread, means, density, colours, rotation, origin, lens, wid
         top, bottom = _column_span(y, z, syy, syz, szz, fy, cy, down)
         if top > bottom:
             continue
+        for i in range(9):
+            packed[n, i] = maps[at, i]
         for i in range(3):
-            for j in range(3):
-                packed[n, 3 * i + j] = (
-                    white[k, i, 0] * rotation[j, 0]
-                    + white[k, i, 1] * rotation[j, 1]
-                    + white[k, i, 2] * rotation[j, 2]
-                )
             packed[n, 9 + i] = white[k, i, 0] * wx + white[k, i, 1] * wy + white[k, i, 2] * wz
             packed[n, 13 + i] = colours[k, i]
-        packed[n, 12] = sigma
-        packed[n, 16] = q_cut
+        packed[n, 12] = float(density[k])
+        packed[n, 16] = spans[at, 0]
         index[n] = k
         boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = first, last, top, bottom
         depths[n] = math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -203,8 +218,10 @@ def project(white, spread, means, density, colours, rotation, origin, lens, widt
 
     `white` = W and `spread` = S R^T per Gaussian; `rotation` is camera_from_world; `lens` = fx fy cx cy.
     """
+    among = around(spread, means, density, rotation, origin, 0.0, lens, width, height, np.arange(len(means)))
+    maps, spans = turned(white, spread, density, rotation, among)
     index, packed, boxes, depths = touching(
-        white, spread, means, density, colours, rotation, origin, lens, width, height, np.arange(len(means))
+        white, means, density, colours, maps, spans, rotation, origin, lens, width, height, among
     )
     order = np.argsort(depths, kind="mergesort")
     return index[order], packed[order], boxes[order]

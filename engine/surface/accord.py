@@ -44,6 +44,11 @@ class Answers:
     albedo: Float[np.ndarray, "p 3"]  # log
     roughness: Float[np.ndarray, " p"]
 
+    @classmethod
+    def of(cls, state: State) -> "Answers":
+        """Those of a state."""
+        return cls(state.normals, np.log(state.albedo), state.roughness)
+
     def offsets(self, other: "Answers") -> Float[np.ndarray, "p 6"]:
         """From these to others, in the unknowns of `newton`: radians along these normals' tangents, logs, roughness."""
         cosine = np.maximum((other.normals * self.normals).sum(1, keepdims=True), LEAST_COSINE)
@@ -80,7 +85,7 @@ def accord(
         covariance[:, MATTER, MATTER] += unsure[:, MATTER]
         own = np.linalg.inv(covariance)
     variance = np.einsum("pii->pi", covariance)
-    start = Answers(state.normals, np.log(state.albedo), state.roughness)
+    start = Answers.of(state)
     usual = _departures(start, pairs, known, variance)
     now = start
     for _ in range(SWEEPS):

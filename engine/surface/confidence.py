@@ -15,6 +15,7 @@ from jaxtyping import Float, Int, UInt8
 from scipy.spatial import KDTree
 
 from engine.progress import Progress
+from engine.surface.accord import Answers
 from engine.surface.newton import State, by_stretches, reduced, regular
 from engine.surface.observations import Observations
 from engine.surface.transport import Rows, Sight
@@ -86,6 +87,17 @@ def jackknifed(
     ])  # fmt: skip
     variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
     return state, np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
+
+
+def unsettled(coarse: State, state: State) -> Float[np.ndarray, "p 6"]:
+    """Variances of the unknowns of an object that has not come to rest: the squares of how far they have come since the `coarse`
+    answer.
+
+    What separates an answer from that on half the pixels, some rounds before, is about what still separates it from the one that
+    it is on its way to (Roache, "Perspective: A Method for Uniform Reporting of Grid Refinement Studies", 1994).
+    """
+    before, now = (Answers.of(x) for x in (coarse, state))
+    return now.offsets(before) ** 2
 
 
 def confidence(

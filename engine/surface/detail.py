@@ -20,7 +20,6 @@ from engine.surface.bounced import guessed_share
 from engine.surface.brdf import of_pixels
 from engine.surface.confidence import Confidence, Doubt, confidence, jackknifed
 from engine.surface.integrate import integrate
-from engine.surface.misplaced import Unsure
 from engine.surface.newton import State, begin, iterate
 from engine.surface.observations import numbered
 from engine.surface.pixels import Subject, SurfaceParams, doubled, halved, lifted, painted, subject
@@ -75,7 +74,9 @@ class Solved:
     there: Incident  # and of those kept out
     drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
     doubt: Doubt | None  # about the light
-    unsure: Unsure | None  # about what hides the room; None: nothing is
+    unsure: (
+        Float[np.ndarray, "p 6"] | None
+    )  # variances by what is unsure of what hides the room; None: nothing is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,10 +182,7 @@ def in_detail(
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
         parts = blocks(part.mask)
         state = iterate(state, here, sight, parts, who.seen, params.passes, span.part(0, 0.75), anew=True)
-        unsure = None
-        if found.unsure is not None:
-            horizons = found.unsure.horizons.part(take[pixels])
-            unsure = horizons.variance(state, here, sight, parts, who.seen, span.part(0.75, 0.8))
+        unsure = None if found.unsure is None else found.unsure[take[pixels]]
         if params.accord:
             state = accord(state, part.mask, unsure)
         told = judged(who, state, sight, here, there, found.doubt, unsure, span.part(0.8, 1))

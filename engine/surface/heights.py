@@ -63,6 +63,27 @@ class Field:
         ))  # fmt: skip
         return found
 
+    def uphill(
+        self,
+        height: Float[np.ndarray, " p"],
+        pixels: Int[np.ndarray, " n"],
+        price: Float[np.ndarray, "n s l"],
+        run: Run,
+    ) -> tuple[float, Float[np.ndarray, " p"]]:
+        """What the horizons of some pixels cost where these are the heights, and by how much more for every pixel's height."""
+        shape = len(pixels), SECTORS
+        steep, hider, per_sine = np.empty(shape), np.empty(shape, np.int64), np.zeros(shape)
+        run(_look, (
+            height * self.pitch, self.index, self.place[pixels], pixels, self.offsets, self.cosine, self.per_sine,
+            steep, hider, per_sine,
+        ))  # fmt: skip
+        cost, slope = np.empty(len(pixels)), np.zeros(shape)
+        run(_slope, (steep, hider, price, HORIZONS, cost, slope))
+        slope *= per_sine * self.pitch
+        count, seen = len(height), hider >= 0
+        pull = np.bincount(pixels, slope.sum(1), count) - np.bincount(hider[seen], slope[seen], count)
+        return float(cost.sum()), pull
+
     def costs(
         self,
         lift: Float[np.ndarray, " k"],
@@ -133,3 +154,47 @@ def _price(horizon, goal, price, angles, total, part, parts):
                     level += 1
                 share = (angle - angles[level]) / (angles[level + 1] - angles[level])
                 total[i, t] += (1 - share) * price[i, s, level] + share * price[i, s, level + 1]
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@no_type_check
+def _look(height, index, place, pixels, offsets, cosine, per_sine, steep, hider, per, part, parts):
+    """What bounds the view of every `parts`-th pixel: the cotangent (range - range' cos) / (range' sin), and whose it is."""
+    for i in range(part, len(pixels), parts):
+        v, u = place[i]
+        own = height[pixels[i]]
+        for s in range(offsets.shape[0]):
+            steepest, who, which = -1e30, -1, 0
+            for k in range(offsets.shape[1]):
+                other = index[v + offsets[s, k, 0], u + offsets[s, k, 1]]
+                if other < 0:
+                    continue
+                # Ranges differ by little: their ratio is one more than the difference of their logarithms.
+                cotangent = (1 + own - height[other] - cosine[s, k]) * per_sine[s, k]
+                if cotangent > steepest:
+                    steepest, who, which = cotangent, other, k
+            steep[i, s], hider[i, s], per[i, s] = steepest, who, per_sine[s, which]
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@no_type_check
+def _slope(steep, hider, price, angles, cost, slope, part, parts):
+    """Sum over the sectors of what each horizon costs, between those of the levels in proportion; and how it follows the
+    cotangents."""
+    last = price.shape[2] - 1
+    for i in range(part, len(cost), parts):
+        cost[i] = 0.0
+        for s in range(steep.shape[1]):
+            if hider[i, s] < 0:
+                continue
+            angle = np.arctan2(1.0, steep[i, s])
+            within = min(max(angle, angles[1]), angles[last])
+            level = 1
+            while level < last - 1 and within >= angles[level + 1]:
+                level += 1
+            wide = angles[level + 1] - angles[level]
+            share = (within - angles[level]) / wide
+            cost[i] += (1 - share) * price[i, s, level] + share * price[i, s, level + 1]
+            if angle == within:
+                rise = (price[i, s, level + 1] - price[i, s, level]) / wide
+                slope[i, s] = -rise / (1 + steep[i, s] ** 2)

@@ -7,11 +7,13 @@ together elsewhere they do, but these weights do not find it: the sides are draw
 depth along z up to one factor, fixed by the caller.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import pyamg
 import scipy.sparse as sparse
-from jaxtyping import Bool, Float
-from scipy.sparse.linalg import cg, splu
+from jaxtyping import Bool, Float, Int
+from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from engine.errors import SurfaceError
 from engine.geometry import unproject
@@ -70,8 +72,6 @@ def integrate(
             families.append((index[valid], neighbour[valid], nq[valid], target))
     pixel, beside, weight, target = (np.concatenate(parts) for parts in zip(*families, strict=True))
     cuts = np.cumsum([len(p) for p, *_ in families])[:-1]
-    place = np.arange(count)
-    rows, columns = np.concatenate([pixel, beside, place]), np.concatenate([beside, pixel, place])
 
     log_depth = np.zeros(count) if start is None else start
     shares = np.full(len(pixel), 0.5)
@@ -84,9 +84,7 @@ def integrate(
         # Every equation is an edge of a graph: the system is its Laplacian.
         pull = shares * weight**2
         push = shares * weight * target
-        degree = np.bincount(pixel, pull, count) + np.bincount(beside, pull, count) + 1e-9
-        values = np.concatenate([-pull, -pull, degree])
-        system = sparse.csc_matrix((values, (rows, columns)), shape=(count, count))
+        system = laplacian(pixel, beside, pull, count, 1e-9)
         right = np.bincount(beside, push, count) - np.bincount(pixel, push, count)
         found = _solved(system, right, log_depth)
         before, log_depth = log_depth, found - ((gauge @ found) / sizes)[part]
@@ -114,6 +112,35 @@ def integrate(
     return depth
 
 
+def laplacian(
+    one: Int[np.ndarray, " e"],
+    other: Int[np.ndarray, " e"],
+    weight: Float[np.ndarray, " e"],
+    count: int,
+    more: float,
+) -> sparse.csc_matrix:
+    """Of the graph of these edges between `count` pixels; with so much `more` on its diagonal that it can be inverted."""
+    place = np.arange(count)
+    degree = np.bincount(one, weight, count) + np.bincount(other, weight, count) + more
+    rows, columns = np.concatenate([one, other, place]), np.concatenate([other, one, place])
+    values = np.concatenate([-weight, -weight, degree])
+    return sparse.csc_matrix((values, (rows, columns)), shape=(count, count))
+
+
+def solver_of(
+    system: sparse.csc_matrix, count: int
+) -> tuple[bool, Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]]:
+    """Whether it is exact, and what solves such a system of `count` unknowns: a factorisation, or of a large one a cycle of
+    multigrid."""
+    if count <= DIRECT:
+        options = {"SymmetricMode": True}
+        return True, splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
+    cycles = pyamg.smoothed_aggregation_solver(
+        system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
+    ).aspreconditioner()
+    return False, cycles.matvec
+
+
 def _solved(
     system: sparse.csc_matrix, right: Float[np.ndarray, " p"], start: Float[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
@@ -122,13 +149,11 @@ def _solved(
     Raises:
         SurfaceError: multigrid does not converge.
     """
-    if len(right) <= DIRECT:
-        options = {"SymmetricMode": True}
-        return splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve(right)
-    solver = pyamg.smoothed_aggregation_solver(
-        system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
-    )
-    found, short = cg(system, right, x0=start, rtol=RESIDUAL, maxiter=TURNS, M=solver.aspreconditioner())
+    exact, solver = solver_of(system, len(right))
+    if exact:
+        return solver(right)
+    cycle = LinearOperator(system.shape, solver)
+    found, short = cg(system, right, x0=start, rtol=RESIDUAL, maxiter=TURNS, M=cycle)
     if short:
         left = np.linalg.norm(right - system @ found) / max(np.linalg.norm(right), 1e-30)
         raise SurfaceError(

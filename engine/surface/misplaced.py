@@ -35,10 +35,6 @@ class Misplaced:
     square: Float[np.ndarray, " p"]  # the mean over its sectors, rings
     beside: Int[np.ndarray, "p s"]  # as `horizons.beside` has it, of the pixels that are photographed
 
-    def part(self, pixels: Int[np.ndarray, " k"]) -> "Misplaced":
-        """The same of a few pixels, which look past the same ones."""
-        return Misplaced(self.square[pixels], self.beside[pixels])
-
     def variance(
         self,
         state: State,
@@ -90,14 +86,6 @@ class Misplaced:
         return step
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Unsure:
-    """What misplaced horizons leave unsure about the pixels."""
-
-    horizons: Misplaced
-    variance: Float[np.ndarray, "p 6"]  # of the pixels' unknowns
-
-
 def unsure(
     who: Subject,
     state: State,
@@ -106,15 +94,15 @@ def unsure(
     params: SurfaceParams,
     device: str,
     progress: Progress,
-) -> Unsure | None:
-    """All of it for a state and what the depth says hides the room (`sight`); None where all stand as the depth has them."""
+) -> Float[np.ndarray, "p 6"] | None:
+    """What the unknowns of a state vary by, given what the depth says hides the room (`sight`); None where all horizons stand as the
+    depth has them."""
     seeing = as_photographed(who, state, sight, light.directions)
     horizons = misplaced(sight, seeing, state, who.mask, light.directions, progress.part(0, 0.2))
     if horizons is None:
         return None
     responses, parts = who.responses(light, params, device, seeing), blocks(who.mask)
-    variance = horizons.variance(state, responses, seeing, parts, who.seen, progress.part(0.2, 1))
-    return Unsure(horizons, variance)
+    return horizons.variance(state, responses, seeing, parts, who.seen, progress.part(0.2, 1))
 
 
 def misplaced(

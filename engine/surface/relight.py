@@ -68,6 +68,8 @@ STRIDE, FARTHEST = 0.03, 4
 """Of `place`: steps of log distance, and how many of them it goes at most."""
 FREE, FIXED = 1e-6, 1e12
 """Weights of the prior on an unknown that anything may move, and on one that nothing may."""
+AT_REST = 1e-3
+"""Of `_moved`, below which a setting stands: the background's sum is known no better."""
 SPREAD = 3.0
 """One residual spread for every pixel, so that misfits compare."""
 
@@ -136,9 +138,24 @@ def settle(
         fresh, misfit = _improved(setting, parts, sample, state, free_distance, free_light)
         if misfit < best[0].misfit:
             best = replace(setting, distance_stderr=fresh.distance_stderr, misfit=misfit), state
-        setting = fresh
+        moved, setting = _moved(parts, setting, fresh), fresh
+        if moved < AT_REST:
+            break
         span.step(1.0, "refining the light")
     return best
+
+
+def _moved(parts: Parts, before: Setting, after: Setting) -> float:
+    """How far two settings are apart: in shares of all light, in logs of distance and exposure, in radians of the lamps."""
+    light, change = (
+        luminance(parts.levels() * np.abs(gain)).sum() for gain in (before.gain, after.gain - before.gain)
+    )
+    away = [
+        np.log([after.distance / before.distance]),
+        after.drift - before.drift,
+        after.aside - before.aside,
+    ]
+    return float(change / light) + max(float(np.abs(x).max(initial=0)) for x in away)
 
 
 def place(

@@ -42,9 +42,9 @@ from engine.types import Frames
 
 HALVED_FROM = 6000
 """Object pixels from which on half the size is worth a look."""
-BARE, TELLING = 0.01, 8000
-"""Mean share of the hemisphere that an object hides from itself, up to which it is solved at half the size and then in detail:
-what stands in the way is all that a halved picture tells worse. But 4000 pixels leave some far off: .46 instead of .41 deg."""
+TELLING = 8000
+"""Pixels of half the size from which on an object that is as good as bare is solved so and then in detail: what stands in the way is
+all that a halved picture tells worse. But 4000 pixels leave some far off: .46 instead of .41 deg."""
 DIRECTIONS = 512
 """At most: never more than the full solve takes. With twice as many these turns find the same surface and take half as
 long again; it is the last one that a highlight asks for more."""
@@ -80,6 +80,9 @@ class Rough:
     """What the rough turns have found, of all pixels of the mask."""
 
     state: newton.State
+    coarse: (
+        newton.State
+    )  # as the turns of half the size left it; `state` where none of another size came after them
     depth: Float[np.ndarray, "h w"]
     sight: Sight  # its directions are those of `parts`
     setting: Setting
@@ -149,7 +152,7 @@ def rough(
         setting = replace(setting, gain=np.where(surprising[:, None], begun.gain, setting.gain))
     surprised = params.relight and surprising.any()
     state = first_surface(who, parts.under(setting.gain), sight, progress.part(0.3, 0.35))
-    residuals, left = [], None
+    residuals, left, coarse = [], None, None
     # The last turn stands where the ones before it have put it.
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
     turn, finer_light = 0, False
@@ -174,6 +177,7 @@ def rough(
         light = parts.under(setting.gain, setting.aside)
         if following.mask is not who.mask:
             who, state, depth, sight = finer(following, who, state, sight, distance, span.part(0.2, 0.3))
+            coarse = state
         even = who.exposed(setting.drift)
         if surprised and (turn == 1 or finer_light):  # that the last search did not know of
             state = first_surface(even, light, sight, span.part(0.2, 0.3))
@@ -189,7 +193,9 @@ def rough(
             )
             who, sight = replace(who, material=even.material), replace(sight, material=even.material)
         residuals.append(float(np.median(state.spread)))
-        state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73))
+        # Heights that relax while normals are far off hide too much, and then the object is placed too near.
+        relaxing = turn > placing
+        state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73), relaxing)
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
             seeing = as_photographed(who, state, sight, light.directions)
@@ -223,7 +229,7 @@ def rough(
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
     return Rough(
-        state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around,
+        state, coarse or state, depth, sight, setting, found, tuple(residuals), views, room, parts, who.material, around,
         who.mask is not whole.mask, left,
     )  # fmt: skip
 
@@ -231,7 +237,7 @@ def rough(
 def telling(who: Subject, sight: Sight) -> bool:
     """Whether pixels of half the size are enough: the object is known to hide next to nothing of the room from itself."""
     hidden = sight.occlusion
-    return hidden is not None and len(who.rays) >= TELLING and float(hidden.share.mean()) <= BARE
+    return hidden is not None and len(who.rays) >= TELLING and hidden.bare
 
 
 def made_anew(

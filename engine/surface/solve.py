@@ -18,12 +18,12 @@ from engine.progress import Progress
 from engine.surface import start_maps
 from engine.surface.accord import accord
 from engine.surface.brdf import PAINT, of_pixels
-from engine.surface.confidence import FLAGS
+from engine.surface.confidence import FLAGS, unsettled
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
 from engine.surface.drift import DRIFT, drift_of
 from engine.surface.groups import CLIPPED
-from engine.surface.misplaced import Unsure, unsure
+from engine.surface.misplaced import unsure
 from engine.surface.newton import State
 from engine.surface.observations import thinned
 from engine.surface.pixels import (
@@ -133,9 +133,15 @@ def solve(
     seen = photographed_in(picture.frames, picture.mask, kept_out)
     there = answering(seen, found.there, found.sight, params, device)
     if picture is whole:
-        more = found.unsure and found.unsure.variance
         maps = judged(
-            found.who, found.state, found.sight, here, there, found.doubt, more, progress.part(alone, 1)
+            found.who,
+            found.state,
+            found.sight,
+            here,
+            there,
+            found.doubt,
+            found.unsure,
+            progress.part(alone, 1),
         )
         z = found.depth[picture.mask]
     else:
@@ -221,6 +227,9 @@ def together(
     state, depth, open_to_doubt, turns = until_still(
         who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
     )
+    if angle_between(first.state.normals, state.normals).mean() > STILL:
+        left = unsettled(first.coarse, state)
+        open_to_doubt = left if open_to_doubt is None else open_to_doubt + left
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
     sight = as_photographed(who, state, sight, light.directions)
@@ -239,7 +248,7 @@ def until_still(
     params: SurfaceParams,
     device: str,
     progress: Progress,
-) -> tuple[State, Float[np.ndarray, "h w"], Unsure | None, int]:
+) -> tuple[State, Float[np.ndarray, "h w"], Float[np.ndarray, "p 6"] | None, int]:
     """All pixels under a light that is settled, round by round with their depth; what stays unsure about what hides the room
     from them; and how many rounds it took.
 
@@ -257,7 +266,7 @@ def until_still(
         if not moving:
             left = unsure(who, state, light, sight, params, device, span.part(0.82, 0.85))
             if params.accord:
-                state = accord(state, who.mask, left and left.variance)
+                state = accord(state, who.mask, left)
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
     return state, depth, left, turn
 

@@ -72,7 +72,19 @@ def tell(
     with workers() as run:
         own = horizons_of(mask, height, pitch, run)
     goal = np.where(level > 0, HORIZONS[level], own).astype(np.float32)
-    return Told(goal, speakers, np.clip(prices, 0, LOUDEST).astype(np.float32))
+    prices = np.clip(prices, 0, LOUDEST)
+    # Who keeps what the depth has would gain too little elsewhere: between rings, where it is, it costs nothing.
+    kept = np.where(level[speakers] > 0, 0, between(prices, own[speakers]))
+    return Told(goal, speakers, np.maximum(prices - kept[..., None], 0).astype(np.float32))
+
+
+def between(prices: Float[np.ndarray, "k s l"], angle: Float[np.ndarray, "k s"]) -> Float[np.ndarray, "k s"]:
+    """What horizons cost that lie between those of the levels."""
+    within = np.clip(angle, HORIZONS[1], HORIZONS[-1])
+    level = np.clip(np.searchsorted(HORIZONS, within, "right") - 1, 1, len(HORIZONS) - 2)[..., None]
+    share = (within - HORIZONS[level[..., 0]]) / np.diff(HORIZONS)[level[..., 0]]
+    nearer, farther = (np.take_along_axis(prices, level + step, 2)[..., 0] for step in (0, 1))
+    return (1 - share) * nearer + share * farther
 
 
 def lifts(

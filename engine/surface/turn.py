@@ -10,6 +10,7 @@ from engine.surface import newton, steps
 from engine.surface.asking import ask, prices
 from engine.surface.gloss import reconsidered
 from engine.surface.pixels import Subject, SurfaceParams, as_photographed, depth_of, lifted
+from engine.surface.relax import relaxed
 from engine.surface.transport import Incident, Sight, blocks
 
 
@@ -50,12 +51,18 @@ def relief(
     distance: float,
     params: SurfaceParams,
     progress: Progress,
+    relaxing: bool = True,
 ) -> tuple[newton.State, Float[np.ndarray, "h w"]]:
-    """The state with the steps that its horizons tell, and its depth; `sight` is that under which it was solved."""
+    """The state with the steps that its horizons tell, and its depth; `sight` is that under which it was solved. Where it is not
+    `relaxing`, whole regions move alone.
+    """
     believed = state.lift
     state = replace(state, lift=np.zeros(len(believed)))
     depth = depth_of(who, state, distance, progress.part(0, 0.4))
     if not params.steps or not state.level.any():
+        return state, depth
+    hidden = as_photographed(who, state, sight, light.directions).occlusion
+    if hidden is None or hidden.bare:
         return state, depth
     speaking = steps.speakers(who.mask)
     cost = prices(who, state, light, sight, speaking, params, progress.part(0.4, 0.7))
@@ -63,5 +70,7 @@ def relief(
     cast_z = sight.points[:, 2] if sight.cast_z is None else sight.cast_z
     before, now = (np.log(z / slant) / pitch for z in (cast_z, depth[who.mask]))
     told = steps.tell(state.level, speaking, cost, before, who.mask, pitch)
-    lift = pitch * steps.lifts(who.mask, now, told, pitch, believed / pitch, progress.part(0.7, 1))
-    return replace(state, lift=lift), lifted(who.mask, depth, lift, distance)
+    lift = steps.lifts(who.mask, now, told, pitch, believed / pitch, progress.part(0.7, 0.9))
+    if relaxing:
+        lift = relaxed(who.mask, now, told, pitch, lift, progress.part(0.9, 1))
+    return replace(state, lift=pitch * lift), lifted(who.mask, depth, pitch * lift, distance)

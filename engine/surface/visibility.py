@@ -31,6 +31,9 @@ direction that then rises above the horizon must not come in as if nothing stood
 LIFT = (0.05, 0.5)
 """Pixels' footprints that rays start above the surface, at least and at most."""
 
+BARE = 0.01
+"""Mean share of the hemisphere that an object hides from itself, up to which it hides as good as nothing."""
+
 SECTORS = 12
 """Parts of the azimuth around the viewing ray, for each of which `horizons` may overrule the depth."""
 
@@ -77,6 +80,11 @@ class Occlusion:
     def part(self, pixels: Int[np.ndarray, " p"]) -> "Occlusion":
         """The same of a few pixels, in their order; their sources keep their numbers."""
         return Occlusion(*self.of(pixels), self.share[pixels], self.walls)
+
+    @property
+    def bare(self) -> bool:
+        """Whether the object hides next to nothing of the room from itself."""
+        return float(self.share.mean()) <= BARE
 
     def at(self, scale: float) -> "Occlusion":
         """The same with the object so many times as far away."""

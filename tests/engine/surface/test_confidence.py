@@ -8,7 +8,7 @@ import pytest
 from engine.metrics import NORMAL_BAND
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.confidence import Doubt, confidence, formal, jackknifed
+from engine.surface.confidence import Doubt, confidence, formal, jackknifed, unsettled
 from engine.surface.pixels import Subject, subject
 from engine.surface.transport import Incident, blocks
 from tests.engine.surface.test_pixels import CAMERA, PARAMS, ball, light_of_lamps, pictures_of_a_ball
@@ -89,3 +89,14 @@ def test_pixels_doubt_the_light_as_those_of_like_normals_do() -> None:
     np.testing.assert_allclose(told, np.repeat([[1.0] * 6, [4.0] * 6], [1, 2], axis=0))
     few = Doubt(normals[:1], variance[:1]).of(np.stack([up, aside]))
     np.testing.assert_allclose(few, 1)
+
+
+def test_what_has_come_a_long_way_is_told_as_unsure() -> None:
+    normals = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8]])
+    before = newton.begin(normals, np.full((2, 3), 0.4), np.array([0.5, 0.3]))
+    turned = newton.tilt(normals, np.array([[0.0, 0.0], [0.0, 0.1]]))
+    after = newton.begin(turned, before.albedo * 1.2, before.roughness)
+    variance = unsettled(before, after)
+    assert variance[:, :2].sum(1) == pytest.approx([0, 0.1**2], rel=0.02, abs=1e-12)
+    assert variance[:, 2:5] == pytest.approx(np.log(1.2) ** 2)
+    assert not variance[:, 5].any()

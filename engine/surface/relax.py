@@ -1,0 +1,134 @@
+"""Heights relax until their horizons suit the photographs.
+
+Integration draws together what hangs in front of each other: two tubes that cross, the ribs of a vase. But what stands in
+front shows in what it hides. Every horizon that a pixel may have has its price, in how much worse its photographs are then
+explained; and heights make horizons. So the heights go where their horizons cost least, all pixels and sectors together. To
+depart from what normals tell costs as well, by how much one pixel rises against the next, and little where the view opens:
+there stands an edge. `steps` tries whole regions, far; here every pixel moves, as far as it is downhill.
+
+Heights are logarithms of the distance along the viewing ray, in units of a pixel's width. Camera frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from jaxtyping import Bool, Float, Int
+
+from engine.light.rasterise import Run, workers
+from engine.progress import Progress
+from engine.surface.heights import Field
+from engine.surface.integrate import laplacian, solver_of
+from engine.surface.observations import numbered
+from engine.surface.steps import SEEN, Told, edges
+
+TEAR, LEAST_TEAR = 20.0, 0.05
+"""Squared spreads for a pixel's width of height between two neighbours without an edge; share of it with one. With 5, 60 and 100
+a knot and a vase come out alike."""
+SOFT = 0.2
+"""Pixel widths of height below which a departure costs by its square."""
+TURNS, AFRESH, ENOUGH = 100, 8, 2e-4
+"""Steps at most; so many under one preconditioner; and the part of the cost that a step must take away, else it is the last."""
+FARTHEST, SHORTEST = 8.0, 1e-4
+"""Pixel widths that a step takes a pixel at most; and the part of a direction below which it leads nowhere."""
+WORTH = 4.0
+"""Squared spreads that each pixel's height must bring on average, or all stay as they were: by Akaike's criterion a number of its own
+is worth two, and of a ball, where there is nothing to be found, they bring one."""
+LOOSE = 1e-4
+"""What keeps a part that nothing holds from flying off, beside what holds a pixel to its neighbour."""
+
+
+def relaxed(
+    mask: Bool[np.ndarray, "h w"],
+    height: Float[np.ndarray, " p"],
+    told: Told,
+    pitch: float,
+    start: Float[np.ndarray, " p"],
+    progress: Progress,
+) -> Float[np.ndarray, " p"]:
+    """How much nearer the camera than `height` says, in the same units.
+
+    Arguments as of `steps.lifts`. Conjugate gradients (Polak, Ribiere) from the lifts believed so far (`start`), preconditioned by
+    what holds neighbours together: what is one piece moves as one.
+    """
+    if not len(told.speakers):
+        return start
+    with workers() as run:
+        cost = _Cost(mask, height, told, pitch, run)
+        now, direction, before, solve = height - start, None, None, None
+        here = begun = cost.at(now)
+        along = 1.0
+        for turn in range(TURNS):
+            progress.step(turn / TURNS, "heights of what hides the room")
+            if solve is None or turn % AFRESH == 0:
+                _, solve = solver_of(cost.stiffness(here.hold), len(now))
+            downhill = -solve(here.slope)
+            if direction is not None and before is not None:
+                bend = -(downhill * (here.slope - before[0])).sum() / max(before[1], 1e-30)
+                direction = downhill + max(bend, 0.0) * direction
+            if direction is None or (direction * here.slope).sum() >= 0:
+                direction = downhill
+            before = here.slope, -float((downhill * here.slope).sum())
+            along = min(4 * along, FARTHEST / max(float(np.abs(direction).max()), 1e-9))
+            there = cost.at(now + along * direction)
+            while there.total >= here.total and along > SHORTEST:
+                along /= 2
+                there = cost.at(now + along * direction)
+            fall = here.total - there.total
+            if fall <= 0:
+                break
+            now, here = now + along * direction, there
+            if fall < ENOUGH * here.total:
+                break
+    worthwhile = begun.total - here.total > WORTH * len(height)
+    return height - now if worthwhile else start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Here:
+    """What heights cost."""
+
+    total: float
+    slope: Float[np.ndarray, " p"]
+    hold: Float[np.ndarray, " e"]  # how stiffly each pair of neighbours holds together there
+
+
+class _Cost:
+    """What horizons and departures from the normals' own heights cost together."""
+
+    def __init__(self, mask, height, told, pitch, run: Run):
+        self.normals, self.told, self.run = height, told, run
+        self.field = Field(mask, height, pitch, np.zeros(len(height), int))
+        self.weight = len(height) / len(told.speakers)
+        self.pairs, self.bond = seams(mask, edges(mask, told.goal))
+
+    def at(self, height: Float[np.ndarray, " p"]) -> _Here:
+        """At some heights."""
+        told, (one, other) = self.told, self.pairs
+        cost, slope = self.field.uphill(height, told.speakers, told.price, self.run)
+        lift = height - self.normals
+        apart = lift[other] - lift[one]
+        far = np.sqrt(apart**2 + SOFT**2)
+        hold, count = self.bond / far, len(height)
+        pull = np.bincount(other, hold * apart, count) - np.bincount(one, hold * apart, count)
+        torn = float((self.bond * (far - SOFT)).sum())
+        return _Here(self.weight * cost + torn, self.weight * slope + pull, hold)
+
+    def stiffness(self, hold: Float[np.ndarray, " e"]) -> sparse.csc_matrix:
+        """What resists a step."""
+        one, other = self.pairs
+        return laplacian(one, other, hold, len(self.normals), LOOSE * float(hold.mean()))
+
+
+def seams(
+    mask: Bool[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"]
+) -> tuple[Int[np.ndarray, "2 e"], Float[np.ndarray, " e"]]:
+    """Every two neighbours of the mask, and what a pixel's width of height between them costs, less where an edge is seen."""
+    index, pairs, bond = numbered(mask), [], []
+    for a, b in (((slice(None), slice(0, -1)), (slice(None), slice(1, None))),
+                 ((slice(0, -1), slice(None)), (slice(1, None), slice(None)))):  # fmt: skip
+        both = mask[a] & mask[b]
+        edge = np.maximum(strength[a], strength[b])[both]
+        pairs.append(np.stack([index[a][both], index[b][both]]))
+        bond.append(TEAR * (np.exp(-((edge / SEEN) ** 2)) + LEAST_TEAR))
+    return np.concatenate(pairs, 1), np.concatenate(bond)
