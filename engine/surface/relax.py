@@ -32,8 +32,8 @@ TURNS, AFRESH, ENOUGH = 100, 8, 2e-4
 FARTHEST, SHORTEST = 8.0, 1e-4
 """Pixel widths that a step takes a pixel at most; and the part of a direction below which it leads nowhere."""
 WORTH = 4.0
-"""Squared spreads that each pixel's height must bring on average, or all stay as they were: by Akaike's criterion a number of its own
-is worth two, and of a ball, where there is nothing to be found, they bring one."""
+"""Squared spreads that each pixel's height must bring on average over what normals tell, or all stay as they were: by Akaike's
+criterion a number of its own is worth two, and of a ball, where there is nothing to be found, they bring one."""
 LOOSE = 1e-4
 """What keeps a part that nothing holds from flying off, beside what holds a pixel to its neighbour."""
 
@@ -55,20 +55,18 @@ def relaxed(
         return start
     with workers() as run:
         cost = _Cost(mask, height, told, pitch, run)
-        now, direction, before, solve = height - start, None, None, None
-        here = begun = cost.at(now)
-        along = 1.0
+        own, now = cost.at(height).total, height - start
+        here, along, solve = cost.at(now), 1.0, None
+        direction, before, power = np.zeros(len(now)), np.zeros(len(now)), np.inf
         for turn in range(TURNS):
             progress.step(turn / TURNS, "heights of what hides the room")
             if solve is None or turn % AFRESH == 0:
                 _, solve = solver_of(cost.stiffness(here.hold), len(now))
             downhill = -solve(here.slope)
-            if direction is not None and before is not None:
-                bend = -(downhill * (here.slope - before[0])).sum() / max(before[1], 1e-30)
-                direction = downhill + max(bend, 0.0) * direction
-            if direction is None or (direction * here.slope).sum() >= 0:
+            direction = downhill + max(0.0, float(downhill @ (before - here.slope)) / power) * direction
+            if direction @ here.slope >= 0:
                 direction = downhill
-            before = here.slope, -float((downhill * here.slope).sum())
+            before, power = here.slope, max(-float(downhill @ here.slope), 1e-30)
             along = min(4 * along, FARTHEST / max(float(np.abs(direction).max()), 1e-9))
             there = cost.at(now + along * direction)
             while there.total >= here.total and along > SHORTEST:
@@ -80,8 +78,7 @@ def relaxed(
             now, here = now + along * direction, there
             if fall < ENOUGH * here.total:
                 break
-    worthwhile = begun.total - here.total > WORTH * len(height)
-    return height - now if worthwhile else start
+    return height - now if own - here.total > WORTH * len(height) else start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
