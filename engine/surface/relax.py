@@ -32,8 +32,8 @@ TURNS, AFRESH, ENOUGH = 100, 8, 2e-4
 FARTHEST, SHORTEST = 8.0, 1e-4
 """Pixel widths that a step takes a pixel at most; and the part of a direction below which it leads nowhere."""
 WORTH = 4.0
-"""Squared spreads that each pixel's height must bring on average over what normals tell, or all stay as they were: by Akaike's
-criterion a number of its own is worth two, and of a ball, where there is nothing to be found, they bring one."""
+"""Squared spreads that each pixel's height must bring on average over what normals tell, or none is moved: by Akaike's criterion a
+number of its own is worth two, and of a ball, where there is nothing to be found, they bring one."""
 LOOSE = 1e-4
 """What keeps a part that nothing holds from flying off, beside what holds a pixel to its neighbour."""
 
@@ -56,7 +56,8 @@ def relaxed(
     with workers() as run:
         cost = _Cost(mask, height, told, pitch, run)
         own, now = cost.at(height).total, height - start
-        here, along, solve = cost.at(now), 1.0, None
+        here = begun = cost.at(now)
+        along, solve = 1.0, None
         direction, before, power = np.zeros(len(now)), np.zeros(len(now)), np.inf
         for turn in range(TURNS):
             progress.step(turn / TURNS, "heights of what hides the room")
@@ -78,7 +79,9 @@ def relaxed(
             now, here = now + along * direction, there
             if fall < ENOUGH * here.total:
                 break
-    return height - now if own - here.total > WORTH * len(height) else start
+    if own - here.total > WORTH * len(height):
+        return height - now
+    return start if begun.total < own else np.zeros(len(height))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
