@@ -74,9 +74,7 @@ class Solved:
     there: Incident  # and of those kept out
     drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
     doubt: Doubt | None  # about the light
-    unsure: (
-        Float[np.ndarray, "p 6"] | None
-    )  # variances by what is unsure of what hides the room; None: nothing is
+    unsure: Float[np.ndarray, "p 6"] | None  # variances by what may hide the room otherwise, or still moves
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -80,9 +80,7 @@ class Rough:
     """What the rough turns have found, of all pixels of the mask."""
 
     state: newton.State
-    coarse: (
-        newton.State
-    )  # as the turns of half the size left it; `state` where none of another size came after them
+    coarse: newton.State  # as the turns of half the size left it; `state` if none of another size followed
     depth: Float[np.ndarray, "h w"]
     sight: Sight  # its directions are those of `parts`
     setting: Setting

@@ -73,7 +73,7 @@ def tell(
         own = horizons_of(mask, height, pitch, run)
     goal = np.where(level > 0, HORIZONS[level], own).astype(np.float32)
     prices = np.clip(prices, 0, LOUDEST)
-    # Who keeps what the depth has would gain too little elsewhere: between rings, where it is, it costs nothing.
+    # Who keeps what the depth has would gain too little elsewhere: where it stands, between rings, it costs hardly anything.
     kept = np.where(level[speakers] > 0, 0, between(prices, own[speakers]))
     return Told(goal, speakers, np.maximum(prices - kept[..., None], 0).astype(np.float32))
 

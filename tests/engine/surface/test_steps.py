@@ -179,6 +179,34 @@ def test_a_pixel_prefers_what_it_holds_and_else_what_the_depth_has() -> None:
     assert not told.price.any()
 
 
+def test_what_the_depth_has_costs_hardly_anything_where_it_stands() -> None:
+    """Else the heights of pixels that are content would creep to the middle of a ring."""
+    some, level = steps.speakers(MASK), np.zeros((int(MASK.sum()), SECTORS), np.int8)
+    level[:, 3] = 5
+    with workers() as run:
+        own = horizons_of(MASK, ramp(), PITCH, run)[some]
+    price = 10 + 20 * np.abs(own[..., None] - HORIZONS)
+    told = steps.tell(level, some, price, ramp(), MASK, PITCH)
+    seen = own < HORIZONS[-1]
+    kept = np.where(np.arange(SECTORS) == 3, False, seen)
+    before, after = (steps.between(np.clip(p, 0, steps.LOUDEST), own)[kept] for p in (price, told.price))
+    assert (after < 0.2 * before).all()
+    assert np.allclose(told.price[:, 3], np.clip(price[:, 3], 0, steps.LOUDEST))
+    assert (told.price >= 0).all()
+
+
+def test_between_two_levels_a_horizon_costs_in_proportion() -> None:
+    price = np.arange(float(LEVELS))[None, None] ** 2
+    angle = HORIZONS[4] + 0.25 * (HORIZONS[5] - HORIZONS[4])
+    for at, cost in (
+        (HORIZONS[4], 16.0),
+        (angle, 0.75 * 16 + 0.25 * 25),
+        (0.0, 1.0),
+        (3.0, (LEVELS - 1.0) ** 2),
+    ):
+        assert steps.between(price, np.full((1, 1), at)) == pytest.approx(cost)
+
+
 def test_relief_finds_the_wall_that_throws_a_shadow() -> None:
     """Pixels of a plane that hold the horizons of a plate on it: the plate comes nearer, normals stay."""
     camera = Camera(90, 70, 400.0, 400.0, 45.0, 35.0)
