@@ -136,6 +136,17 @@ def _walk(
                 found[i, s, t] = np.arctan2(1.0, steepest[t]) if steepest[t] > -1e29 else np.pi
 
 
+# Inlined, as in `horizons`: what a cached kernel calls is not cached with it.
+@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@no_type_check
+def _level(angle, angles):
+    """The farthest level whose horizon is no farther than an angle, and which has one beyond it."""
+    level = 1
+    while level < len(angles) - 2 and angle >= angles[level + 1]:
+        level += 1
+    return level
+
+
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
 def _price(horizon, goal, price, angles, total, part, parts):
@@ -149,9 +160,7 @@ def _price(horizon, goal, price, angles, total, part, parts):
                 if angle >= 3.14159 or abs(angle - goal[i, s]) < ALIKE:
                     continue
                 angle = min(max(angle, angles[1]), angles[last])
-                level = 1
-                while level < last - 1 and angle >= angles[level + 1]:
-                    level += 1
+                level = _level(angle, angles)
                 share = (angle - angles[level]) / (angles[level + 1] - angles[level])
                 total[i, t] += (1 - share) * price[i, s, level] + share * price[i, s, level + 1]
 
@@ -189,9 +198,7 @@ def _slope(steep, hider, price, angles, cost, slope, part, parts):
                 continue
             angle = np.arctan2(1.0, steep[i, s])
             within = min(max(angle, angles[1]), angles[last])
-            level = 1
-            while level < last - 1 and within >= angles[level + 1]:
-                level += 1
+            level = _level(within, angles)
             wide = angles[level + 1] - angles[level]
             share = (within - angles[level]) / wide
             cost[i] += (1 - share) * price[i, s, level] + share * price[i, s, level + 1]

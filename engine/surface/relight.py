@@ -147,8 +147,9 @@ def settle(
 
 def _moved(parts: Parts, before: Setting, after: Setting) -> float:
     """How far two settings are apart: in shares of all light, in logs of distance and exposure, in radians of the lamps."""
+    levels = parts.levels()
     light, change = (
-        luminance(parts.levels() * np.abs(gain)).sum() for gain in (before.gain, after.gain - before.gain)
+        luminance(levels * np.abs(gain)).sum() for gain in (before.gain, after.gain - before.gain)
     )
     away = [
         np.log([after.distance / before.distance]),

@@ -132,20 +132,12 @@ def solve(
     here = found.who.responses(found.here, params, device, found.sight)
     seen = photographed_in(picture.frames, picture.mask, kept_out)
     there = answering(seen, found.there, found.sight, params, device)
+    span = progress.part(alone, 1)
     if picture is whole:
-        maps = judged(
-            found.who,
-            found.state,
-            found.sight,
-            here,
-            there,
-            found.doubt,
-            found.unsure,
-            progress.part(alone, 1),
-        )
+        maps = judged(found.who, found.state, found.sight, here, there, found.doubt, found.unsure, span)
         z = found.depth[picture.mask]
     else:
-        maps, depth = in_detail(whole, fitted, take, found, here, there, params, progress.part(alone, 1))
+        maps, depth = in_detail(whole, fitted, take, found, here, there, params, span)
         z = depth[whole.mask]
     made = of_pixels(first.material, take)
     surface = surface_of(mask, maps, z, params.model_error, made)
