@@ -101,11 +101,17 @@ def inquiry(
 
 
 def ask(
-    who: Subject, state: State, light: Incident, sight: Sight, params: SurfaceParams, progress: Progress
+    who: Subject,
+    state: State,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    progress: Progress,
+    looking: bool = True,
 ) -> State:
-    """Let every pixel look for its horizon, and those that explain badly try their neighbours' answers."""
+    """Let every pixel look for its horizon, unless none is `looking`, and those that explain badly try their neighbours' answers."""
     everybody = np.arange(len(state.normals))
-    sweeps = horizons.SWEEPS if params.horizons and sight.occlusion is not None else 0
+    sweeps = horizons.SWEEPS if looking and params.horizons and sight.occlusion is not None else 0
     restless = state.spread > ASKING * np.median(state.spread)
     others = neighbours(who.mask).T
     # A pixel that stands for a missing neighbour, or holds some background, has no voice.

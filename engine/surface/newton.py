@@ -43,6 +43,10 @@ FRESH = 1e-2
 """Damping of a pixel that has not stepped yet."""
 LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
 """Trust region: beyond these lengths the linearisation says nothing."""
+FAR = 0.03
+"""Radians of normal, or units of roughness, up to which the derivatives of the rows are left as they were told."""
+MOST_APART = 5.0
+"""Times the shared light that a pixel's own is taken for, at most: of next to nothing anything is many times as much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,8 +133,10 @@ def respread(
 
 def _spread(diffuse, specular, state, seen, pixels):
     """Of the residuals of the answers' first variants, that of the state itself."""
-    residual = _residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)
-    spread = 1.4826 * np.nanmedian(np.abs(residual), axis=1)
+    residual = np.sort(np.abs(_residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)), axis=1)
+    known = np.isfinite(residual).sum(1)  # those that are not stand last
+    middle = np.stack([(known - 1) // 2, known // 2], 1).clip(0)
+    spread = 1.4826 * np.take_along_axis(residual, middle, 1).mean(1)
     return np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
 
 
@@ -179,9 +185,10 @@ def iterate(
     def solve(pixels: Int[np.ndarray, " _"]) -> None:
         block = responses.block(sight, pixels)
         n, a, r, b = (x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.share))
+        leaning, rough, inward = variants(n, r)
+        told = _tell(responses, block, leaning, rough, passes > 1)
         for turn in range(passes):
-            leaning, rough, inward = variants(n, r)
-            diffuse, specular = responses(block, leaning, rough)
+            diffuse, specular = told.variants
             if anew and turn == 0:
                 kept.spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
                 kept.misfit[pixels] = np.inf
@@ -208,14 +215,70 @@ def iterate(
             if not len(moving):
                 break
             if len(moving) < len(pixels):
-                pixels, move, block = pixels[moving], move[moving], block.part(moving)
+                pixels, move, block, told = (
+                    pixels[moving],
+                    move[moving],
+                    block.part(moving),
+                    told.part(moving),
+                )
+            before = n[moving], r[moving], inward[moving]
             n = facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
             a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
             b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
+            leaning, rough, inward = variants(n, r)
+            far = np.linalg.norm(n - before[0], axis=1) > FAR
+            far |= (np.abs(r - before[1]) > FAR) | (inward != before[2])
+            _follow(responses, block, leaning, rough, told, far)
 
     each(solve, parts, progress, "solving pixels")
     return kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Told:
+    """What some pixels of a block answer: diffuse, specular."""
+
+    variants: tuple[Float[np.ndarray, "p 4 v"], ...]
+    shared: tuple[Float[np.ndarray, "p v"], ...]  # the first to the light that all of the block share
+
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "_Told":
+        """The same of a few of them."""
+        return _Told(tuple(x[pixels] for x in self.variants), tuple(x[pixels] for x in self.shared))
+
+    def put(self, pixels: Int[np.ndarray, " k"], other: "_Told") -> None:
+        """Take what is told of a few of them."""
+        for into, x in zip((*self.variants, *self.shared), (*other.variants, *other.shared), strict=True):
+            into[pixels] = x
+
+
+def _tell(responses, block, leaning, rough, more):
+    """All of it; what is shared only if `more` follows."""
+    answers = shared = responses(block, leaning, rough)
+    if more and len(block.ways):
+        shared = _to_shared(responses, block, leaning, rough)
+    return _Told(answers, tuple(x[:, 0].copy() for x in shared))
+
+
+def _to_shared(responses, block, leaning, rough):
+    return responses(block.under(block.energy), leaning[:, :1], rough[:, :1])
+
+
+def _follow(responses, block, leaning, rough, told, far):
+    """Bring it to where a step has led. Of pixels that did not go `far` only what the first variant answers to the shared light is
+    asked anew, which is a fifth of the work: their variants differ as before, their own light from the shared as many times."""
+    near, some = np.nonzero(~far)[0], np.nonzero(far)[0]
+    if len(near):
+        which, part = (slice(None), block) if not len(some) else (near, block.part(near))
+        answers = _to_shared(responses, part, leaning[which], rough[which])
+        for into, shared, x in zip(told.variants, told.shared, answers, strict=True):
+            before = shared[which]
+            times = np.divide(into[which, 0], before, out=np.ones_like(before), where=before > 0)
+            into[which] += ((x[:, 0] - before) * np.minimum(times, MOST_APART))[:, None]
+            shared[which] = x[:, 0]
+    if len(some):
+        part = block if not len(near) else block.part(some)
+        told.put(some, _tell(responses, part, leaning[some], rough[some], True))
 
 
 def reduced(

@@ -38,7 +38,9 @@ def improve(
         span = progress.part(0.3, 0.4)
         state = reconsidered(state, responses, seeing, parts, who.seen, who.mask, params.passes, span)
     if params.ask:
-        state = ask(who, state, light, sight, params, progress.part(0.4, 0.8))
+        # Of an object that was asked before and hides next to nothing from itself, horizons are chance.
+        bare = seeing.occlusion is not None and seeing.occlusion.bare and bool(state.level.any())
+        state = ask(who, state, light, sight, params, progress.part(0.4, 0.8), not bare)
         state, _ = settled(state, 3, progress.part(0.8, 1))
     return state
 
