@@ -215,12 +215,8 @@ def iterate(
             if not len(moving):
                 break
             if len(moving) < len(pixels):
-                pixels, move, block, told = (
-                    pixels[moving],
-                    move[moving],
-                    block.part(moving),
-                    told.part(moving),
-                )
+                pixels, move = pixels[moving], move[moving]
+                block, told = block.part(moving), told.part(moving)
             before = n[moving], r[moving], inward[moving]
             n = facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
             a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
