@@ -6,15 +6,15 @@ than 15 degrees off explain their photographs better than the truth would. A pix
 around it therefore has to explain its photographs the better. Camera frame.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from engine.light.rasterise import Run, workers
 from engine.progress import Progress
 from engine.surface import horizons
+from engine.surface.abreast import each
 from engine.surface.bounced import lit
 from engine.surface.newton import FRESH, State, facing
 from engine.surface.observations import Observations, aside
@@ -50,7 +50,6 @@ class Asked:
     spread: Float[np.ndarray, " p"]
     gloss: Float[np.ndarray, "p 2"]
     usual: float
-    run: Run
 
     def explain(
         self,
@@ -64,20 +63,22 @@ class Asked:
         """`horizons.explain` for some of the mask's pixels."""
         return horizons.explain(
             self.responses, self.sight, of, normals, roughness, level, self.energy, self.around,
-            self.seen.part(of), self.spread[of], self.gloss[of], self.usual, self.beside, self.facing, self.run, sweeps, prices,
+            self.seen.part(of), self.spread[of], self.gloss[of], self.usual, self.beside, self.facing, sweeps, prices,
         )  # fmt: skip
 
 
-def inquiry(
+def inquire(
     who: Subject,
     state: State,
     light: Incident,
     sight: Sight,
     params: SurfaceParams,
+    work: Callable[[Asked], None],
     progress: Progress,
     doing: str,
-) -> Iterator[Asked]:
-    """The object's pixels block by block, without its rim: that holds some background, which horizons would explain."""
+) -> None:
+    """Have the `work` done on the object's pixels, block by block and several blocks at a time, without its rim: that holds
+    some background, which horizons would explain."""
     beside = horizons.beside(who.mask)
     count = light.energy.shape[2] // 3
     every = np.arange(0, count, -(-count // VIEWS))
@@ -86,18 +87,17 @@ def inquiry(
     seen = replace(seen, radiance=horizons.by_channel(seen.radiance), weight=horizons.by_channel(seen.weight))
     responses = Responses(light, seen.radiance, params.full_diffuse, params.bounce, "cpu", walls)
     usual, facing = float(np.median(state.spread)), state.normals.astype(np.float32)
-    parts = blocks(who.mask)
-    with workers() as run:
-        for i, block in enumerate(parts):
-            progress.step(i / len(parts), doing)
-            pixels = block[~seen.edge[block]]
-            if len(pixels):
-                energy = horizons.by_channel(responses.whole_energy(sight, block))
-                around = horizons.compass(light.directions, sight.middle(block))
-                yield Asked(
-                    pixels, responses, sight, energy, around, seen, beside, facing, state.spread, state.gloss,
-                    usual, run,
-                )  # fmt: skip
+
+    def some(block: Int[np.ndarray, " _"]) -> None:
+        pixels = block[~seen.edge[block]]
+        if len(pixels):
+            energy = horizons.by_channel(responses.whole_energy(sight, block))
+            around = horizons.compass(light.directions, sight.middle(block))
+            work(Asked(
+                pixels, responses, sight, energy, around, seen, beside, facing, state.spread, state.gloss, usual,
+            ))  # fmt: skip
+
+    each(some, blocks(who.mask), progress, doing)
 
 
 def ask(
@@ -117,7 +117,8 @@ def ask(
     # A pixel that stands for a missing neighbour, or holds some background, has no voice.
     voices = (others != everybody) & ~who.seen.edge[others]
     kept = state.copy()
-    for block in inquiry(who, state, light, sight, params, progress, "asking the neighbours"):
+
+    def answer(block: Asked) -> None:
         pixels = block.pixels
         least = np.full(len(pixels), np.inf)
         for turn, other in enumerate((everybody, everybody, *others)):
@@ -137,6 +138,8 @@ def ask(
             least[of[better]] = misfit[better]
             kept.normals[won], kept.roughness[won] = normals[better], state.roughness[theirs[better]]
             kept.albedo[won], kept.level[won], kept.damping[won] = albedo[better], level[better], FRESH
+
+    inquire(who, state, light, sight, params, answer, progress, "asking the neighbours")
     return kept
 
 
@@ -167,12 +170,15 @@ def prices(
     found = np.zeros((len(pixels), horizons.SECTORS, horizons.LEVELS), np.float32)
     place = np.full(len(state.normals), -1)
     place[pixels] = np.arange(len(pixels))
-    for block in inquiry(who, state, light, sight, params, progress, "asking what horizons would cost"):
+
+    def tell(block: Asked) -> None:
         of = block.pixels[place[block.pixels] >= 0]
         if len(of):
             told = np.empty((len(of), *found.shape[1:]), np.float32)
             block.explain(of, state.normals[of], state.roughness[of], state.level[of], 0, told)
             found[place[of]] = told
+
+    inquire(who, state, light, sight, params, tell, progress, "asking what horizons would cost")
     return found
 
 

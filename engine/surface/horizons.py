@@ -16,7 +16,6 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from engine.light.rasterise import Run
 from engine.surface.brdf import of_pixels, rows
 from engine.surface.newton import ALBEDO
 from engine.surface.observations import Observations, aside
@@ -157,7 +156,6 @@ def explain(
     usual: float,
     beside: Int[np.ndarray, "every s"],
     facing: Float[np.ndarray, "every 3"],
-    run: Run,
     sweeps: int = SWEEPS,
     prices: Float[np.ndarray, "p s l"] | None = None,
 ) -> tuple[Int[np.ndarray, "p s"], Float[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
@@ -165,10 +163,10 @@ def explain(
 
     Coordinate descent from the given levels, sector by sector; albedo is solved for every trial. `sight` is that
     of the depth; `energy` and `around` (the compass) belong to the block, `seen`, `spread` and `gloss` to the given pixels;
-    `usual` is the object's median spread; `facing` are the normals (float32) of those that stand `beside`; `run` does the
-    work; all light and photographs are `by_channel`. Misfits
-    compare between normals, roughnesses and levels of one pixel. `prices` (float32), if given, takes what each level of
-    each sector would add to the misfit, all others as they are found to be, in the spreads of `PRICE`.
+    `usual` is the object's median spread; `facing` are the normals (float32) of those that stand `beside`; all light and
+    photographs are `by_channel`. Misfits compare between normals, roughnesses and levels of one pixel. `prices` (float32), if
+    given, takes what each level of each sector would add to the misfit, all others as they are found to be, in the spreads of
+    `PRICE`.
     """
     directions, (sector, ring) = responses.incident.directions, around
     everything = np.ones((len(pixels), len(directions)), np.uint8)
@@ -191,14 +189,14 @@ def explain(
         prices = np.empty((0, SECTORS, LEVELS), np.float32)
     away = ((roughness - gloss[:, 0]) / gloss[:, 1]) ** 2
     answer = level.copy(), np.empty(len(level)), np.empty((len(level), 3))
-    run(_descend, (
+    _descend(
         diffuse, specular, np.argsort(sector * LEVELS + ring, kind="stable"), sector, ring,
         directions.astype(np.float32), energy, responses.cell, start, direction, source, beside[pixels],
         facing, responses.photographed,
         responses.walls, responses.bounce, seen.radiance, seen.weight, seen.eps, np.float32(seen.cauchy**2),
         spread.astype(np.float32) ** 2, np.float32(PRICE * usual**2), away.astype(np.float32), sweeps, *answer,
         prices,
-    ))  # fmt: skip
+    )  # fmt: skip
     return answer
 
 
@@ -252,13 +250,12 @@ def _misfit(sent, radiance, weight, eps, wide, square, albedo, limit):
 @no_type_check
 def _descend(
     diffuse, specular, order, sector, ring, towards, energy, cell, start, direction, source, beside, facing, photographed,
-    walls, bounce, radiance, weight, eps, wide, squares, dearest, away, sweeps, found, misfits, albedos, prices, part,
-    parts,
+    walls, bounce, radiance, weight, eps, wide, squares, dearest, away, sweeps, found, misfits, albedos, prices,
 ):  # fmt: skip
-    """Every `parts`-th pixel from `part` on; what `found` holds is where it begins."""
+    """Every pixel begins at what `found` holds of it."""
     count, across, size = diffuse.shape[0], energy.shape[0], energy.shape[1]
     rings, known_pixels = LEVELS - 1, len(photographed)
-    for p in range(part, count, parts):
+    for p in range(count):
         # What each ring of each sector sends, what each sector sends as the depth has it, and how much of
         # what stands in the way each ring would show.
         room = np.zeros((SECTORS, rings, 2, size), np.float32)

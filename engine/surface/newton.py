@@ -13,7 +13,7 @@ import itertools
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import no_type_check
+from typing import TypeGuard, no_type_check
 
 import numba
 import numpy as np
@@ -23,7 +23,7 @@ from engine.geometry import tangents
 from engine.progress import Progress
 from engine.surface.abreast import abreast, each
 from engine.surface.observations import Observations
-from engine.surface.transport import Rows, Sight
+from engine.surface.transport import Responses, Rows, Sight
 from engine.surface.visibility import SECTORS
 
 STEP = 0.01
@@ -165,6 +165,11 @@ def variants(
     return leaning, np.stack([roughness, roughness, roughness, roughness + step], 1), step
 
 
+def elsewhere(responses: Rows) -> TypeGuard[Responses]:
+    """Whether these are solved on another device than the processor."""
+    return isinstance(responses, Responses) and responses.device != "cpu"
+
+
 def iterate(
     state: State,
     responses: Rows,
@@ -179,6 +184,10 @@ def iterate(
 
     A pixel whose next step would be less than `AT_REST` is left where it is. `anew`: after a `respread`, which costs nothing here.
     """
+    if elsewhere(responses):
+        from engine.surface import on_device  # torch takes seconds to load
+
+        return on_device.iterate(state, responses, sight, parts, seen, passes, progress, anew)
     kept = state.copy()
     tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
 
@@ -300,7 +309,7 @@ def by_stretches(
     pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
     system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
-    spread = np.empty(pixels_in_all)
+    spread, doing = np.empty(pixels_in_all), "judging the answer by parts of the views"
 
     def judge(pixels: Int[np.ndarray, " _"]) -> None:
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
@@ -315,7 +324,14 @@ def by_stretches(
                 state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
             )  # fmt: skip
 
-    each(judge, parts, progress, "judging the answer by parts of the views")
+    if elsewhere(responses):
+        from engine.surface import on_device  # as above
+
+        spread, system, slope = on_device.by_stretches(
+            state, responses, sight, parts, seen, ends, progress, doing
+        )
+    else:
+        each(judge, parts, progress, doing)
     return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
 
 

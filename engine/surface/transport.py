@@ -123,7 +123,15 @@ class Incident:
         self, points: Float[np.ndarray, "p 3"]
     ) -> tuple[Float[np.ndarray, "d v"], Float[np.ndarray, "r d v"], Float[np.ndarray, "p r"]]:
         """The mean energy of some points, without the lamps, the ways in which theirs differs from it, and how much each
-        point's does so in each way: the principal components of the probes' weights."""
+        point's does so in each way."""
+        middle, ways, apart = self.shares(points)
+        sums = self._sums(np.concatenate([middle[None], ways]))
+        return sums[0], sums[1:], apart
+
+    def shares(
+        self, points: Float[np.ndarray, "p 3"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "r m"], Float[np.ndarray, "p r"]]:
+        """The probes' weights in the first two of `among`, and its third: the principal components of the weights at the points."""
         weights = self.lattice.weights(points)
         middle = weights.mean(0)
         apart = weights - middle
@@ -131,8 +139,7 @@ class Incident:
         # The rest is what the weakest leave out, which come first.
         told = np.sqrt(np.cumsum(np.maximum(strength, 0))) > UNEVEN
         ways = ways.T[told]
-        sums = self._sums(np.concatenate([middle[None], ways]))
-        return sums[0], sums[1:], (apart @ ways.T).astype(np.float32)
+        return middle, ways, (apart @ ways.T).astype(np.float32)
 
     def _sums(self, weights: Float[np.ndarray, "j m"]) -> Float[np.ndarray, "j d v"]:
         probes = np.nonzero(weights.any(0))[0]
@@ -326,9 +333,8 @@ class Responses:
             column = np.full(self.towards.shape[1], -1, np.int32)
             column[kept] = np.arange(len(kept))
             hidden = start, column[direction], source
-        run = self._on_cpu if self.device == "cpu" else self._on_device
         material = None if block.material is None else np.repeat(block.material, variants, 0)
-        answer = run(
+        answer = self._products(
             normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0), material,
             self.incident.directions[kept], block.energy[kept], hidden, variants,
             [(way[kept], block.apart[:, j]) for j, way in enumerate(block.ways)],
@@ -347,7 +353,7 @@ class Responses:
         )
         return diffuse, specular
 
-    def _on_cpu(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
+    def _products(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
         size, d = len(normals), len(directions)
         table = np.empty((2 * size, d), np.float32)
         everything = np.ones((size, d), np.uint8)
@@ -364,49 +370,6 @@ class Responses:
             first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
             every += np.sum([(first @ way) * np.tile(apart, 2)[:, None] for way, apart in ways], 0)[:, None]
         return out
-
-    def _on_device(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
-        # Only here: torch takes seconds to load.
-        import torch
-
-        from engine.surface.brdf_reference import rows_reference
-
-        def there(array):
-            return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.device)
-
-        size = len(normals)
-        seen = torch.ones((size, len(directions)), device=self.device)
-        table = torch.cat(
-            rows_reference(
-                there(normals), there(roughness), there(views), there(directions), seen,
-                self.full_diffuse, self.floor, None if material is None else there(material),
-            )
-        )  # fmt: skip
-        out = torch.zeros((2 * size, energy.shape[1]), device=self.device)
-        if hidden is not None:
-            start, column, source = hidden
-            owner = np.repeat(np.arange(len(start) - 1), np.diff(start))[column >= 0]
-            source, column = source[column >= 0], column[column >= 0]
-            known = len(self.photographed)
-            thrown = np.zeros((len(source), energy.shape[1]), np.float32)
-            pixel, wall = (source >= 0) & (source < known), source >= known
-            thrown[pixel], thrown[wall] = self.photographed[source[pixel]], self.walls[source[wall] - known]
-            light = there(thrown)
-            at = torch.as_tensor(column.astype(np.int64), device=self.device)
-            # Summed pixel by pixel in order: added where they fall, floats come out otherwise every time.
-            counts = torch.as_tensor(np.bincount(owner, minlength=len(start) - 1), device=self.device)
-            for variant in range(variants):
-                for half in (0, size):
-                    row = torch.as_tensor(owner * variants + variant + half, device=self.device)
-                    share = table[row, at] * float(self.cell)
-                    table[row, at] = 0
-                    sums = torch.segment_reduce(share[:, None] * light, "sum", lengths=counts, axis=0)
-                    out[variant + half : half + size : variants] += sums
-        out += table @ there(energy)
-        first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
-        for way, apart in ways:
-            every += ((first @ there(way)) * there(np.tile(apart, 2))[:, None])[:, None]
-        return out.cpu().numpy()
 
 
 def direction_cells(count: int) -> Float[np.ndarray, "d 3"]:

@@ -8,7 +8,7 @@ import pytest
 from engine.geometry import fibonacci_sphere, rays
 from engine.progress import Progress
 from engine.surface import newton
-from engine.surface.asking import inquiry
+from engine.surface.asking import Asked, inquire
 from engine.surface.bounced import guessed_share, lit
 from engine.surface.near import Near
 from engine.surface.pixels import SurfaceParams, sight_of, subject
@@ -104,21 +104,6 @@ def test_a_wall_throws_what_a_direct_sum_says_and_lights_the_lower_plane_so():
     assert (wanted - other)[:3].min() > 0.045 * wanted[0]
 
 
-def test_on_a_device_walls_throw_the_same():
-    incident, photographed = light(sky), np.full((COUNT, 3), SEEN, np.float32)
-    sight = stepped(incident, painted())
-    pixels = np.arange(33, 44) + 64 * 24
-    leaning = np.array([[0, 0, -1.0], [0.3, 0, -0.954], [0, -0.4, -0.917]])
-    variants, dull = np.tile(leaning, (len(pixels), 1, 1)), np.tile([1.0, 0.5, 0.3], (len(pixels), 1))
-    found = []
-    for device in ("cpu", "cpu:0"):
-        walls = lit(sight, incident, photographed)
-        responses = Responses(incident, photographed, False, True, device, walls)
-        found.append(responses(responses.block(sight, pixels), variants, dull))
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one, other, rtol=3e-4)
-
-
 def test_a_white_wall_in_a_white_world_is_as_bright_as_that_and_no_brighter():
     incident = light(lambda directions: np.ones(len(directions)))
     white = np.ones((COUNT, 3))
@@ -183,7 +168,10 @@ def test_neighbours_are_asked_under_the_same_walls_as_gauss_newton_is():
     frames = Frames(tuple(map(str, range(views))), radiance, blank, blank, (1e-9, 1e-6))
     who = subject(frames, MASK, CAMERA, np.arange(views), params)
     state = newton.respread(state, who.responses(incident, params, "cpu", sight), sight, parts, who.seen)
-    for block in inquiry(who, state, incident, sight, params, Progress(), "asking"):
+    asked: list[Asked] = []
+    inquire(who, state, incident, sight, params, asked.append, Progress(), "asking")
+    assert asked
+    for block in asked:
         of = block.pixels
         level = state.level[of]
         _, misfit, found = block.explain(of, state.normals[of], state.roughness[of], level, 0)
