@@ -45,6 +45,8 @@ LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
 """Trust region: beyond these lengths the linearisation says nothing."""
 FAR = 0.03
 """Radians of normal, or units of roughness, up to which the derivatives of the rows are left as they were told."""
+AT_ONCE = 16
+"""Residuals whose share of the misfit is summed as the logarithm of a product."""
 MOST_APART = 5.0
 """Times the shared light that a pixel's own is taken for, at most: of next to nothing anything is many times as much."""
 
@@ -376,10 +378,66 @@ def facing(normals, views):
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 @no_type_check
+def _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside):
+    """What was photographed over what the state sends, eps included."""
+    out = np.empty(radiance.shape, np.float32)
+    for p in range(len(out)):
+        part, mixed, q = np.float32(share[p]), row[p] >= 0, max(row[p], 0)
+        for c in range(3):
+            a = np.float32(albedo[p, c])
+            for v in range(c, out.shape[1], 3):
+                model = a * diffuse[p, 0, v] + specular[p, 0, v]
+                if mixed:
+                    model += part * (beside[q, v] - model)
+                out[p, v] = (radiance[p, v] + eps[p]) / (max(model, np.float32(0)) + eps[p])
+    return out
+
+
 def _normal_equations(
     diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
     prior,
 ):  # fmt: skip
+    # Numpy takes logarithms a vector at a time, a kernel of ours one by one.
+    logs = _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside)
+    np.log(logs, out=logs)
+    return _equations(
+        diffuse,
+        specular,
+        logs,
+        albedo,
+        inward,
+        weight,
+        eps,
+        spread,
+        cauchy,
+        roughness,
+        gloss,
+        share,
+        row,
+        beside,
+        prior,
+    )
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def _equations(
+    diffuse,
+    specular,
+    logs,
+    albedo,
+    inward,
+    weight,
+    eps,
+    spread,
+    cauchy,
+    roughness,
+    gloss,
+    share,
+    row,
+    beside,
+    prior,
+):
     count, _, channels = diffuse.shape
     misfit = np.zeros(count)
     system = np.zeros((count, 7, 7))
@@ -397,45 +455,49 @@ def _normal_equations(
             h00 = h01 = h02 = h03 = h11 = h12 = h13 = h22 = h23 = h33 = 0.0
             g0 = g1 = g2 = g3 = 0.0
             h04 = h14 = h24 = h34 = h44 = g4 = 0.0
-            for v in range(c, channels, 3):
-                w = weight[p, v]
-                model = a * d[0, v] + s[0, v]
-                other = np.float32(0)
-                if mixed:
-                    other = beside[q, v] - model
-                    model += part * other
-                over = np.float32(1) / (max(model, np.float32(0)) + eps[p])
-                other *= over
-                e = np.float32(math.log((radiance[p, v] + eps[p]) * over))
-                ratio = w * e * e / width
-                total += width * math.log1p(ratio)
-                robust = w / (1 + ratio)
-                over *= own
-                j0 = (a * (d[1, v] - d[0, v]) + s[1, v] - s[0, v]) * over * tilt_step
-                j1 = (a * (d[2, v] - d[0, v]) + s[2, v] - s[0, v]) * over * tilt_step
-                j2 = a * d[0, v] * over
-                j3 = (a * (d[3, v] - d[0, v]) + s[3, v] - s[0, v]) * over * rough_step
-                g0 += robust * j0 * e
-                g1 += robust * j1 * e
-                g2 += robust * j2 * e
-                g3 += robust * j3 * e
-                h00 += robust * j0 * j0
-                h01 += robust * j0 * j1
-                h02 += robust * j0 * j2
-                h03 += robust * j0 * j3
-                h11 += robust * j1 * j1
-                h12 += robust * j1 * j2
-                h13 += robust * j1 * j3
-                h22 += robust * j2 * j2
-                h23 += robust * j2 * j3
-                h33 += robust * j3 * j3
-                if mixed:
-                    g4 += robust * other * e
-                    h04 += robust * j0 * other
-                    h14 += robust * j1 * other
-                    h24 += robust * j2 * other
-                    h34 += robust * j3 * other
-                    h44 += robust * other * other
+            # The product of a few is within the numbers' range, and has one logarithm.
+            for begin in range(c, channels, 3 * AT_ONCE):
+                product = 1.0
+                for v in range(begin, min(begin + 3 * AT_ONCE, channels), 3):
+                    w = weight[p, v]
+                    model = a * d[0, v] + s[0, v]
+                    other = np.float32(0)
+                    if mixed:
+                        other = beside[q, v] - model
+                        model += part * other
+                    over = np.float32(1) / (max(model, np.float32(0)) + eps[p])
+                    other *= over
+                    e = logs[p, v]
+                    ratio = w * e * e / width
+                    product *= 1 + ratio
+                    robust = w / (1 + ratio)
+                    over *= own
+                    j0 = (a * (d[1, v] - d[0, v]) + s[1, v] - s[0, v]) * over * tilt_step
+                    j1 = (a * (d[2, v] - d[0, v]) + s[2, v] - s[0, v]) * over * tilt_step
+                    j2 = a * d[0, v] * over
+                    j3 = (a * (d[3, v] - d[0, v]) + s[3, v] - s[0, v]) * over * rough_step
+                    g0 += robust * j0 * e
+                    g1 += robust * j1 * e
+                    g2 += robust * j2 * e
+                    g3 += robust * j3 * e
+                    h00 += robust * j0 * j0
+                    h01 += robust * j0 * j1
+                    h02 += robust * j0 * j2
+                    h03 += robust * j0 * j3
+                    h11 += robust * j1 * j1
+                    h12 += robust * j1 * j2
+                    h13 += robust * j1 * j3
+                    h22 += robust * j2 * j2
+                    h23 += robust * j2 * j3
+                    h33 += robust * j3 * j3
+                    if mixed:
+                        g4 += robust * other * e
+                        h04 += robust * j0 * other
+                        h14 += robust * j1 * other
+                        h24 += robust * j2 * other
+                        h34 += robust * j3 * other
+                        h44 += robust * other * other
+                total += math.log(product)
             k = 2 + c
             slope[p, 0] += g0
             slope[p, 1] += g1
@@ -459,7 +521,7 @@ def _normal_equations(
             system[p, 6, 6] += h44
         spread_r = gloss[p, 1]
         off = (roughness[p] - gloss[p, 0]) / spread_r
-        misfit[p] = total + prior * off * off * spread[p] ** 2
+        misfit[p] = width * total + prior * off * off * spread[p] ** 2
         slope[p, 5] -= prior * off / spread_r * spread[p] ** 2
         system[p, 5, 5] += prior * (spread[p] / spread_r) ** 2
         off = share[p] / SHARE_SPREAD

@@ -361,11 +361,13 @@ class Responses:
             normals, roughness, views, material, directions, everything, self.full_diffuse, self.floor,
             table[:size], table[size:],
         )  # fmt: skip
-        out = np.zeros((2 * size, energy.shape[1]), np.float32)
-        if hidden is not None:
+        if hidden is None or not len(hidden[1]):
+            out = table @ energy
+        else:
             start, column, source = hidden
+            out = np.zeros((2 * size, energy.shape[1]), np.float32)
             _bounce(table, start, column, source, self.photographed, self.walls, self.cell, variants, out)
-        out += table @ energy
+            out += table @ energy
         if ways:
             first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
             every += np.sum([(first @ way) * np.tile(apart, 2)[:, None] for way, apart in ways], 0)[:, None]

@@ -53,15 +53,13 @@ def left_over(lattice: Lattice, shape: Gaussians) -> float:
     normals = direction_cells(50)
     cosine = np.maximum(normals[normals[:, 2] < -0.2] @ cells.T, 0)
     fine = replace(lattice, shape=tuple(4 * (n - 1) + 1 if n > 1 else 1 for n in lattice.shape))
-    light = arriving(shape, HERE, fine.points(), cells, PARAMS.probe_face_px).energy[0].sum(-1) @ cosine.T
-    light = light.reshape(*fine.shape, -1)
-    worst = 0.0
+    points, worst = fine.points().reshape(*fine.shape, 3), 0.0
     for axis, count in enumerate(fine.shape):
         if count > 1:
-            along = np.moveaxis(light, axis, 0)
-            others = tuple(n // 2 for n in along.shape[1:-1])
-            told = (along[:-4:4] + along[4::4]) / 2
-            gap = (told - along[2::4])[(slice(None), *others)] / along[2::4][(slice(None), *others)]
+            line = np.moveaxis(points, axis, 0)
+            line = line[(slice(None), *(n // 2 for n in line.shape[1:-1]))]
+            light = arriving(shape, HERE, line, cells, PARAMS.probe_face_px).energy[0].sum(-1) @ cosine.T
+            gap = (light[:-4:4] + light[4::4]) / 2 / light[2::4] - 1
             worst = max(worst, float(np.sqrt((gap**2).mean())))
     return worst
 
