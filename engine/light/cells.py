@@ -71,6 +71,13 @@ def nearest_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
     return CellMap(index, np.ones(index.shape, np.float32))
 
 
+def own_cells(side: int, fine: int) -> CellMap:
+    """Every pixel of a cube map `fine` times finer into the one of `side` that holds it, as if these were directions."""
+    face, v, u = np.indices((6, side * fine, side * fine))
+    index = ((face * side + v // fine) * side + u // fine)[..., None].astype(np.int32)
+    return CellMap(index, np.ones(index.shape, np.float32))
+
+
 def shared_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
     """Every pixel among the three directions of the spherical triangle that holds it."""
     triangles = ConvexHull(directions).simplices

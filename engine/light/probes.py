@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numba import njit
 
 from engine.errors import LightError
 from engine.light import kernels_cpu as kernel
 from engine.light import tiles
-from engine.light.cells import FACES, pixel_solid_angles, shared_cells
+from engine.light.cells import FACES, CellMap, own_cells, pixel_solid_angles, shared_cells
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.gaussians import radiance_towards
 from engine.light.rasterise import Pinhole, Shapes, render, shapes, workers
@@ -36,6 +36,11 @@ FINEST = 4
 # face). What matt pixels send from a study with a window, at 48 pixels: 1.1 % off in one view at 150, 0.5 % at 50 for 1.3
 # times the time, and no better at 15 for twice the time; the edge of the window falls between the rays.
 _CONTRAST = 50.0
+
+BATCH = 8
+"""Views, or groups of places, at a time, so that progress and stops get through."""
+CLOSE = 12
+"""Places that share what Gaussians look like along the axes of a cube."""
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
@@ -129,10 +134,10 @@ _Lit = tuple[np.ndarray, np.ndarray, np.ndarray]
 class _Prober:
     """Maps for one set of directions, ready to light any number of probes."""
 
-    def __init__(self, directions: Float[np.ndarray, "d 3"], face: int) -> None:
-        maps = [shared_cells(directions, face * fine) for fine in (1, 2, FINEST)]
+    def __init__(self, maps: tuple[CellMap, CellMap, CellMap], face: int, count: int) -> None:
+        """`maps` of pixels as they are, twice and `FINEST` times as fine, to `count` directions."""
         self.face = face
-        self.count = len(directions)
+        self.count = count
         self.maps = [part for m in maps for part in (m.index, m.share)]
         self.omegas = [pixel_solid_angles(face * fine).astype(np.float32) for fine in (1, 2, FINEST)]
         self.solid_angle = np.zeros(self.count)
@@ -154,8 +159,12 @@ class _Prober:
         gaussians: Gaussians,
         face_from_world: Float[np.ndarray, "6 3 3"],
         points: Float[np.ndarray, "m 3"],
+        mean: float | None = None,
     ) -> Iterator[_Lit]:
-        """Energy, opacity, mean distance, and mean place of what shines, per cell at points that are close together."""
+        """Energy, opacity, and mean place of what shines, per cell at points that are close together.
+
+        `mean`: the radiance around them; None: as it is at the first of them.
+        """
         middle = points.mean(0)
         colours = radiance_towards(gaussians, middle).astype(np.float64)
         away = np.linalg.norm(points - middle, axis=1).max()
@@ -185,17 +194,28 @@ class _Prober:
             places = origin + shine / np.maximum(luminance(energy), 1e-30)[:, None]
             return brightest, (energy, opacity, places)
 
-        brightest, plain = light(points[0], 0.0)
-        mean = float(luminance(plain[0].sum(0)) / (4 * np.pi))
-        yield plain if _finesse(brightest, mean, self.face) == 1 else light(points[0], mean)[1]
-        for point in points[1:]:
+        if mean is None:
+            brightest, plain = light(points[0], 0.0)
+            mean = float(luminance(plain[0].sum(0)) / (4 * np.pi))
+            yield plain if _finesse(brightest, mean, self.face) == 1 else light(points[0], mean)[1]
+            points = points[1:]
+        for point in points:
             yield light(point, mean)[1]
 
 
 @functools.lru_cache(4)
 def _prober(directions: bytes, face: int) -> _Prober:
     """Its maps take a second to make, and the same directions are asked for again and again."""
-    return _Prober(np.frombuffer(directions).reshape(-1, 3), face)
+    towards = np.frombuffer(directions).reshape(-1, 3)
+    once, twice, finest = (shared_cells(towards, face * fine) for fine in (1, 2, FINEST))
+    return _Prober((once, twice, finest), face, len(towards))
+
+
+@functools.lru_cache(2)
+def _own_prober(face: int) -> _Prober:
+    """For the pixels of cube maps themselves."""
+    once, twice, finest = (own_cells(face, fine) for fine in (1, 2, FINEST))
+    return _Prober((once, twice, finest), face, 6 * face * face)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,18 +263,58 @@ def arriving(
             if fill:
                 energy[i, j] = fill_energy(cell_energy, share, share, prober.solid_angle, graph)
 
-    batch = 8  # a few views at a time, so that progress and stops get through
     with workers() as run:
-        for begin in range(0, n, batch):
+        for begin in range(0, n, BATCH):
             progress.step(begin / n, f"light at the object, view {begin + 1} of {n}")
 
             def some(part: int, parts: int, begin: int = begin) -> None:
-                for i in range(begin + part, min(begin + batch, n), parts):
+                for i in range(begin + part, min(begin + BATCH, n), parts):
                     view(i)
 
             run(some, ())
     progress.step(1.0, "light at the object")
     return Arriving(energy, seen, places)
+
+
+def cubes(
+    gaussians: Gaussians, places: Float[np.ndarray, "k 3"], face: int, mean: float | None, progress: Progress
+) -> tuple[Float[np.ndarray, "k t 4"], float]:
+    """Radiance and opacity of the pixels of cube maps at some places (`cells.face_directions`), all in the world frame; float32;
+    and the mean radiance by which is told what is bright: as given, or at the first of the places.
+    """
+    prober, geometry = _own_prober(face), shapes(gaussians)
+    found = np.empty((len(places), prober.count, 4), np.float32)
+
+    def gather(near: Int[np.ndarray, " _"], mean: float | None = mean) -> None:
+        lit = prober.lights(geometry, gaussians, FACES, places[near], mean)
+        for i, (energy, opacity, _) in zip(near, lit, strict=True):
+            found[i, :, :3] = energy / prober.solid_angle[:, None]
+            found[i, :, 3] = np.minimum(opacity / prober.solid_angle, 1)
+
+    if mean is None:
+        gather(np.array([0]))
+        mean = float(luminance(found[0, :, :3].astype(float).T @ prober.solid_angle) / (4 * np.pi))
+    groups = _close(places, np.arange(len(places)))
+    with workers() as run:
+        for begin in range(0, len(groups), BATCH):
+            progress.step(begin / len(groups), "light around the object")
+
+            def some(part: int, parts: int, begin: int = begin) -> None:
+                for near in groups[begin : begin + BATCH][part::parts]:
+                    gather(near, mean)
+
+            run(some, ())
+    return found, mean
+
+
+def _close(places: Float[np.ndarray, "k 3"], which: Int[np.ndarray, " _"]) -> list[Int[np.ndarray, " _"]]:
+    """Groups of a few places that are close together: halved along the longer side until they are small."""
+    if len(which) <= CLOSE:
+        return [which]
+    side = np.ptp(places[which], axis=0).argmax()
+    order = which[np.argsort(places[which, side], kind="stable")]
+    middle = len(order) // 2
+    return _close(places, order[:middle]) + _close(places, order[middle:])
 
 
 def panorama(

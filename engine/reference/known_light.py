@@ -200,7 +200,7 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
         params.probe_face_px,
         progress.part(0, 0.2),
     )
-    state = search(who, light, who.flat(scene.distance), ours, device, progress.part(0.2, 0.3))
+    state = search(who, light, who.flat(scene.distance), ours, progress.part(0.2, 0.3))
 
     def solved(state: State, sight: Sight, progress: Progress) -> Solved:
         state = improve(who, state, light, sight, ours, device, progress.part(0, 0.9))

@@ -78,6 +78,6 @@ def begin(
             lattice, room.under(gain), room.poses.cam_from_world[views], DIRECTIONS, ours.probe_face_px,
             progress.part(0.5, 0.7),
         )  # fmt: skip
-        state = search(who, light, who.flat(z), ours, device, progress.part(0.7, 0.9))
+        state = search(who, light, who.flat(z), ours, progress.part(0.7, 0.9))
     depth = depth_of(who, state, distance.value, progress.part(0.9, 1))
     return Start(state.normals, state.albedo, state.roughness, depth, distance)

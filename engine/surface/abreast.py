@@ -2,7 +2,7 @@
 
 What a block comes out at then depends on no other, and not on how many cores there are. The kernels let go of Python's lock, and
 products of matrices are one thread's as well where `app.cores` has prepared the process: divided among threads they would
-sum in another order. Threads that use a CUDA device share its one stream.
+sum in another order.
 """
 
 import os

@@ -92,7 +92,6 @@ def unsure(
     light: Incident,
     sight: Sight,
     params: SurfaceParams,
-    device: str,
     progress: Progress,
 ) -> Float[np.ndarray, "p 6"] | None:
     """What the unknowns of a state vary by, given what the depth says hides the room (`sight`); None where all horizons stand as the
@@ -101,7 +100,7 @@ def unsure(
     horizons = misplaced(sight, seeing, state, who.mask, light.directions, progress.part(0, 0.2))
     if horizons is None:
         return None
-    responses, parts = who.responses(light, params, device, seeing), blocks(who.mask)
+    responses, parts = who.responses(light, params, "cpu", seeing), blocks(who.mask)
     return horizons.variance(state, responses, seeing, parts, who.seen, progress.part(0.2, 1))
 
 

@@ -41,12 +41,20 @@ AT_REST = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
 """Steps that are not worth the rows they take: a tenth, or so, of the errors that are left."""
 FRESH = 1e-2
 """Damping of a pixel that has not stepped yet."""
+EASED, STIFFENED, DAMPING = 0.3, 6.0, (1e-4, 1e4)
+"""Times the damping after a step that was worth it and one that was not, and its bounds."""
+FIRM = 1e-6
+"""Of a system's diagonal, damped or not: nothing divides by zero."""
 LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
 """Trust region: beyond these lengths the linearisation says nothing."""
 FAR = 0.03
 """Radians of normal, or units of roughness, up to which the derivatives of the rows are left as they were told."""
 AT_ONCE = 16
 """Residuals whose share of the misfit is summed as the logarithm of a product."""
+OF_MEDIAN, LEAST_SPREAD = 1.4826, 0.3
+"""A normal distribution's spread over its median deviation; and what no pixel's residuals fall below."""
+GRAZING = 0.03
+"""Cosine to the camera from which on a normal is one that can be seen."""
 MOST_APART = 5.0
 """Times the shared light that a pixel's own is taken for, at most: of next to nothing anything is many times as much."""
 
@@ -138,8 +146,8 @@ def _spread(diffuse, specular, state, seen, pixels):
     residual = np.sort(np.abs(_residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)), axis=1)
     known = np.isfinite(residual).sum(1)  # those that are not stand last
     middle = np.stack([(known - 1) // 2, known // 2], 1).clip(0)
-    spread = 1.4826 * np.take_along_axis(residual, middle, 1).mean(1)
-    return np.maximum(np.nan_to_num(spread, nan=1.0), 0.3)
+    spread = OF_MEDIAN * np.take_along_axis(residual, middle, 1).mean(1)
+    return np.maximum(np.nan_to_num(spread, nan=1.0), LEAST_SPREAD)
 
 
 def _residuals(diffuse, specular, state, seen, pixels):
@@ -213,8 +221,8 @@ def iterate(
             kept.share[won], kept.misfit[won] = b[better], misfit[better]
             kept.system[won], kept.slope[won] = reduced(system[better], slope[better])
             tie[0][won], tie[1][won] = system[better, 6], slope[better, 6]
-            kept.damping[won] = np.maximum(kept.damping[won] * 0.3, 1e-4)
-            kept.damping[lost] = np.minimum(kept.damping[lost] * 6, 1e4)
+            kept.damping[won] = np.maximum(kept.damping[won] * EASED, DAMPING[0])
+            kept.damping[lost] = np.minimum(kept.damping[lost] * STIFFENED, DAMPING[1])
             if turn + 1 == passes:
                 break
             move = _damped_step(kept.system[pixels], kept.slope[pixels], kept.damping[pixels])
@@ -364,7 +372,7 @@ def regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
 
 def _damped_step(system, slope, damping):
     diagonal = np.einsum("pii->pi", system)
-    damped = system + np.eye(6) * (diagonal * damping[:, None] + 1e-6)[:, None]
+    damped = system + np.eye(6) * (diagonal * damping[:, None] + FIRM)[:, None]
     move = np.linalg.solve(damped, slope[..., None])[..., 0]
     return np.clip(move, -LONGEST[:6], LONGEST[:6])
 
@@ -372,7 +380,7 @@ def _damped_step(system, slope, damping):
 def facing(normals, views):
     """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
     cosine = (normals * views).sum(-1, keepdims=True)
-    fixed = normals + views * np.maximum(0.03 - cosine, 0)
+    fixed = normals + views * np.maximum(GRAZING - cosine, 0)
     return fixed / np.linalg.norm(fixed, axis=-1, keepdims=True)
 
 
@@ -455,9 +463,9 @@ def _equations(
             h00 = h01 = h02 = h03 = h11 = h12 = h13 = h22 = h23 = h33 = 0.0
             g0 = g1 = g2 = g3 = 0.0
             h04 = h14 = h24 = h34 = h44 = g4 = 0.0
-            # The product of a few is within the numbers' range, and has one logarithm.
+            # The product of a few is within the numbers' range, and has one logarithm; without its one, so that small ratios count.
             for begin in range(c, channels, 3 * AT_ONCE):
-                product = 1.0
+                excess = 0.0
                 for v in range(begin, min(begin + 3 * AT_ONCE, channels), 3):
                     w = weight[p, v]
                     model = a * d[0, v] + s[0, v]
@@ -469,7 +477,7 @@ def _equations(
                     other *= over
                     e = logs[p, v]
                     ratio = w * e * e / width
-                    product *= 1 + ratio
+                    excess += ratio + excess * ratio
                     robust = w / (1 + ratio)
                     over *= own
                     j0 = (a * (d[1, v] - d[0, v]) + s[1, v] - s[0, v]) * over * tilt_step
@@ -497,7 +505,7 @@ def _equations(
                         h24 += robust * j2 * other
                         h34 += robust * j3 * other
                         h44 += robust * other * other
-                total += math.log(product)
+                total += math.log1p(excess)
             k = 2 + c
             slope[p, 0] += g0
             slope[p, 1] += g1

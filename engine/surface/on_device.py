@@ -25,13 +25,20 @@ from engine.surface.brdf_reference import lobes_reference, rows_reference
 from engine.surface.newton import (
     ALBEDO,
     AT_REST,
+    DAMPING,
+    EASED,
     FAR,
+    FIRM,
+    GRAZING,
+    LEAST_SPREAD,
     LONGEST,
     MOST_APART,
+    OF_MEDIAN,
     ROUGHNESS,
     SHARE,
     SHARE_SPREAD,
     STEP,
+    STIFFENED,
     State,
 )
 from engine.surface.observations import Observations
@@ -41,6 +48,8 @@ ROWS = 2**24
 """Entries of the rows of a batch, at most: 64 MB, of which the reflectance keeps some twenty copies for a moment."""
 THROWN = 2**27
 """Entries of the light that comes from hidden directions to the pixels that are summed at once: half a gigabyte."""
+FULL = ("out of memory", "ALLOC_FAILED")
+"""What errors say that are none of torch's own for it."""
 LEANING = 4
 """Variants of a pixel: itself, leaning both ways, and rougher."""
 
@@ -225,8 +234,8 @@ class _Batch:
         residual = torch.where(known, (logs * self.weight.sqrt()).abs(), math.inf).sort(dim=1)[0]
         count = known.sum(1)
         middle = torch.stack([(count - 1) // 2, count // 2], 1).clamp(min=0)
-        spread = 1.4826 * residual.gather(1, middle).double().mean(1)
-        return torch.where(count > 0, spread, 1.0).clamp(min=0.3)
+        spread = OF_MEDIAN * residual.gather(1, middle).double().mean(1)
+        return torch.where(count > 0, spread, 1.0).clamp(min=LEAST_SPREAD)
 
     def equations(
         self, answers: Float[Tensor, "2 p k v"], at: "_Standing", spread: Float[Tensor, " p"], cauchy: float,
@@ -293,7 +302,7 @@ class _Standing:
         first, second = _tangents(self.normals)
         n = self.normals + first * move[:, :1] + second * move[:, 1:2]
         n = n / n.norm(dim=1, keepdim=True)
-        n = n + views * (0.03 - (n * views).sum(1, keepdim=True)).clamp(min=0)
+        n = n + views * (GRAZING - (n * views).sum(1, keepdim=True)).clamp(min=0)
         return replace(
             self,
             normals=n / n.norm(dim=1, keepdim=True),
@@ -331,7 +340,10 @@ def _within_memory() -> Iterator[None]:
     """Say in our words that the device has too little."""
     try:
         yield
-    except torch.OutOfMemoryError as error:
+    except RuntimeError as error:
+        # A device that is full from the start refuses even its context, and the library of products its handle.
+        if not isinstance(error, torch.OutOfMemoryError) and not any(sign in str(error) for sign in FULL):
+            raise
         raise SurfaceError(
             "the GPU has too little memory free to solve pixels; close what else uses it, or use --device cpu"
         ) from error
@@ -344,8 +356,12 @@ def _batches(
     """Batch by batch, and where its pixels stand."""
     if not parts:
         return
-    rows = 2 * LEANING * max(map(len, parts)) * len(responses.incident.directions)
-    few = max(1, ROWS // rows)
+    responses.check(sight)
+    # Blocks of a size side by side: all of a batch are padded to its largest.
+    parts = sorted(parts, key=len)
+    lamps = responses.incident.near.centres
+    wide = max(len(responses.incident.directions), lamps.shape[0] * lamps.shape[1])
+    few = max(1, ROWS // (2 * LEANING * len(parts[-1]) * wide))
     groups = [parts[begin : begin + few] for begin in range(0, len(parts), few)]
     scene = _Scene(responses)
     for i, gathered in enumerate(abreast(lambda group: _gather(responses, sight, seen, group), groups)):
@@ -388,7 +404,10 @@ def iterate(
             system[better] = (whole[:, :6, :6] - ties[:, :, None] * whole[:, 6:, :6])[better]
             slope[better] = (whole_slope[:, :6] - ties * whole_slope[:, 6:])[better]
             tie[better], tie_slope[better] = whole[better, 6], whole_slope[better, 6]
-            eased, stiffened = (damping * 0.3).clamp(min=1e-4), (damping * 6).clamp(max=1e4)
+            eased, stiffened = (
+                (damping * EASED).clamp(min=DAMPING[0]),
+                (damping * STIFFENED).clamp(max=DAMPING[1]),
+            )
             damping = torch.where(better, eased, torch.where(active, stiffened, damping))
             if turn + 1 == passes:
                 break
@@ -444,5 +463,5 @@ def by_stretches(
 def _damped_step(
     system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"]
 ) -> Float[Tensor, "p 6"]:
-    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + 1e-6
+    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + FIRM
     return torch.linalg.solve_ex(system + stiffer.diag_embed(), slope[..., None])[0][..., 0]

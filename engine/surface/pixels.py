@@ -187,10 +187,10 @@ def halved(
 
 
 def search(
-    who: Subject, light: Incident, sight: Sight, params: SurfaceParams, device: str, progress: Progress
+    who: Subject, light: Incident, sight: Sight, params: SurfaceParams, progress: Progress
 ) -> newton.State:
     """A first surface from nothing."""
-    responses = who.responses(light, params, device)
+    responses = who.responses(light, params, "cpu")
     regions = coarse_regions(who.mask)
     return newton.begin(*global_start(responses, sight, who.seen, regions, params.candidates, progress))
 

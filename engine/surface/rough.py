@@ -136,8 +136,8 @@ def rough(
 
     def first_surface(of: Subject, light: Incident, sight: Sight, span: Progress) -> newton.State:
         if maps is None:
-            return search(of, light, sight, params, device, span)
-        return start_maps.begun(maps, of, light, sight, params, device, span)
+            return search(of, light, sight, params, span)
+        return start_maps.begun(maps, of, light, sight, params, span)
 
     margin = WIDE if free else TIGHT
     middle, stderr = distance, 0.0

@@ -109,8 +109,8 @@ def solve(
     """Solve the surface; `seed` picks the pixels that vote on the light.
 
     Raises:
-        SurfaceError: too few views, an empty mask, frames without usable object pixels, or start maps that cannot be
-            read or do not fit.
+        SurfaceError: too few views, an empty mask, frames without usable object pixels, start maps that cannot be
+            read or do not fit, or a device with too little memory.
     """
     mask = masks.object
     if not mask.any():
@@ -131,7 +131,7 @@ def solve(
         take, picture = doubled(found.picture.mask, picture.mask)[take], found.picture
     here = found.who.responses(found.here, params, device, found.sight)
     seen = photographed_in(picture.frames, picture.mask, kept_out)
-    there = answering(seen, found.there, found.sight, params, device)
+    there = answering(seen, found.there, found.sight, params, "cpu")
     span = progress.part(alone, 1)
     if picture is whole:
         maps = judged(found.who, found.state, found.sight, here, there, found.doubt, found.unsure, span)
@@ -256,7 +256,7 @@ def until_still(
         turn += 1
         moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
         if not moving:
-            left = unsure(who, state, light, sight, params, device, span.part(0.82, 0.85))
+            left = unsure(who, state, light, sight, params, span.part(0.82, 0.85))
             if params.accord:
                 state = accord(state, who.mask, left)
         state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))

@@ -14,11 +14,11 @@ from jaxtyping import Bool, Float
 
 from engine.light.probes import arriving
 from engine.progress import Progress
-from engine.surface.brdf import lobe_floor, of_pixels, rows
+from engine.surface.brdf import of_pixels
 from engine.surface.newton import State
 from engine.surface.observations import thinned
 from engine.surface.pixels import SurfaceParams
-from engine.surface.surroundings import light_at
+from engine.surface.surroundings import ball, light_at
 from engine.surface.transport import Lattice, Responses, Sight, direction_cells, lattice_around, predict
 from engine.types import Camera, Emitters
 
@@ -36,9 +36,6 @@ PIXELS, DARK = 200, 0.01
 VIEWS = 8
 MOST = 9
 """Probes along one axis."""
-BALL, GREY, ROUGHNESS = 96, 0.3, 0.4
-"""Normals of the ball (those that face the camera count), its albedo, its roughness: glossy, for highlights move most."""
-FACING = 0.2
 CROSS = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]])
 """Places in a lattice of 3 x 3 x 3: the middle, and both ends of each axis."""
 
@@ -76,7 +73,7 @@ def probes(
     points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(CROSS.T)]
     cells = direction_cells(CELLS)
     light = arriving(emitters.field(), cam_from_world, points, cells, params.probe_face_px, True, progress)
-    sent = np.einsum("md,npdc->npmc", _ball(cells, params.full_diffuse), light.energy)
+    sent = np.einsum("md,npdc->npmc", ball(cells, params.full_diffuse), light.energy)
     middle, ends = sent[:, 0], (sent[:, 1::2], sent[:, 2::2])
 
     def off(other: Float[np.ndarray, "n 3 m c"]) -> Float[np.ndarray, " 3"]:
@@ -124,15 +121,3 @@ def enough(
             break
         directions *= 2
     return directions
-
-
-def _ball(cells: Float[np.ndarray, "d 3"], full_diffuse: bool) -> Float[np.ndarray, "m d"]:
-    """What every direction's light sends to the camera from the half of a ball that faces it."""
-    normals = direction_cells(BALL)
-    normals = normals[normals[:, 2] < -FACING]
-    views = np.tile([0.0, 0.0, -1.0], (len(normals), 1))
-    roughness = np.full(len(normals), ROUGHNESS)
-    everything = np.ones((len(normals), len(cells)), np.uint8)
-    floor = lobe_floor(len(cells))
-    diffuse, specular = rows(normals, roughness, views, cells, everything, full_diffuse, floor)
-    return GREY * diffuse + specular

@@ -97,13 +97,12 @@ def begun(
     light: Incident,
     sight: Sight,
     params: SurfaceParams,
-    device: str,
     progress: Progress,
 ) -> newton.State:
     """The maps as a first surface of the subject's pixels: all of the maps' mask, or `pixels.halved` ones."""
     if maps.mask.shape != who.mask.shape:
         maps = halved(maps, who.mask)
-    responses, parts = who.responses(light, params, device, sight), blocks(who.mask)
+    responses, parts = who.responses(light, params, "cpu", sight), blocks(who.mask)
     normals = newton.facing(maps.normals, sight.views)
     tried = np.tile(ROUGHNESSES, (len(normals), 1)) if maps.roughness is None else maps.roughness[:, None]
     tried = np.clip(tried, *newton.ROUGHNESS)

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from engine.geometry import inverse, tangents
-from engine.light.cells import sharpened
+from engine.light.cells import FACES, face_directions, sharpened
+from engine.light.field import between
 from engine.light.fill import fill_energy, neighbourhood
 from engine.light.gaussians import joined
 from engine.light.globes import apart, beside
@@ -17,6 +18,7 @@ from engine.light.probes import arriving
 from engine.light.unseen import DIRECTIONS, patches
 from engine.progress import Progress
 from engine.radiance import luminance
+from engine.surface.brdf import lobe_floor, rows
 from engine.surface.groups import (
     CLIPPED,
     FILLED,
@@ -35,6 +37,11 @@ from engine.surface.survey import survey
 from engine.surface.transport import Incident, Lattice, direction_cells
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
 
+BALL, GREY, ROUGHNESS = 96, 0.3, 0.4
+"""Normals of a ball (those that face the camera count), its albedo, its roughness: glossy, for highlights move most."""
+FACING = 0.2
+MANY, FORETOLD = 1000, 0.01
+"""Probes, of all views, from which on their light is worth being foretold from some of them; and what a ball of it may be off by."""
 PHOTOGRAPHED = 0.5
 """Share of a cell that was photographed, at least, for its light to count as somebody's."""
 
@@ -139,7 +146,14 @@ def light_at(
 ) -> Incident:
     """The energy at the lattice for some views, small holes of the room filled."""
     cells, asked = direction_cells(directions), survey(lattice)
-    energy = arriving(emitters.field(), cam_from_world, asked.points, cells, face_px, True, progress).energy
+    field, points = emitters.field(), asked.points
+    if len(cam_from_world) * len(points) < MANY:
+        energy = arriving(field, cam_from_world, points, cells, face_px, True, progress).energy
+    else:
+        # What it looks like from all sides: the places are few, and turned otherwise in every view.
+        rays = face_directions(face_px).reshape(-1, 3)
+        takes = np.concatenate([ball(rays @ turn.T, True) for turn in FACES])
+        energy = between(field, cam_from_world, points, cells, face_px, takes, FORETOLD, progress)
     middle = lattice.points().mean(0)
     near = near_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
     return Incident(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
@@ -193,3 +207,15 @@ def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]
     """Views and channels on one axis, view-major; float32."""
     n, m, d, _ = energy.shape
     return np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)
+
+
+def ball(cells: Float[np.ndarray, "d 3"], full_diffuse: bool) -> Float[np.ndarray, "m d"]:
+    """What every direction's light sends to the camera from the half of a ball that faces it."""
+    normals = direction_cells(BALL)
+    normals = normals[normals[:, 2] < -FACING]
+    views = np.tile([0.0, 0.0, -1.0], (len(normals), 1))
+    roughness = np.full(len(normals), ROUGHNESS)
+    everything = np.ones((len(normals), len(cells)), np.uint8)
+    floor = lobe_floor(len(cells))
+    diffuse, specular = rows(normals, roughness, views, cells, everything, full_diffuse, floor)
+    return GREY * diffuse + specular

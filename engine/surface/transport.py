@@ -295,8 +295,8 @@ class Responses:
         self.floor = lobe_floor(len(incident.directions))
         self.cell = np.float32(4 * np.pi / len(incident.directions))
 
-    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
-        """What reaches a block of pixels.
+    def check(self, sight: Sight) -> None:
+        """Whether what throws light is what this sight knows.
 
         Raises:
             ValueError: the sight knows other walls than were lit.
@@ -304,6 +304,14 @@ class Responses:
         hides = sight.occlusion and sight.occlusion.walls
         if self.bounce and len(self.walls) != (len(hides.points) if hides else 0):
             raise ValueError(f"{len(self.walls)} walls are lit, but not those that the sight knows")
+
+    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+        """What reaches a block of pixels.
+
+        Raises:
+            ValueError: the sight knows other walls than were lit.
+        """
+        self.check(sight)
         points = sight.points[pixels]
         hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
         lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)

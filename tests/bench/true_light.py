@@ -187,7 +187,7 @@ def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) ->
     who, light, true = known.who, known.light, true_state(known)
     begun, z = time.perf_counter(), float(known.truth.depth[who.mask].mean())
     sight = who.flat(z)
-    state = search(who, light, sight, params, "cpu", progress.part(0, 0.1))
+    state = search(who, light, sight, params, progress.part(0, 0.1))
     depth = depth_of(who, state, z, progress.part(0.1, 0.12))
     state, *_, rounds = until_still(who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1))
     error = np.degrees(angle_between(state.normals, true.normals))

@@ -63,7 +63,7 @@ def asked(
     who = replace(who, material=made) if known else who
     sight, parts = who.flat(0.5), blocks(who.mask)
     responses = who.responses(light, PARAMS, "cpu")
-    state = search(who, light, sight, PARAMS, "cpu", Progress())
+    state = search(who, light, sight, PARAMS, Progress())
     state = newton.respread(state, responses, sight, parts, who.seen)
     state = newton.iterate(state, responses, sight, parts, who.seen, 6, Progress())
     return material.told(who, state, light, sight, True, PARAMS, 0, Progress()), made

@@ -8,8 +8,9 @@ import pytest
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import newton
+from engine.surface.observations import PLAIN
 from engine.surface.sample import Sample
-from engine.surface.transport import Responses
+from engine.surface.transport import Responses, predict
 from tests.engine.surface.test_relight import TRUE_Z, parts_of_lamps, sample_of
 
 
@@ -150,3 +151,23 @@ def test_a_system_without_its_share_steps_the_others_as_the_whole_one_does():
     whole = np.linalg.solve(system, slope[..., None])[..., 0]
     np.testing.assert_allclose(np.linalg.solve(left, pull[..., None])[..., 0], whole[:, :6])
     np.testing.assert_allclose(np.linalg.inv(left), np.linalg.inv(system)[:, :6, :6])
+
+
+def test_without_robust_weights_the_misfit_is_the_sum_of_squares_however_small(told):
+    """What a noise-free pixel misfits by is far below one, of which the robust measure takes the logarithm."""
+    sample, state, _ = told
+    seen = replace(sample.seen, cauchy=100 * PLAIN)
+    state = replace(state, albedo=1.001 * state.albedo)
+    state = newton.respread(state, told[2], sample.at(TRUE_Z), sample.regions, seen)
+    found, _ = iterated((replace(sample, seen=seen), state, told[2]), state, 1)
+    expected = np.zeros(len(state.normals))
+    for pixels, sent in predict(
+        told[2], sample.at(TRUE_Z), sample.regions, state.normals, state.albedo, state.roughness
+    ):
+        eps = seen.eps[pixels][:, None]
+        logs = np.log((seen.radiance[pixels] + eps) / (sent.reshape(len(pixels), -1) + eps))
+        expected[pixels] = (seen.weight[pixels] * logs**2).sum(1)
+    off = (state.roughness - state.gloss[:, 0]) / state.gloss[:, 1]
+    expected += (off * found.spread) ** 2
+    assert np.median(expected - (off * found.spread) ** 2) < 1
+    np.testing.assert_allclose(found.misfit, expected, rtol=1e-3)

@@ -101,13 +101,13 @@ PARAMS = SurfaceParams(directions=400, visibility=False, bounce=False, candidate
 
 @pytest.mark.parametrize("device", ["cpu", "meta-cpu"])
 def test_solver_undoes_its_own_pictures(device: str):
-    # Any torch device but "cpu" takes the torch path; torch's own CPU device runs it without a GPU.
+    # For `improve` any torch device but "cpu" takes the torch path; torch's own CPU device runs it without a GPU.
     device = "cpu:0" if device == "meta-cpu" else "cpu"
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
     who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
-    state = search(who, light, who.flat(0.5), PARAMS, device, Progress())
+    state = search(who, light, who.flat(0.5), PARAMS, Progress())
     for _ in range(2):
         sight = sight_of(
             who, state, depth_of(who, state, 0.5, Progress()), light.directions, PARAMS, Progress()

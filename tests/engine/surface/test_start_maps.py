@@ -41,8 +41,8 @@ def test_begun_from_normals_that_are_about_right_the_pixels_end_where_the_search
     lean = truth + rng.normal(0, 0.08, truth.shape)
     lean /= np.linalg.norm(lean, axis=1, keepdims=True)
     maps = start_maps.StartMaps(mask, lean, None, None)
-    begun = start_maps.begun(maps, who, light, sight, PARAMS, "cpu", Progress())
-    found = search(who, light, sight, PARAMS, "cpu", Progress())
+    begun = start_maps.begun(maps, who, light, sight, PARAMS, Progress())
+    found = search(who, light, sight, PARAMS, Progress())
     one, other = (improve(who, each, light, sight, PARAMS, "cpu", Progress()) for each in (begun, found))
     apart = np.degrees(angle_between(one.normals, other.normals))
     assert np.degrees(angle_between(begun.normals, truth)).mean() > 5
@@ -80,11 +80,11 @@ def test_albedo_and_roughness_are_what_explains_the_photographs() -> None:
     who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
     count = int(mask.sum())
     maps = start_maps.StartMaps(mask, ball()[1][mask], np.full(count, 0.45), None)
-    state = start_maps.begun(maps, who, light, who.flat(0.5), PARAMS, "cpu", Progress())
+    state = start_maps.begun(maps, who, light, who.flat(0.5), PARAMS, Progress())
     assert np.median(np.abs(state.albedo - [0.6, 0.4, 0.3])) < 0.01
     np.testing.assert_allclose(state.roughness, 0.45)
     untold = replace(maps, roughness=None)
-    state = start_maps.begun(untold, who, light, who.flat(0.5), PARAMS, "cpu", Progress())
+    state = start_maps.begun(untold, who, light, who.flat(0.5), PARAMS, Progress())
     assert (state.roughness == 0.5).mean() > 0.9  # of those tried, the nearest to 0.45
 
 
