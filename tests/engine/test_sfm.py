@@ -1,5 +1,6 @@
 """Promises of `engine.sfm`, on a small room ray cast in numpy."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from engine import mapping
+from engine import mapping, sfm
 from engine.errors import Cancelled, PoseError
 from engine.features import FeatureParams, chosen
 from engine.geometry import inverse, transform
@@ -50,9 +51,34 @@ def turned() -> tuple[Frames, Masks, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def found(turned, tmp_path_factory):
+def matched(tmp_path_factory) -> Path:
+    """Where the database lies, with features and matches and as yet without models, once `found` has been asked for."""
+    return tmp_path_factory.mktemp("matched") / "database.db"
+
+
+@pytest.fixture(scope="module")
+def found(turned, matched, tmp_path_factory):
     frames, masks, _ = turned
-    return find_poses(frames, masks, None, PARAMS, tmp_path_factory.mktemp("sfm"), Progress())
+    match = mapping.match
+
+    def kept(database: Path, *args) -> None:
+        match(database, *args)
+        shutil.copy(database, matched)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mapping, "match", kept)
+        return find_poses(frames, masks, None, PARAMS, tmp_path_factory.mktemp("sfm"), Progress())
+
+
+@pytest.fixture
+def already_matched(found, matched, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Photographs whose features and matches are known: what is tried are the models grown from them."""
+
+    def there(frames, masks, guess, params, workdir: Path, progress) -> Path:
+        return Path(shutil.copy(matched, workdir / "database.db"))
+
+    monkeypatch.setattr(sfm, "detect", there)
+    monkeypatch.setattr(mapping, "match", lambda *_: None)
 
 
 def errors(cam_from_world: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,6 +197,7 @@ def test_a_repeated_run_gives_the_same_bits(turned, found, tmp_path: Path) -> No
     assert report == found[1]
 
 
+@pytest.mark.usefixtures("already_matched")
 def test_a_model_that_its_matches_contradict_is_grown_again_from_its_lens(
     turned, found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -217,6 +244,7 @@ def sliding(monkeypatch: pytest.MonkeyPatch, *shares: float) -> list[float]:
     return starts
 
 
+@pytest.mark.usefixtures("already_matched")
 def test_a_lens_that_slid_off_is_grown_again_from_the_other_side(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,6 +258,7 @@ def test_a_lens_that_slid_off_is_grown_again_from_the_other_side(
     assert np.median(angles) < 0.1
 
 
+@pytest.mark.usefixtures("already_matched")
 def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,6 +268,7 @@ def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful(
     assert report.lens_doubtful
 
 
+@pytest.mark.usefixtures("already_matched")
 def test_poses_that_all_contradict_their_matches_are_an_error(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

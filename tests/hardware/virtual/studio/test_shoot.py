@@ -15,7 +15,7 @@ FURNISHED = ("study", "lamps", "window", "polished", "leafy", "chink")
 
 def coarse(name: str) -> rooms.Room:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rooms, "TEXEL_M", 0.02)
+        patch.setattr(rooms, "TEXEL_M", 0.08)
         return rooms.furnish(name)
 
 
