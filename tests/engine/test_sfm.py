@@ -53,7 +53,7 @@ def turned() -> tuple[Frames, Masks, np.ndarray]:
 @pytest.fixture(scope="module")
 def matched(tmp_path_factory) -> Path:
     """Where the database lies, with features and matches and as yet without models, once `found` has been asked for."""
-    return tmp_path_factory.mktemp("matched") / "database.db"
+    return tmp_path_factory.mktemp("matched") / "features.db"
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def found(turned, matched, tmp_path_factory):
 
     def kept(database: Path, *args) -> None:
         match(database, *args)
-        shutil.copy(database, matched)
+        shutil.copytree(database.parent, matched.parent, dirs_exist_ok=True)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mapping, "match", kept)
@@ -75,7 +75,8 @@ def already_matched(found, matched, monkeypatch: pytest.MonkeyPatch) -> None:
     """Photographs whose features and matches are known: what is tried are the models grown from them."""
 
     def there(frames, masks, guess, params, workdir: Path, progress) -> Path:
-        return Path(shutil.copy(matched, workdir / "database.db"))
+        shutil.copytree(matched.parent, workdir, dirs_exist_ok=True)
+        return workdir / matched.name
 
     monkeypatch.setattr(sfm, "detect", there)
     monkeypatch.setattr(mapping, "match", lambda *_: None)
@@ -180,6 +181,7 @@ def test_views_without_texture_are_an_error_that_counts_them(turned, tmp_path: P
         find_poses(blank, masks, None, PARAMS, tmp_path, Progress())
 
 
+@pytest.mark.usefixtures("already_matched")
 def test_a_stop_is_heard_while_views_are_placed(turned, tmp_path: Path) -> None:
     frames, masks, _ = turned
     notes: list[str] = []

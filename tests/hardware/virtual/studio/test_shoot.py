@@ -6,7 +6,7 @@ import pytest
 from engine.geometry import inverse
 from engine.rig import RigLog, angle_between, logged_poses
 from hardware.errors import StudioError
-from hardware.virtual.studio import bake, mirror, motion, objects, rooms, truth
+from hardware.virtual.studio import bake, mirror, motion, objects, paint, rooms, truth
 
 CENTRE = np.array([0.0, 0.0, 1.35])
 SIZE = (160, 120)
@@ -14,8 +14,15 @@ FURNISHED = ("study", "lamps", "window", "polished", "leafy", "chink")
 
 
 def coarse(name: str) -> rooms.Room:
+    """A room painted by the decimetre, without the leaves that would be smaller: they are what painting takes its time for."""
+    leaves = paint.leaves
+
+    def large(canvas, texel_m, rng, hues, smallest_m, largest_m, cover):
+        leaves(canvas, texel_m, rng, hues, max(smallest_m, texel_m), max(largest_m, texel_m), cover)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rooms, "TEXEL_M", 0.08)
+        patch.setattr(rooms, "TEXEL_M", 0.1)
+        patch.setattr(paint, "leaves", large)
         return rooms.furnish(name)
 
 
