@@ -1,3 +1,14 @@
+"""Light at many places of a room, told from cube maps of few of them.
+
+Where the object stands in one view it stood, or nearly, in another: probes of a hundred views crowd into half a metre, and
+what arrives from a direction changes little from one to the next. Cube maps, their faces along the world's axes, are gathered
+where the others say least (the largest pivot of a Cholesky factorisation: Harbrecht, Peters, Schneider, "On the low-rank
+approximation by the pivoted Cholesky decomposition", 2012), until the next ones come out as was foretold. All probes' are weighted sums of
+these (kriging), turned into their cameras.
+
+World frame, but for direction cells and probes.
+"""
+
 from collections.abc import Callable
 from typing import no_type_check
 
@@ -54,6 +65,8 @@ def between(
             return arriving(gaussians, cam_from_world, cam_points, directions, face, True, progress).energy
         count = len(known)
         some = choice.first(min(max(needed, int((1 + MORE) * count)), 2 * count))[count:]
+        if not len(some):
+            break  # all places are those that there are cube maps of
         span = progress.part(0.8 * count / needed, 0.8)
         added, _ = cubes(gaussians, places[some], face, mean, span)
         off = _apart(np.tensordot(choice.weights(some, count), known, 1), added, receivers, face)

@@ -79,6 +79,16 @@ def test_places_that_are_chosen_are_told_by_themselves_and_constant_light_everyw
     assert np.median(slope) < 0.05
 
 
+def test_a_camera_that_only_turns_needs_a_cube_map_for_each_of_few_places():
+    """Round about one pivot, a quarter at a time: the probes of all views stand at a few places."""
+    turned = Rotation.from_euler("z", np.tile([0, 90, 180, 270], 25), degrees=True).as_matrix()
+    poses = np.concatenate([turned, np.zeros((100, 3, 1))], 2)
+    truth = arriving(room(), poses[:4], POINTS, CELLS, FACE).energy
+    found = told(poses)[:4]
+    takes = ball(CELLS, True)
+    np.testing.assert_allclose(takes @ found, takes @ truth, rtol=0.05)
+
+
 def test_places_that_are_one_are_chosen_once():
     places = np.repeat(np.random.default_rng(1).normal(size=(5, 3)), 4, axis=0)
     assert len(field._Choice(places, 20).first(20)) == 5
