@@ -81,7 +81,7 @@ def test_places_that_are_chosen_are_told_by_themselves_and_constant_light_everyw
 
 def test_a_camera_that_only_turns_needs_a_cube_map_for_each_of_few_places():
     """Round about one pivot, a quarter at a time: the probes of all views stand at a few places."""
-    turned = Rotation.from_euler("z", np.tile([0, 90, 180, 270], 25), degrees=True).as_matrix()
+    turned = Rotation.from_rotvec(np.outer(np.tile(np.pi / 2 * np.arange(4), 25), [0, 0, 1])).as_matrix()
     poses = np.concatenate([turned, np.zeros((100, 3, 1))], 2)
     truth = arriving(room(), poses[:4], POINTS, CELLS, FACE).energy
     found = told(poses)[:4]
