@@ -10,12 +10,11 @@ Preset = Mapping[str, Mapping[str, Any]]
 def draft() -> Preset:
     """A first look: fewer views, and no second thoughts."""
     fewer = {
-        "rough_rounds": 2,
-        "rough_views": 12,
+        "rough_rounds": 3,
+        "rough_views": 16,
         "full_turn": False,
         "views": 32,
         "rounds": 1,
-        "passes": 2,
         "probes_across": 2,
         "probes_deep": 2,
         "directions": 512,

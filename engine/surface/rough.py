@@ -1,9 +1,9 @@
 """The surface under a rough light, in turns with what only the object can tell about that light.
 
-A look at a few hundred pixels says about how far away the object is. Pixels of half the size are then solved in
-turns with the light (how far away it stands, how bright its parts are), each turn with the depth, shadows and
-bounced light that the last one gave; all pixels take one turn at the end, unless the object hides nothing of the room
-from itself. Some views serve: model errors, not noise, are what these turns remove.
+A look at a few hundred pixels says about how far away the object is. Pixels of half the size, of a large picture of
+a quarter, are then solved in turns with the light (how far away it stands, how bright its parts are), each turn with the
+depth, shadows and bounced light that the last one gave; one turn at each size between follows, and one of all pixels, unless
+the object hides nothing of the room from itself. Some views serve: model errors, not noise, are what these turns remove.
 """
 
 from collections.abc import Callable
