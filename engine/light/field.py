@@ -62,7 +62,9 @@ def between(
     needed = 2 * FIRST
     while len(known) < needed:
         if needed > most:
-            return arriving(gaussians, cam_from_world, cam_points, directions, face, True, progress).energy
+            return arriving(
+                gaussians, cam_from_world, cam_points, directions, face, True, progress.part(0.8, 1)
+            ).energy
         count = len(known)
         some = choice.first(min(max(needed, int((1 + MORE) * count)), 2 * count))[count:]
         if not len(some):

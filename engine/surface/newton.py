@@ -409,43 +409,17 @@ def _normal_equations(
     logs = _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside)
     np.log(logs, out=logs)
     return _equations(
-        diffuse,
-        specular,
-        logs,
-        albedo,
-        inward,
-        weight,
-        eps,
-        spread,
-        cauchy,
-        roughness,
-        gloss,
-        share,
-        row,
-        beside,
+        diffuse, specular, logs, albedo, inward, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
         prior,
-    )
+    )  # fmt: skip
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 @no_type_check
 def _equations(
-    diffuse,
-    specular,
-    logs,
-    albedo,
-    inward,
-    weight,
-    eps,
-    spread,
-    cauchy,
-    roughness,
-    gloss,
-    share,
-    row,
-    beside,
+    diffuse, specular, logs, albedo, inward, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
     prior,
-):
+):  # fmt: skip
     count, _, channels = diffuse.shape
     misfit = np.zeros(count)
     system = np.zeros((count, 7, 7))

@@ -120,12 +120,12 @@ def rough(
     while small.sum() > HALVED_FROM and len(sizes) < SIZES:
         fewer, small, camera_of_small = halved(fewer, small, camera_of_small)
         sizes.append(subject(fewer, small, camera_of_small, every, params))
-    whole, *between, smallest = sizes if len(sizes) > 1 else sizes * 2
+    whole, half, smallest = sizes[0], sizes[:2][-1], sizes[-1]
     # What no photograph shows is found part by part, turn by turn.
     turns = params.rough_rounds + MORE * (params.relight and room.emitters.patches > 0)
-    levels = [smallest] * max(1, turns - len(between)) + between
-    if params.full_turn and smallest is not whole:
-        levels.append(whole)
+    levels = [smallest] * (turns - 1) + [half] * (turns > 0)
+    if not levels or (params.full_turn and half is not whole):
+        levels.append(whole if params.full_turn else half)
     free = params.object_distance <= 0
     distance, tried, misfits = params.object_distance, (), ()
     who, begun = levels[0], None
@@ -159,7 +159,7 @@ def rough(
     placing = max(0, len(levels) - 2) if params.full_turn else len(levels) - 1
     turn, finer_light = 0, False
     while turn < len(levels):
-        following = levels[turn] if turn == 0 or not telling(who, sight) else who
+        following = levels[turn] if turn == 0 or not telling(who, half, sight) else who
         begin = 0.35 + 0.65 * turn / len(levels)
         span = progress.part(begin, begin + 0.65 / len(levels))
         if turn == 1 or (turn and drifted(distance, middle)):  # the first turn gives points to put it around
@@ -186,7 +186,8 @@ def rough(
         before = state.normals
         state = improve(even, state, light, sight, params, device, span.part(0.3, 0.55))
         if 1 < turn < placing and angle_between(before, state.normals).mean() < STILL:
-            turn = placing
+            # The one at another size is not left out.
+            turn = placing - (levels[placing] is not levels[turn])
         if params.material and turn in (0, placing):
             # Metal is plain at once; how much paint mirrors asks for the light as it is settled.
             settled, then = 0 < turn == placing, span.part(0.55, 0.65)
@@ -226,7 +227,7 @@ def rough(
             moved, distance = setting.distance / distance, setting.distance
             sight, depth = sight.at(moved), depth * moved
         turn += 1
-    if who.mask is not whole.mask and not telling(who, sight):
+    if who.mask is not whole.mask and not telling(who, half, sight):
         who, state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
@@ -236,10 +237,11 @@ def rough(
     )  # fmt: skip
 
 
-def telling(who: Subject, sight: Sight) -> bool:
-    """Whether pixels of half the size are enough: the object is known to hide next to nothing of the room from itself."""
+def telling(who: Subject, half: Subject, sight: Sight) -> bool:
+    """Whether these are the pixels of half the size, and enough: the object is known to hide next to nothing of the room from
+    itself."""
     hidden = sight.occlusion
-    return hidden is not None and len(who.rays) >= TELLING and hidden.bare
+    return who.mask is half.mask and hidden is not None and len(who.rays) >= TELLING and hidden.bare
 
 
 def made_anew(

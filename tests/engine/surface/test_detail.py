@@ -68,6 +68,17 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
 
 
+def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monkeypatch: pytest.MonkeyPatch):
+    """Every size comes after the one half as large, however few turns are left, and what is enough is half the size."""
+    monkeypatch.setattr(rough, "HALVED_FROM", 100)
+    monkeypatch.setattr(rough, "TELLING", 10)
+    monkeypatch.setattr(rough, "STILL", 9.0)
+    found, *_, report = solve(*ball.given, replace(PARAMS, rough_rounds=5), "cpu", 0, Progress())
+    assert report.pixels / 5 < report.together < report.pixels / 3
+    assert len(report.rough_residuals) == 5  # three of a quarter, one of half the size, and the last
+    assert np.degrees(angle_between(found.normal[found.mask], ball.normals)).mean() < 1.2
+
+
 @pytest.mark.parametrize(
     ("share", "least", "enough"), [(0.004, 2, True), (0.05, 2, False), (0.004, 3, False)]
 )
@@ -81,7 +92,7 @@ def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
     who = subject(frames, two, poses.camera, np.arange(len(frames.names)), PARAMS)
     none = np.zeros(0, np.int32)
     hidden = Occlusion(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
-    assert rough.telling(who, Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)) == enough
+    assert rough.telling(who, who, Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)) == enough
 
 
 def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.MonkeyPatch):
