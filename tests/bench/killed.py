@@ -51,17 +51,25 @@ def finish(folder: Path, options: Sequence[str]) -> float:
     return time.monotonic() - start
 
 
-def kill(folder: Path, options: Sequence[str], after_s: float) -> str:
-    """Start a run and kill it; the stage it was in, "between stages", or "nothing" when it was done before."""
+def kill(folder: Path, options: Sequence[str], after_s: float, stage: str = "") -> str:
+    """Start a run and kill it so long after its start, or after that of a stage; the stage it was in, "between stages", or
+    "nothing" when it was done before.
+    """
     child = begin(folder, options)
+    while stage and not under_way(folder, stage) and child.poll() is None:
+        time.sleep(0.01)
     try:
         child.wait(after_s)
     except subprocess.TimeoutExpired:
         child.kill()
     if child.wait() != -signal.SIGKILL:
         return "nothing"
-    partial = list((folder / "stages").glob("*/*.partial"))
-    return partial[0].parent.name if partial else "between stages"
+    return under_way(folder) or "between stages"
+
+
+def under_way(folder: Path, stage: str = "*") -> str:
+    """The stage that is at work, of all or of this one; else nothing."""
+    return next((path.parent.name for path in (folder / "stages").glob(f"{stage}/*.partial")), "")
 
 
 def differing(one: dict[str, str], other: dict[str, str]) -> list[str]:
