@@ -40,5 +40,5 @@ def ending(node: object) -> str:
 @pytest.hookimpl(trylast=True)  # after the reporter is there
 def pytest_configure(config: pytest.Config) -> None:
     reporter = config.pluginmanager.getplugin("terminalreporter")
-    if reporter is not None:
+    if isinstance(reporter, pytest.TerminalReporter):
         config.pluginmanager.register(Deaths(reporter), "deaths")

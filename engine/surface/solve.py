@@ -7,6 +7,7 @@ for that, or one that hides nothing of the room from itself, a smaller picture i
 tile (`detail`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from engine.surface import start_maps
 from engine.surface.accord import accord
 from engine.surface.brdf import PAINT, of_pixels
 from engine.surface.confidence import FLAGS, unsettled
+from engine.surface.deepen import deepened
 from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
 from engine.surface.distance import Distance
 from engine.surface.drift import DRIFT, drift_of
@@ -32,6 +34,7 @@ from engine.surface.pixels import (
     SurfaceParams,
     answering,
     as_photographed,
+    depth_of,
     doubled,
     image,
     photographed_in,
@@ -216,9 +219,14 @@ def together(
         # Settled views stay, and with them the scale.
         left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
         drift, who = drift + left, who.exposed(left)
+
+    def deeper(state: State, depth: Float[np.ndarray, "h w"], span: Progress) -> Float[np.ndarray, "h w"]:
+        return deepened(picture, fitted, drift, who.material, state, depth, here, z, params, span)
+
     state, depth, open_to_doubt, turns = until_still(
-        who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
-    )
+        who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99),
+        deeper if params.deepen else None,
+    )  # fmt: skip
     if angle_between(first.state.normals, state.normals).mean() > STILL:
         left = unsettled(first.coarse, state)
         open_to_doubt = left if open_to_doubt is None else open_to_doubt + left
@@ -240,26 +248,40 @@ def until_still(
     params: SurfaceParams,
     device: str,
     progress: Progress,
+    deeper: Callable[[State, Float[np.ndarray, "h w"], Progress], Float[np.ndarray, "h w"]] | None = None,
 ) -> tuple[State, Float[np.ndarray, "h w"], Float[np.ndarray, "p 6"] | None, int]:
     """All pixels under a light that is settled, round by round with their depth; what stays unsure about what hides the room
     from them; and how many rounds it took.
 
-    `sight` is what the depth hides, for the light's directions.
+    `sight` is what the depth hides, for the light's directions. `deeper` has the last word on the depth of what hides the room
+    from itself.
     """
-    turn, moving, left = 0, True, None
+    turn, moving, rounds = 0, True, progress.part(0, 0.5 if deeper else 0.9)
+    hides = sight.occlusion is not None and not sight.occlusion.bare
     while moving:
-        span = progress.part(turn / params.rounds, (turn + 1) / params.rounds)
+        span = rounds.part(turn / params.rounds, (turn + 1) / params.rounds)
         if turn:
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.2))
         before = state.normals
-        state = improve(who, state, light, sight, params, device, span.part(0.2, 0.82))
+        state = improve(who, state, light, sight, params, device, span.part(0.2, 0.85))
         turn += 1
         moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
-        if not moving:
-            left = unsure(who, state, light, sight, params, span.part(0.82, 0.85))
-            if params.accord:
-                state = accord(state, who.mask, left)
-        state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
+        if moving or (deeper and hides):
+            state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
+    if deeper and hides:
+        depth = deeper(state, depth, progress.part(0.5, 0.8))
+        state = replace(state, level=np.zeros_like(state.level))  # they were told beside another depth
+        sight = sight_of(who, state, depth, light.directions, params, progress.part(0.8, 0.82))
+        state = improve(who, state, light, sight, params, device, progress.part(0.82, 0.95))
+    left = unsure(who, state, light, sight, params, progress.part(0.95, 0.97))
+    if params.accord:
+        state = accord(state, who.mask, left)
+    if deeper and hides:
+        state = replace(state, lift=np.zeros(len(state.lift)))
+        own = depth_of(who, state, distance, progress.part(0.97, 1))
+        state = replace(state, lift=np.log(own[who.mask] / depth[who.mask]))
+    else:
+        state, depth = relief(who, state, light, sight, distance, params, progress.part(0.97, 1))
     return state, depth, left, turn
 
 
