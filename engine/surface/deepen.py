@@ -191,15 +191,8 @@ class _Cost:
         open_sky = np.ones((len(pixels), len(self.directions)), np.uint8)
         made = of_pixels(self.sight.material, pixels)
         diffuse, specular = rows(
-            n,
-            r,
-            self.sight.views[pixels],
-            self.directions,
-            open_sky,
-            responses.full_diffuse,
-            responses.floor,
-            made,
-        )
+            n, r, self.sight.views[pixels], self.directions, open_sky, responses.full_diffuse, responses.floor, made
+        )  # fmt: skip
         e = np.log((seen.radiance[pixels] + seen.eps[pixels][:, None]) / base)
         spread = state.spread[pixels][:, None]
         weight = seen.weight[pixels]

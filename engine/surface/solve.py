@@ -256,8 +256,7 @@ def until_still(
     `sight` is what the depth hides, for the light's directions. `deeper` has the last word on the depth of what hides the room
     from itself.
     """
-    turn, moving, rounds = 0, True, progress.part(0, 0.5 if deeper else 0.9)
-    hides = sight.occlusion is not None and not sight.occlusion.bare
+    turn, moving, hides, rounds = 0, True, False, progress.part(0, 0.5 if deeper else 0.9)
     while moving:
         span = rounds.part(turn / params.rounds, (turn + 1) / params.rounds)
         if turn:
@@ -266,6 +265,7 @@ def until_still(
         state = improve(who, state, light, sight, params, device, span.part(0.2, 0.85))
         turn += 1
         moving = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
+        hides = sight.occlusion is not None and not sight.occlusion.bare
         if moving or (deeper and hides):
             state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
     if deeper and hides:

@@ -36,6 +36,8 @@ from engine.hdr import HdrReport
 from engine.metrics import psnr
 from engine.pipeline import run
 from engine.progress import Progress
+from engine.surface.deepen import deepened
+from engine.surface.detail import Picture
 from engine.surface.newton import State, begin, iterate
 from engine.surface.pixels import Subject, SurfaceParams, depth_of, search, sight_of, subject
 from engine.surface.rough import reach
@@ -108,6 +110,8 @@ class Known:
     """A set's photographs with the light and the truth they were taken of."""
 
     who: Subject
+    picture: Picture  # its photographs
+    views: Int[np.ndarray, " n"]  # of these, that serve
     light: Incident
     truth: Truth
     scatter: Scatter
@@ -161,7 +165,8 @@ def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Known
     )  # fmt: skip
     views = np.nonzero(poses.registered)[0]
     who = subject(frames, mask, poses.camera, views, params)
-    return Known(who, light.views(views), one.truth, Scatter(*frames.noise, shoot.NOISE))
+    picture = Picture(frames, mask, poses.camera)
+    return Known(who, picture, views, light.views(views), one.truth, Scatter(*frames.noise, shoot.NOISE))
 
 
 def score(name: str, known: Known, params: SurfaceParams, one_in: int, progress: Progress) -> Row:
@@ -189,7 +194,14 @@ def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) ->
     sight = who.flat(z)
     state = search(who, light, sight, params, progress.part(0, 0.1))
     depth = depth_of(who, state, z, progress.part(0.1, 0.12))
-    state, *_, rounds = until_still(who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1))
+
+    def deeper(state: State, depth: Float[np.ndarray, "h w"], span: Progress) -> Float[np.ndarray, "h w"]:
+        drift = np.zeros(len(known.views))
+        return deepened(known.picture, known.views, drift, who.material, state, depth, light, z, params, span)
+
+    state, *_, rounds = until_still(
+        who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1), deeper
+    )
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,
