@@ -273,7 +273,8 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Let shadows tell how high steps are; normals do not."), advanced=False)),
     ("surface.deepen", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Depth from shadows"), "",
-        QT_TRANSLATE_NOOP("parameters", "In the end let shadows tell how deep every pixel of a recess lies."), advanced=False)),
+        QT_TRANSLATE_NOOP("parameters", "Let shadows tell how deep every pixel of a recess lies. Grooves gain by it, thin things may lose."),
+        advanced=False)),
     ("surface.follow_depth", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Points follow the depth"), "",
         QT_TRANSLATE_NOOP("parameters", "Light reaches each point where the depth has it. Off: as if the object were flat."), advanced=False)),

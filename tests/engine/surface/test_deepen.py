@@ -1,18 +1,21 @@
 """Heights that photographs pull at through shadows: the slope by central differences, and a valley found as deep as it is."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.clearance import Ground
 from engine.surface.deepen import _Cost, deepened
 from engine.surface.detail import Picture
 from engine.surface.integrate import solver_of
-from engine.surface.pixels import SurfaceParams, image, sight_of, subject
+from engine.surface.pixels import SurfaceParams, depth_of, image, sight_of, subject
 from engine.surface.relax import seams
+from engine.surface.solve import until_still
 from engine.surface.transport import blocks, predict
 from engine.types import Camera, Frames
 from tests.engine.surface.test_pixels import light_of_lamps
@@ -119,3 +122,33 @@ def test_heights_that_are_right_stay(scene: Scene) -> None:
     )  # fmt: skip
     apart = np.log(found[MASK] / scene.depth[MASK]) / scene.who.pitch
     assert apart.std() < 0.5
+
+
+def test_the_last_word_on_the_depth_stands_and_pixels_are_solved_under_it(scene: Scene) -> None:
+    params = replace(PARAMS, bounce=False, rounds=1, passes=2, ask=False, gloss=False, accord=False)
+    half = ridges(0.006)
+    sight = sight_of(scene.who, scene.state, half, scene.light.directions, params, Progress())
+    asked = []
+
+    def deeper(state: newton.State, depth: np.ndarray, progress: Progress) -> np.ndarray:
+        asked.append(depth)
+        return scene.depth
+
+    def solved(last: Callable[..., np.ndarray] | None) -> tuple[newton.State, np.ndarray]:
+        return until_still(
+            scene.who, scene.state, half, sight, scene.light, DISTANCE, params, "cpu", Progress(), last
+        )[:2]
+
+    state, depth = solved(deeper)
+    np.testing.assert_array_equal(depth, scene.depth)
+    assert len(asked) == 1
+    other, _ = solved(None)
+    true = scene.state.normals
+
+    def off(found: newton.State) -> float:
+        return float(angle_between(found.normals, true).mean())
+
+    assert off(state) < 0.7 * off(other)
+    # The lift is what sets it apart from the normals' own depth.
+    own = depth_of(scene.who, replace(state, lift=np.zeros(len(state.lift))), DISTANCE, Progress())
+    np.testing.assert_allclose(own[MASK] * np.exp(-state.lift), scene.depth[MASK], rtol=1e-6)
