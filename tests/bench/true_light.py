@@ -200,7 +200,16 @@ def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) ->
         return deepened(known.picture, known.views, drift, who.material, state, depth, light, z, params, span)
 
     state, *_, rounds = until_still(
-        who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1), deeper
+        who,
+        state,
+        depth,
+        sight,
+        light,
+        z,
+        params,
+        "cpu",
+        progress.part(0.12, 1),
+        deeper if params.deepen else None,
     )
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
