@@ -18,6 +18,7 @@ from typing import no_type_check
 
 import numba
 import numpy as np
+import scipy.sparse as sparse
 from jaxtyping import Float, Int
 
 from engine.progress import Progress
@@ -26,23 +27,20 @@ from engine.surface.abreast import abreast
 from engine.surface.brdf import of_pixels, rows
 from engine.surface.clearance import AZIMUTHS, Ground, Rims
 from engine.surface.detail import Picture, enlarged, smaller
-from engine.surface.integrate import integrate, laplacian, solver_of
+from engine.surface.integrate import integrate
 from engine.surface.observations import thinned
 from engine.surface.pixels import Subject, SurfaceParams, image, sight_of, subject
-from engine.surface.relax import LOOSE, SOFT, seams
+from engine.surface.relax import Here, Steps, descended, seams
 from engine.surface.transport import Incident, Responses, Sight, blocks
 
 MOST, VIEWS = 12_000, 24
 """Pixels and views, at most, that tell."""
-ROUNDS, TURNS, PASSES = 5, 6, 4
-"""Times that pixels are solved anew; steps of the heights in between; Gauss-Newton evaluations of the pixels."""
+ROUNDS, PASSES = 5, 4
+"""Times that pixels are solved anew, and Gauss-Newton evaluations of the pixels."""
 EDGE = 0.35
 """Half-width of a shadow's edge, in radii of a direction's cell; with twice as much a vase comes out alike."""
-AFRESH, FARTHEST, SHORTER, TRIES = 4, 3.0, 0.4, 8
-"""Steps under one preconditioner; pixel widths that a step takes a pixel at most; by what a step that does not pay is
-shortened, and how often."""
-ENOUGH = 2e-4
-"""Part of the cost that a step must take away, else it is the last of its round."""
+STEPS = Steps(turns=6, afresh=4, farthest=3.0, shorter=0.4, tries=7)
+"""Of the heights in between, in pixel widths."""
 
 
 def deepened(
@@ -93,7 +91,7 @@ def _found(
 ) -> Float[np.ndarray, " p"]:
     """The heights of one size."""
     mask, ground = who.mask, Ground(who.camera, who.mask)
-    pairs, bond = seams(mask, np.zeros(mask.shape))
+    bonds, steps = seams(mask, np.zeros(mask.shape)), replace(STEPS, farthest=STEPS.farthest * who.pitch)
     for turn in range(ROUNDS):
         span = progress.part(turn / ROUNDS, (turn + 1) / ROUNDS)
         sight = sight_of(
@@ -104,51 +102,13 @@ def _found(
             state, responses, sight, blocks(mask), who.seen, PASSES, span.part(0.05, 0.3), anew=True
         )
         own = integrate(who.camera, image(mask, state.normals), mask, distance, span.part(0.3, 0.35))
-        cost = _Cost(who, state, responses, sight, ground, height, np.log(own[mask]), pairs, bond)
-        before, height = height, _descended(cost, height, who.pitch, span.part(0.35, 1))
+        cost = _Cost(who, state, responses, sight, ground, height, np.log(own[mask]), bonds)
+        before = height
+        doing = "heights that shadows tell"
+        height, _ = descended(cost, height, cost.at(height), steps, span.part(0.35, 1), doing)
         if before is height:
             break
     return height
-
-
-def _descended(
-    cost: "_Cost", height: Float[np.ndarray, " p"], pitch: float, progress: Progress
-) -> Float[np.ndarray, " p"]:
-    """The heights after some steps of conjugate gradients (Polak, Ribiere), preconditioned by what holds neighbours together."""
-    here = cost.at(height)
-    direction, before, power = np.zeros(len(height)), np.zeros(len(height)), np.inf
-    along, solve = 1.0, None
-    for turn in range(TURNS):
-        progress.step(turn / TURNS, "heights that shadows tell")
-        if solve is None or turn % AFRESH == 0:
-            _, solve = solver_of(cost.stiffness(here.hold), len(height))
-        downhill = -solve(here.slope)
-        direction = downhill + max(0.0, float(downhill @ (before - here.slope)) / power) * direction
-        if direction @ here.slope >= 0:
-            direction = downhill
-        before, power = here.slope, max(-float(downhill @ here.slope), 1e-30)
-        along = min(4 * along, FARTHEST * pitch / max(float(np.abs(direction).max()), 1e-30))
-        for _ in range(TRIES):
-            there = cost.at(height + along * direction)
-            if there.total < here.total:
-                break
-            along *= SHORTER
-        else:
-            break
-        fall = here.total - there.total
-        height, here = height + along * direction, there
-        if fall < ENOUGH * here.total:
-            break
-    return height
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Here:
-    """What heights cost."""
-
-    total: float
-    slope: Float[np.ndarray, " p"]
-    hold: Float[np.ndarray, " e"]  # how stiffly each pair of neighbours holds together there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,11 +132,9 @@ class _Told:
 class _Cost:
     """What shadows and departures from the normals' own heights cost together, in squared spreads of the residuals."""
 
-    def __init__(
-        self, who, state, responses: Responses, sight: Sight, ground, height, own, pairs, bond
-    ) -> None:
+    def __init__(self, who, state, responses: Responses, sight: Sight, ground, height, own, bonds) -> None:
         self.who, self.state, self.responses, self.sight, self.ground = who, state, responses, sight, ground
-        self.normal_height, self.pairs, self.bond, self.pitch = own, pairs, bond, who.pitch
+        self.normal_height, self.bonds, self.pitch = own, bonds, who.pitch
         self.directions = responses.incident.directions
         self.edge = EDGE * np.sqrt(4 / len(self.directions))
         self.normals = state.normals.astype(np.float32)
@@ -225,7 +183,7 @@ class _Cost:
             )
         return told.colour * lit[0] + lit[1], open_to, source
 
-    def at(self, height: Float[np.ndarray, " p"]) -> _Here:
+    def at(self, height: Float[np.ndarray, " p"]) -> Here:
         """At some heights."""
         count = len(height)
 
@@ -253,19 +211,11 @@ class _Cost:
         for misfit, pull in abreast(of, self.told):
             total += misfit
             slope += pull
-        one, other = self.pairs
-        lift = (height - self.normal_height) / self.pitch
-        apart = lift[other] - lift[one]
-        far = np.sqrt(apart**2 + SOFT**2)
-        hold = self.bond / far
-        pull = np.bincount(other, hold * apart, count) - np.bincount(one, hold * apart, count)
-        torn = float((self.bond * (far - SOFT)).sum())
-        return _Here(total + torn, slope + pull / self.pitch, hold)
+        torn, pull, hold = self.bonds.torn((height - self.normal_height) / self.pitch)
+        return Here(total + torn, slope + pull / self.pitch, hold)
 
-    def stiffness(self, hold: Float[np.ndarray, " e"]):
-        """What resists a step."""
-        hold = hold / self.pitch**2
-        return laplacian(*self.pairs, hold, len(self.normal_height), LOOSE * float(hold.mean()))
+    def stiffness(self, hold: Float[np.ndarray, " e"]) -> sparse.csc_matrix:
+        return self.bonds.stiffness(hold / self.pitch**2)
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")

@@ -199,17 +199,9 @@ def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) ->
         drift = np.zeros(len(known.views))
         return deepened(known.picture, known.views, drift, who.material, state, depth, light, z, params, span)
 
+    last = deeper if params.deepen else None
     state, *_, rounds = until_still(
-        who,
-        state,
-        depth,
-        sight,
-        light,
-        z,
-        params,
-        "cpu",
-        progress.part(0.12, 1),
-        deeper if params.deepen else None,
+        who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1), last
     )
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
