@@ -9,6 +9,7 @@ there stands an edge. `steps` tries whole regions, far; here every pixel moves, 
 Heights are logarithms of the distance along the viewing ray, in units of a pixel's width. Camera frame.
 """
 
+import itertools
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -20,7 +21,7 @@ from engine.light.rasterise import Run, workers
 from engine.progress import Progress
 from engine.surface.heights import Field
 from engine.surface.integrate import laplacian, solver_of
-from engine.surface.observations import numbered
+from engine.surface.observations import aside, numbered
 from engine.surface.steps import SEEN, Told, edges
 
 TEAR, LEAST_TEAR = 20.0, 0.05
@@ -73,8 +74,15 @@ def relaxed(
         own, begun = cost.at(height).total, cost.at(height - start)
         now, here = descended(cost, height - start, begun, STEPS, progress, "heights of what hides the room")
     if own - here.total > WORTH * len(height):
-        return height - now
+        return _without_needles(height - now, mask)
     return start if begun.total < own else np.zeros(len(height))
+
+
+def _without_needles(lift: Float[np.ndarray, " p"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
+    """Each the median of those around it. The rings and sectors in which a few pixels look around meet some of the others and
+    never the rest, which stay behind; on a mesh each of them is a needle that hides what stands beside it."""
+    near = aside(mask, np.array(list(itertools.product((-1, 0, 1), repeat=2))))
+    return np.median(lift[np.where(near >= 0, near, np.arange(len(lift))[:, None])], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -270,7 +270,6 @@ def until_still(
             state, depth = relief(who, state, light, sight, distance, params, span.part(0.85, 1))
     if deeper and hides:
         depth = deeper(state, depth, progress.part(0.5, 0.8))
-        state = replace(state, level=np.zeros_like(state.level))  # they were told beside another depth
         sight = sight_of(who, state, depth, light.directions, params, progress.part(0.8, 0.82))
         state = improve(who, state, light, sight, params, device, progress.part(0.82, 0.95))
     left = unsure(who, state, light, sight, params, progress.part(0.95, 0.97))
