@@ -273,7 +273,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Let shadows tell how high steps are; normals do not."), advanced=False)),
     ("surface.deepen", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Depth from shadows"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let shadows tell how deep every pixel of a recess lies. Grooves gain by it, thin things may lose."),
+        QT_TRANSLATE_NOOP("parameters", "Let shadows tell how deep every pixel of a recess lies."),
         advanced=False)),
     ("surface.follow_depth", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Points follow the depth"), "",

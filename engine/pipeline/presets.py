@@ -19,6 +19,7 @@ def draft() -> Preset:
         "probes_deep": 2,
         "directions": 512,
         "ask": False,
+        "deepen": False,
     }
     return {"surface": fewer}
 

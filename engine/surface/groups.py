@@ -6,10 +6,10 @@ share of the object's light is its own, and everything else is split by where it
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.cluster.vq import kmeans2
-from scipy.ndimage import binary_dilation
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -114,7 +114,7 @@ def clipped_groups(
     seen, cut = np.zeros(len(group)), np.zeros(len(group))
     height, width = frames.clipped.shape[1:]
     for view in np.nonzero(poses.registered)[0]:
-        grown = np.asarray(binary_dilation(frames.clipped[view], np.ones((3, 3), bool)))
+        grown = cv2.dilate(frames.clipped[view].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         inside, (u, v) = _pixels_of(poses.camera, poses.cam_from_world[view], gaussians.means, width, height)
         shown = masks.background[view][v, u]
         seen[inside] += shown
@@ -135,10 +135,10 @@ def _pixels_of(camera, cam_from_world, points, width, height):
     lens, wide, high = pinhole_of(camera, camera.width)
     ideal = at[:, :2] / at[:, 2:] * lens[:2] + lens[2:]
     inside &= ((ideal >= 0) & (ideal < [wide, high])).all(1)
-    uv = project(camera, np.where(inside[:, None], at, [0, 0, 1]))
-    u, v = uv.T
-    inside &= (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    return inside, uv[inside].astype(int).T
+    uv = project(camera, at[inside])
+    within = ((uv >= 0) & (uv < [width, height])).all(1)
+    inside[inside] = within
+    return inside, uv[within].astype(int).T
 
 
 def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -62,9 +62,7 @@ class SurfaceParams:
     visibility: bool = True  # let the object shadow itself
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
     steps: bool = True  # let horizons tell how high steps are, which normals do not
-    deepen: bool = (
-        False  # and in the end shadows how deep every pixel lies: grooves gain by it, thin things may lose
-    )
+    deepen: bool = True  # and in the end shadows how deep every pixel lies
     follow_depth: bool = True  # light reaches points where the depth has them; False: all in one plane
     bounce: bool = True  # let the object light itself with what was photographed
     walls: bool = True  # and with what walls throw that no photograph shows

@@ -6,7 +6,7 @@ import pytest
 from engine.light.rasterise import workers
 from engine.progress import Progress
 from engine.surface.heights import HORIZONS, Field
-from engine.surface.relax import relaxed
+from engine.surface.relax import _without_needles, relaxed
 from engine.surface.steps import Told
 from tests.engine.surface.test_steps import EVERY, MASK, PITCH, PLATE, ramp, told_of
 
@@ -43,6 +43,20 @@ def test_heights_whose_horizons_suit_stay() -> None:
     assert np.sqrt((found(height, told) ** 2).mean()) < 0.3
     mistaken = found(height, told, 0.3 * DOME[MASK])
     assert np.sqrt((mistaken**2).mean()) < 0.4 * np.sqrt(((0.3 * DOME[MASK]) ** 2).mean())
+
+
+def test_a_needle_goes_and_a_step_stays() -> None:
+    lift = np.where(PLATE, 3.0, 0.0)
+    needles = lift.copy()
+    needles[5::2, 5::2] += 2.5
+    found = np.zeros(MASK.shape)
+    found[MASK] = _without_needles(needles[MASK], MASK)
+    edge = np.zeros_like(MASK)
+    for axis in (0, 1):
+        for way in (-1, 1):
+            edge |= np.roll(PLATE, way, axis) != PLATE
+    assert np.array_equal(found[MASK & ~edge], lift[MASK & ~edge])
+    assert set(np.unique(found[MASK])) <= {0.0, 2.5, 3.0, 5.5}
 
 
 def test_who_has_no_say_moves_nothing() -> None:
