@@ -19,7 +19,6 @@ def draft() -> Preset:
         "probes_deep": 2,
         "directions": 512,
         "ask": False,
-        "deepen": False,
     }
     return {"surface": fewer}
 
