@@ -253,29 +253,30 @@ def until_still(
     """All pixels under a light that is settled, round by round with their depth; what stays unsure about what hides the room
     from them; and how many rounds it took.
 
-    `sight` is what the depth hides, for the light's directions. `deeper` finds the depth of what hides the room from itself,
-    after the first round from that which normals and horizons tell; at least one round follows.
+    `sight` is what the depth hides, for the light's directions. `deeper` has the last word on the depth of what hides the room
+    from itself, before the last round.
     """
-    turn, moving, deep = 0, True, None
+    turn, told, going = 0, False, True
     most = max(params.rounds, 2) if deeper else params.rounds
-    while moving:
+    while going:
         span = progress.part(0.95 * turn / most, 0.95 * (turn + 1) / most)
         if turn:
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.1))
         before = state.normals
         state = improve(who, state, light, sight, params, device, span.part(0.1, 0.6))
         turn += 1
-        deep = deeper if sight.occlusion is not None and not sight.occlusion.bare else None
-        first = turn == 1 and deep is not None
-        moving = first or (turn < params.rounds and angle_between(before, state.normals).mean() > STILL)
-        if moving and (first or not deep):
+        moving = not told and turn < params.rounds and angle_between(before, state.normals).mean() > STILL
+        hides = sight.occlusion is not None and not sight.occlusion.bare
+        last = hides and not told and (turn + 1 >= most or not moving)
+        going = moving or (deeper is not None and last)
+        if going:
             state, depth = relief(who, state, light, sight, distance, params, span.part(0.6, 0.7))
-        if moving and deep:
-            depth = deep(state, depth, span.part(0.7, 1))
+        if deeper and last:
+            depth, told = deeper(state, depth, span.part(0.7, 1)), True
     left = unsure(who, state, light, sight, params, progress.part(0.95, 0.97))
     if params.accord:
         state = accord(state, who.mask, left)
-    if deep:
+    if told:
         state = replace(state, lift=np.zeros(len(state.lift)))
         own = depth_of(who, state, distance, progress.part(0.97, 1))
         state = replace(state, lift=np.log(own[who.mask] / depth[who.mask]))

@@ -199,16 +199,10 @@ def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) ->
         drift = np.zeros(len(known.views))
         return deepened(known.picture, known.views, drift, who.material, state, depth, light, z, params, span)
 
-    turns, last = progress.part(0.12, 0.6), progress.part(0.6, 1)
-    state, depth, _, rounds = until_still(who, state, depth, sight, light, z, params, "cpu", turns)
-    if params.deepen:
-        # What comes before in the product does so as well.
-        sight = sight_of(who, state, depth, light.directions, params, last.part(0, 0.05))
-        usual = replace(params, rounds=SurfaceParams().rounds)
-        state, *_, more = until_still(
-            who, state, depth, sight, light, z, usual, "cpu", last.part(0.05, 1), deeper
-        )
-        rounds += more
+    last = deeper if params.deepen else None
+    state, *_, rounds = until_still(
+        who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1), last
+    )
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,
