@@ -56,7 +56,7 @@ class SurfaceParams:
         True  # one turn more before the last look at the light, with all pixels if some hide the room
     )
     views: int = 0  # that serve after them, spread evenly; 0: all
-    rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see
+    rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see; `deepen` makes it two at least
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
