@@ -267,8 +267,8 @@ def until_still(
         turn += 1
         moving = not told and turn < params.rounds and angle_between(before, state.normals).mean() > STILL
         hides = sight.occlusion is not None and not sight.occlusion.bare
-        last = hides and not told and (turn + 1 >= most or not moving)
-        going = moving or (deeper is not None and last)
+        last = deeper is not None and hides and not told and (turn + 1 >= most or not moving)
+        going = moving or last
         if going:
             state, depth = relief(who, state, light, sight, distance, params, span.part(0.6, 0.7))
         if deeper and last:
