@@ -1,16 +1,20 @@
 """Which samples the object hides from the room: V of the paper, by rays against the mesh of the depth map.
 
-Source: the paper, Sec. 3.3, "Emitter query and visibility"; the mesh is that of `engine/surface/visibility.py`, its rays
-are Embree's (Open3D). Camera frame. Made anew each epoch from the depth as it stands.
+Source: the paper, Sec. 3.3, "Emitter query and visibility"; rays are Embree's (Open3D). Camera frame. Made anew each
+epoch from the depth as it stands.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from engine.surface.visibility import depth_mesh, footprint_of
+from engine.surface.observations import numbered
+from engine.surface.visibility import footprint_of
+
+TEAR = 0.3
+"""Relative step in z between neighbours beyond which the surface is taken to be torn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +52,7 @@ def shadows_of(
     """
     import open3d as o3d
 
-    vertices, triangles = depth_mesh(points, mask)
+    vertices, triangles = mesh_of(points, mask)
     mesh = o3d.t.geometry.RaycastingScene()
     mesh.add_triangles(
         o3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
@@ -58,3 +62,17 @@ def shadows_of(
     lift = 0.5 * footprint_of(points, mask)[solved[mask]][:, None]
     towards_camera = -here / np.linalg.norm(here, axis=1, keepdims=True)
     return Shadows(mesh, (here + lift * (normals + towards_camera)).astype(np.float32))
+
+
+def mesh_of(
+    points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "p 3"], Int[np.ndarray, "t 3"]]:
+    """Vertices (mask order) and triangles of a depth map."""
+    index = numbered(mask)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    triangles = np.concatenate(
+        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
+    )
+    triangles = triangles[(triangles >= 0).all(1)]
+    corner = points[mask][triangles][..., 2]
+    return points[mask], triangles[np.ptp(corner, axis=1) <= TEAR * corner.min(1)]

@@ -15,13 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
-from engine.surface.observations import aside, numbered
-from engine.surface.walls import Patches, faces_of, patches
-
-TEAR = 0.3
-"""Relative step in z between neighbours beyond which the surface is taken to be torn. Most objects are solid:
-behind a ridge that hides a valley there is more of the ridge, not a gap for light to come through. Torn at
-0.03, the fluted vase of the studio stood at 5.6 degrees even with its true depth given; closed, at 3.7."""
+from engine.surface.observations import aside
+from engine.surface.solid import Skin, pitch_of, skin
+from engine.surface.walls import behind, faces_of, none_of, patches
 
 BELOW = 0.5
 """Sine of how far below a pixel's horizon rays are cast too: the solver is about to turn the normal, and a
@@ -33,6 +29,9 @@ LIFT = (0.05, 0.5)
 
 BARE = 0.01
 """Mean share of the hemisphere that an object hides from itself, up to which it hides as good as nothing."""
+
+BEHIND = -2
+"""Source, less its number, of a triangle that was struck from behind."""
 
 SECTORS = 12
 """Parts of the azimuth around the viewing ray, for each of which `horizons` may overrule the depth."""
@@ -90,6 +89,12 @@ class Occlusion:
         """The same with the object so many times as far away."""
         return self if self.walls is None else replace(self, walls=self.walls.at(scale))
 
+    def through(self, backs: Int[np.ndarray, " t"]) -> "Occlusion":
+        """The same when what a ray meets that strikes a triangle from behind is known."""
+        struck = self.source <= BEHIND
+        number = np.where(struck, BEHIND - self.source, 0)
+        return replace(self, source=np.where(struck, backs[number], self.source))
+
     def told(self, count: int, by: Int[np.ndarray, " p"], new: int) -> "Occlusion":
         """The same when pixel `q` of the `count` that hide is number `by[q]` of `new`."""
         behind = np.append(by, -1)  # last comes who stands for a source that the camera does not see
@@ -107,30 +112,12 @@ class Occlusion:
         return owned((self.start, self.direction, self.source), pixels)
 
 
-def depth_mesh(
-    points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], tear: float = TEAR
-) -> tuple[Float[np.ndarray, "p 3"], Int[np.ndarray, "t 3"]]:
-    """Vertices (mask order) and triangles of a depth map, torn where neighbours' z differs by more than
-    `tear` (relative) beyond what their pixel spacing explains."""
-    index = numbered(mask)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    triangles = np.concatenate(
-        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
-    )
-    triangles = triangles[(triangles >= 0).all(1)]
-    z = points[mask][:, 2]
-    corner = z[triangles]
-    keep = corner.max(1) - corner.min(1) <= tear * corner.min(1)
-    return points[mask], triangles[keep]
-
-
 def occlusion(
     points: Float[np.ndarray, "h w 3"],
     normals: Float[np.ndarray, "h w 3"],
     mask: Bool[np.ndarray, "h w"],
     directions: Float[np.ndarray, "d 3"],
     progress: Progress,
-    tear: float = TEAR,
     albedo: Float[np.ndarray, "p 3"] | None = None,
 ) -> Occlusion:
     """Cast every pixel's rays at the depth mesh.
@@ -138,22 +125,27 @@ def occlusion(
     With the pixels' `albedo` given, the walls that no pixel shows are sources of their own, and pixels are where they look;
     without, the nearest pixel stands for all that hides, whichever way it looks.
     """
-    vertices, triangles = depth_mesh(points, mask, tear)
+    mesh = skin(points, mask)
+    vertices = points[mask]
     flat_normals = normals[mask].astype(float)
     footprint = footprint_of(points, mask)
-    none = np.zeros((0, 3))
-    cut = Patches(np.full((len(triangles), 1), -1, np.int32), none, none, none, [])
-    if albedo is not None:
-        cut = patches(vertices, triangles, flat_normals, albedo, mask)
-    mesh = _Mesh(vertices, None if albedo is None else flat_normals, triangles, cut.of)
+    cut = none_of(len(mesh.triangles)) if albedo is None else patches(mesh, flat_normals, albedo, mask)
+    cast = _Mesh(mesh, None if albedo is None else flat_normals, cut.of, len(vertices))
     origins = vertices + clearance(vertices, flat_normals, footprint, mask)
-    found = mesh.hidden(origins, flat_normals, directions, -BELOW, progress)
-    if not len(cut.points):
+    found = cast.hidden(origins, flat_normals, directions, -BELOW, progress)
+    if albedo is None:
+        return found
+    struck = BEHIND - np.unique(found.source[found.source <= BEHIND])
+    back = behind(mesh, struck, flat_normals, albedo, mask)
+    backs = np.where(back.of[:, 0] >= 0, len(vertices) + len(cut.points) + back.of[:, 0], -1).astype(np.int32)
+    found = found.through(backs)
+    unseen = cut.beside(back)
+    if not len(unseen.points):
         return found
     # A wall askew has teeth as high as half a pixel, which its smooth normals do not know.
-    clear = cut.points + cut.normals * (footprint.mean() * cut.points[:, 2:] / vertices[:, 2].mean())
-    hidden = mesh.hidden(clear, cut.normals, directions, 0.0, progress)
-    return replace(found, walls=Walls(cut.points, cut.normals, cut.albedo, cut.parts, hidden))
+    clear = unseen.points + unseen.normals * (footprint.mean() * unseen.points[:, 2:] / vertices[:, 2].mean())
+    hidden = cast.hidden(clear, unseen.normals, directions, 0.0, progress).through(backs)
+    return replace(found, walls=Walls(unseen.points, unseen.normals, unseen.albedo, unseen.parts, hidden))
 
 
 def clearance(
@@ -184,21 +176,22 @@ class _Mesh:
 
     def __init__(
         self,
-        vertices: Float[np.ndarray, "p 3"],
+        mesh: Skin,
         normals: Float[np.ndarray, "p 3"] | None,
-        triangles: Int[np.ndarray, "t 3"],
         walls: Int[np.ndarray, "t b"],
+        pixels: int,
     ):
         import open3d as o3d
 
         self.scene = o3d.t.geometry.RaycastingScene()
         self.scene.add_triangles(
-            o3d.core.Tensor.from_numpy(vertices.astype(np.float32)),
-            o3d.core.Tensor.from_numpy(triangles.astype(np.uint32)),
+            o3d.core.Tensor.from_numpy(mesh.vertices.astype(np.float32)),
+            o3d.core.Tensor.from_numpy(mesh.triangles.astype(np.uint32)),
         )
-        self.depths, self.triangles, self.walls = vertices[:, 2], triangles, walls
+        self.corners, self.depths, self.walls = mesh.pixels, mesh.vertices[mesh.triangles][..., 2], walls
+        self.pixels = pixels
         self.normals = np.zeros((0, 3), np.float32) if normals is None else normals.astype(np.float32)
-        self.faces = faces_of(vertices, triangles)[0].astype(np.float32)
+        self.faces = faces_of(mesh.vertices, mesh.triangles)[0].astype(np.float32)
 
     def hidden(
         self,
@@ -225,8 +218,8 @@ class _Mesh:
             answer = self.scene.cast_rays(o3d.core.Tensor.from_numpy(rays[:count]))
             lengths, cells, hiders = _struck(
                 answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy(),
-                pairs[:count], self.triangles, cosine, directions32, self.depths, self.normals, self.faces, self.walls,
-                share[part],
+                pairs[:count], self.corners, cosine, directions32, self.depths, self.normals, self.faces, self.walls,
+                self.pixels, share[part],
             )  # fmt: skip
             starts.append(starts[-1][-1:] + np.cumsum(lengths))
             hidden_directions.append(cells)
@@ -240,10 +233,7 @@ def footprint_of(
     points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, " p"]:
     """Width of a pixel at the surface, scene units: z times the ideal plane's pixel pitch."""
-    z = points[..., 2]
-    x = np.where(mask, points[..., 0] / np.where(mask, z, 1), np.nan)
-    pitch = np.nanmedian(np.abs(np.diff(x, axis=1)))
-    return z[mask] * pitch
+    return points[mask][:, 2] * pitch_of(points, mask)
 
 
 @numba.njit(cache=True)
@@ -264,9 +254,12 @@ def _aim(cosine, origins, directions, least, rays, pairs):
 
 @numba.njit(cache=True)
 @no_type_check
-def _struck(far, triangle, uv, pairs, corners, cosine, directions, depths, normals, faces, walls, share):
+def _struck(
+    far, triangle, uv, pairs, corners, cosine, directions, depths, normals, faces, walls, pixels, share
+):
     """Of the rays that hit: how many each point has, their directions, the nearest corner of what they hit or the patch
-    of a wall; and the share of each point's cosines that they are. A corner that looks away is not what is seen there, where `normals` tell.
+    of a wall; and the share of each point's cosines that they are. A corner that looks away is not what is seen there, where `normals` tell:
+    of a flank that leans out of sight the pixel at its rim or at its foot still shows some.
     """
     lengths = np.zeros(len(share), np.int64)
     cells, hiders = np.empty(len(far), np.int32), np.empty(len(far), np.int32)
@@ -277,25 +270,27 @@ def _struck(far, triangle, uv, pairs, corners, cosine, directions, depths, norma
         p, d, t = pairs[i, 0], pairs[i, 1], triangle[i]
         u, v = uv[i, 0], uv[i, 1]
         rest = 1 - (u + v)
-        corner = 0 if rest >= u and rest >= v else (1 if u >= v else 2)
-        cells[count], hiders[count] = d, corners[t, corner]
-        if len(normals):
-            facing = np.float32(0)
-            for k in range(3):
-                facing -= directions[d, k] * normals[corners[t, corner], k]
-            if facing <= 0:
-                hiders[count] = -1
-        if walls[t, 0] >= 0:
-            ahead = np.float32(0)
-            for k in range(3):
-                ahead += directions[d, k] * faces[t, k]
-            # From behind, from within the solid, a wall is not seen.
-            if ahead < 0:
-                a, b, c = depths[corners[t, 0]], depths[corners[t, 1]], depths[corners[t, 2]]
-                low, high = min(a, min(b, c)), max(a, max(b, c))
-                deep = (rest * a + u * b + v * c - low) / max(high - low, 1e-30)
-                band = min(max(int(deep * bands), 0), bands - 1)
-                hiders[count] = len(depths) + walls[t, band]
+        cells[count], hiders[count], nearest = d, -1, np.float32(-1)
+        for corner in range(3):
+            weight = rest if corner == 0 else (u if corner == 1 else v)
+            q, facing = corners[t, corner], np.float32(1)
+            if len(normals):
+                facing = np.float32(0)
+                for k in range(3):
+                    facing -= directions[d, k] * normals[q, k]
+            if facing > 0 and weight > nearest:
+                hiders[count], nearest = q, weight
+        ahead = np.float32(0)
+        for k in range(3):
+            ahead += directions[d, k] * faces[t, k]
+        # From behind, from within the solid, a wall is not seen.
+        if walls[t, 0] >= 0 and ahead < 0:
+            low, high = min(depths[t]), max(depths[t])
+            deep = (rest * depths[t, 0] + u * depths[t, 1] + v * depths[t, 2] - low) / max(high - low, 1e-30)
+            band = min(max(int(deep * bands), 0), bands - 1)
+            hiders[count] = pixels + walls[t, band]
+        if walls[t, 0] < 0 and ahead > 0 and hiders[count] < 0:
+            hiders[count] = BEHIND - t
         lengths[p] += 1
         share[p] += max(cosine[p, d], np.float32(0))
         count += 1

@@ -1,9 +1,11 @@
-"""Walls that no pixel shows: what stands between the two sides of a jump of the depth.
+"""What no pixel shows: walls between the two sides of a jump of the depth, and backs of what ends there.
 
 The mesh of a depth map closes a jump with triangles that are seen edge-on and whose corners, which lie on the surfaces
 above and below, look elsewhere. What is there hides the room and throws light, but no photograph shows how much. So it is
 cut into patches, a few pixels long and some bands high, which are then lit like everything else. The object is solid
-behind what the camera sees, so that a wall belongs to the nearer of the two surfaces and looks away from it. Camera frame.
+behind what the camera sees, so that a wall belongs to the nearer of the two surfaces and looks away from it. Where that
+one ends before it reaches the other (`solid`), rays come in behind it and strike it from within: what they meet is its
+back, cut up and lit likewise. Camera frame.
 """
 
 from dataclasses import dataclass
@@ -12,9 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from engine.surface.solid import Skin
+
 STEEP = 0.35
 """Cosine between a wall and the ray that meets it, at most: flatter than this, several pixels would show it."""
-APART = np.cos(np.radians(40.0))
+APART = np.cos(np.radians(20.0))
 """Cosine between a wall and the normals at its corners, at most: none of them is of the wall itself."""
 CELL = 3
 """Pixels along the rim that share a patch."""
@@ -32,15 +36,24 @@ TILE = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """The walls of a mesh, cut up."""
+    """The walls of a mesh, or its back, cut up."""
 
-    of: Int[np.ndarray, "t b"]  # each triangle's patches from rim to foot; -1: it is no wall
+    of: Int[np.ndarray, "t b"]  # each triangle's patches, of a wall from rim to foot; -1: it has none
     points: Float[np.ndarray, "w 3"]  # on the mesh
     normals: Float[
         np.ndarray, "w 3"
     ]  # across the viewing ray: a wall that leaned to the camera would be seen
     albedo: Float[np.ndarray, "w 3"]  # of the rim, geometric mean
     parts: list[Int[np.ndarray, " _"]]  # patches of one place
+
+    def beside(self, other: "Patches") -> "Patches":
+        """Its patches, and another's after them; of which triangles is not told any more."""
+        parts = [*self.parts, *(part + len(self.points) for part in other.parts)]
+        points, normals, albedo = (
+            np.concatenate([getattr(x, name) for x in (self, other)])
+            for name in ("points", "normals", "albedo")
+        )
+        return Patches(np.zeros((0, 1), np.int32), points, normals, albedo, parts)
 
 
 def faces_of(
@@ -55,35 +68,31 @@ def faces_of(
 
 
 def standing(
-    vertices: Float[np.ndarray, "p 3"],
-    triangles: Int[np.ndarray, "t 3"],
-    faces: Float[np.ndarray, "t 3"],
-    normals: Float[np.ndarray, "p 3"],
+    mesh: Skin, faces: Float[np.ndarray, "t 3"], normals: Float[np.ndarray, "p 3"]
 ) -> Bool[np.ndarray, " t"]:
     """Which triangles are walls that no pixel shows; `normals` are those of the pixels."""
-    middle = vertices[triangles].mean(1)
+    middle = mesh.vertices[mesh.triangles].mean(1)
     ahead = -(faces * middle).sum(1) / np.linalg.norm(middle, axis=1)
-    alike = np.einsum("ti,tki->tk", faces, normals[triangles]).max(1)
+    alike = np.einsum("ti,tki->tk", faces, normals[mesh.pixels]).max(1)
     return (ahead < STEEP) & (alike < APART)
 
 
 def patches(
-    vertices: Float[np.ndarray, "p 3"],
-    triangles: Int[np.ndarray, "t 3"],
+    mesh: Skin,
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
 ) -> Patches:
-    """The walls of a depth map's mesh; its vertices are the mask's pixels in row order."""
-    faces, areas = faces_of(vertices, triangles)
-    walls = np.nonzero(standing(vertices, triangles, faces, normals))[0]
-    of = np.full((len(triangles), BANDS), -1, np.int32)
+    """The walls of a depth map's mesh; normals and albedo are those of the mask's pixels."""
+    faces, areas = faces_of(mesh.vertices, mesh.triangles)
+    walls = np.nonzero(standing(mesh, faces, normals))[0]
+    of = np.full((len(mesh.triangles), BANDS), -1, np.int32)
     if not len(walls):
-        return Patches(of, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), [])
-    corners = triangles[walls]
-    pixel = np.stack(np.nonzero(mask), 1)[corners].mean(1)
+        return none_of(len(of))
+    corners, whose = mesh.vertices[mesh.triangles[walls]], mesh.pixels[walls]
+    pixel = np.stack(np.nonzero(mask), 1)[whose].mean(1)
     away = _smoothed(pixel, faces[walls], areas[walls])
-    ray = vertices[corners].mean(1)
+    ray = corners.mean(1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     away -= ray * (away * ray).sum(1, keepdims=True)
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-30)
@@ -98,21 +107,57 @@ def patches(
     count = len(found)
     # Every patch stands where one of its triangles has a point: a mean of points may lie within the solid.
     at = _shares()
-    points = np.einsum("sk,tki->tsi", at, vertices[corners])
-    within = _band(points[..., 2], vertices[corners][..., 2])
+    points = np.einsum("sk,tki->tsi", at, corners)
+    within = _band(points[..., 2], corners[..., 2])
     owner = np.take_along_axis(of[walls], within, 1).ravel()
     weight, flat = np.repeat(areas[walls], len(at)), points.reshape(-1, 3)
     middle = _means(owner, flat, weight, count)
     off = np.linalg.norm(flat - middle[owner], axis=1)
     order = np.lexsort((off, owner))
     first = order[np.searchsorted(owner[order], np.arange(count))]
-    rim = corners[np.arange(len(walls)), vertices[corners][..., 2].argmin(1)]
+    rim = whose[np.arange(len(walls)), corners[..., 2].argmin(1)]
     every, size = of[walls].ravel(), np.repeat(areas[walls], BANDS)
     look = _means(every, np.repeat(away, BANDS, 0), size, count)
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-30)
     paint = np.exp(_means(every, np.repeat(np.log(albedo[rim]), BANDS, 0), size, count))
     parts = np.split(np.arange(count), np.nonzero(np.diff(found[:, 0]))[0] + 1)
     return Patches(of, flat[first], look, paint, parts)
+
+
+def behind(
+    mesh: Skin,
+    struck: Int[np.ndarray, " k"],
+    normals: Float[np.ndarray, "p 3"],
+    albedo: Float[np.ndarray, "p 3"],
+    mask: Bool[np.ndarray, "h w"],
+) -> Patches:
+    """What lies behind the triangles that rays have `struck` from behind, where the front is known to end: its mirror image, as
+    deep as it is wide, of the same paint."""
+    of = np.full((len(mesh.triangles), 1), -1, np.int32)
+    struck = struck[mesh.deep[mesh.pixels[struck]].min(1) > 0]
+    if not len(struck):
+        return none_of(len(of))
+    whose = mesh.pixels[struck]
+    cell = np.stack(np.nonzero(mask), 1)[whose[:, 0]] // CELL
+    found, first, member = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    of[struck, 0], count, alike = member, len(found), np.ones(len(struck))
+    front = _means(member, mesh.vertices[mesh.triangles[struck]].mean(1), alike, count)
+    facing = _means(member, normals[whose].mean(1), alike, count)
+    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-30)
+    paint = np.exp(_means(member, np.log(albedo[whose]).mean(1), alike, count))
+    ray = front / np.linalg.norm(front, axis=1, keepdims=True)
+    ahead = (facing * ray).sum(1, keepdims=True)
+    deep = mesh.deep[whose[first]].mean(1, keepdims=True)
+    _, tile = np.unique(found * CELL // TILE, axis=0, return_inverse=True)
+    order = np.argsort(tile, kind="stable")
+    parts = np.split(order, np.nonzero(np.diff(tile[order]))[0] + 1)
+    return Patches(of, front - ray * ahead * deep, facing - 2 * ahead * ray, paint, parts)
+
+
+def none_of(triangles: int) -> Patches:
+    """No patches of so many triangles."""
+    nowhere = np.zeros((0, 3))
+    return Patches(np.full((triangles, 1), -1, np.int32), nowhere, nowhere, nowhere, [])
 
 
 def _smoothed(

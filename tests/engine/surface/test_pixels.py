@@ -199,7 +199,7 @@ def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_i
     towards = direction_cells(200)
     flat = half.flat(0.5)
     ball = image(small, flat.points) - np.array([0, 0, 0.1])
-    hidden = occlusion(ball, image(small, -half.rays), small, towards, Progress(), 10.0)
+    hidden = occlusion(ball, image(small, -half.rays), small, towards, Progress())
     known = Sight(flat.points, flat.views, hidden)
     whole = subject(frames, mask, CAMERA, some, params)
     made = np.stack([np.full(len(where), 0.5), np.arange(len(where)) % 2], 1)
@@ -234,7 +234,7 @@ def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
     normals = np.zeros((48, 64, 3))
     normals[..., 2] = -1
     directions = direction_cells(500)
-    hidden = occlusion(points, normals, mask, directions, Progress(), 0.1)
+    hidden = occlusion(points, normals, mask, directions, Progress())
     share = hidden.share.reshape(48, 64)
     assert share[24, 33] > 0.03
     assert share[24, 60] < 0.3 * share[24, 33]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.geometry import rays
-from engine.surface.visibility import depth_mesh
+from engine.surface.solid import skin
 from engine.surface.walls import BANDS, patches
 from tests.engine.surface.test_pixels import CAMERA, ball
 
@@ -21,8 +21,8 @@ def step() -> tuple[np.ndarray, np.ndarray]:
 
 
 def cut(points, normals, mask, albedo):
-    vertices, triangles = depth_mesh(points, mask)
-    return triangles, patches(vertices, triangles, normals[mask], albedo, mask)
+    mesh = skin(points, mask)
+    return mesh.pixels, patches(mesh, normals[mask], albedo, mask)
 
 
 def painted() -> np.ndarray:
