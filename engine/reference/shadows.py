@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from engine.surface.observations import numbered
+from engine.surface.solid import halves
 from engine.surface.visibility import footprint_of
 
 TEAR = 0.3
@@ -68,11 +68,6 @@ def mesh_of(
     points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
 ) -> tuple[Float[np.ndarray, "p 3"], Int[np.ndarray, "t 3"]]:
     """Vertices (mask order) and triangles of a depth map."""
-    index = numbered(mask)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    triangles = np.concatenate(
-        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
-    )
-    triangles = triangles[(triangles >= 0).all(1)]
+    triangles = halves(mask)
     corner = points[mask][triangles][..., 2]
     return points[mask], triangles[np.ptp(corner, axis=1) <= TEAR * corner.min(1)]

@@ -39,12 +39,7 @@ class Skin:
 def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Skin:
     """The mesh of a depth map. A jump is closed by a wall where the nearer side is as deep as the jump, and left open behind
     that depth where it is not."""
-    index = numbered(mask)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    triangles = np.concatenate(
-        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
-    )
-    triangles = triangles[(triangles >= 0).all(1)]
+    triangles = halves(mask)
     vertices = points[mask]
     pitch = pitch_of(points, mask)
     z = vertices[triangles][..., 2]
@@ -68,6 +63,16 @@ def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> S
         np.concatenate([triangles[~open_], whose]),
         deep,
     )
+
+
+def halves(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "t 3"]:
+    """Two triangles for every four neighbours, as far as they are of the mask; pixels are numbered in its row order."""
+    index = numbered(mask)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    triangles = np.concatenate(
+        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
+    )
+    return triangles[(triangles >= 0).all(1)]
 
 
 def pitch_of(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> float:
