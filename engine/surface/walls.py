@@ -39,11 +39,11 @@ class Patches:
     """The walls of a mesh, or its back, cut up."""
 
     of: Int[np.ndarray, "t b"]  # each triangle's patches, of a wall from rim to foot; -1: it has none
-    points: Float[np.ndarray, "w 3"]  # on the mesh
+    points: Float[np.ndarray, "w 3"]  # of a wall's on the mesh
     normals: Float[
         np.ndarray, "w 3"
-    ]  # across the viewing ray: a wall that leaned to the camera would be seen
-    albedo: Float[np.ndarray, "w 3"]  # of the rim, geometric mean
+    ]  # a wall's across the viewing ray: if it leaned to the camera it would be seen
+    albedo: Float[np.ndarray, "w 3"]  # of a wall's rim, of a back's front: geometric mean
     parts: list[Int[np.ndarray, " _"]]  # patches of one place
 
     def beside(self, other: "Patches") -> "Patches":
@@ -133,11 +133,10 @@ def behind(
 ) -> Patches:
     """What lies behind the triangles that rays have `struck` from behind, where the front is known to end: its mirror image, as
     deep as it is wide, of the same paint."""
-    of = np.full((len(mesh.triangles), 1), -1, np.int32)
-    struck = struck[mesh.deep[mesh.pixels[struck]].min(1) > 0]
-    if not len(struck):
-        return none_of(len(of))
-    whose = mesh.pixels[struck]
+    unseen = none_of(len(mesh.triangles))
+    if not len(struck) or not mesh.deep.any():
+        return unseen
+    of, whose = unseen.of, mesh.pixels[struck]
     cell = np.stack(np.nonzero(mask), 1)[whose[:, 0]] // CELL
     found, first, member = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     of[struck, 0], count, alike = member, len(found), np.ones(len(struck))
