@@ -192,7 +192,7 @@ class Bonds:
         return laplacian(one, other, hold, self.count, LOOSE * float(hold.mean()))
 
 
-def seams(mask: Bool[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"]) -> Bonds:
+def seams(mask: Bool[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"], tear: float = TEAR) -> Bonds:
     """Of every two neighbours of the mask, weaker where an edge is seen."""
     index, pairs, bond = numbered(mask), [], []
     for a, b in (((slice(None), slice(0, -1)), (slice(None), slice(1, None))),
@@ -200,5 +200,5 @@ def seams(mask: Bool[np.ndarray, "h w"], strength: Float[np.ndarray, "h w"]) -> 
         both = mask[a] & mask[b]
         edge = np.maximum(strength[a], strength[b])[both]
         pairs.append(np.stack([index[a][both], index[b][both]]))
-        bond.append(TEAR * (np.exp(-((edge / SEEN) ** 2)) + LEAST_TEAR))
+        bond.append(tear * (np.exp(-((edge / SEEN) ** 2)) + LEAST_TEAR))
     return Bonds(np.concatenate(pairs, 1), np.concatenate(bond), int(mask.sum()))

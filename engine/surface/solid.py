@@ -1,4 +1,5 @@
-"""A depth map as the skin of something solid: what stands before a jump of the depth is about as deep as it is wide.
+"""A depth map as the skin of something solid: what ends before a jump of the depth, or before nothing, is about as deep as it
+is wide, and half of that is behind its rim.
 
 The camera sees fronts only. Behind the edge of a ridge there is more of the ridge, behind that of a wire there is a gap
 for light to come through; what tells them apart is how far their front reaches sideways. Camera frame.
@@ -15,9 +16,9 @@ from engine.surface.observations import numbered
 
 JUMP = 8.0
 """Step in depth between neighbours, in widths of a pixel, from which on the front ends there."""
-DEEP, LEAST = 1.0, 2.0
-"""Depth of what stands before a jump, in widths of its front and in pixels at least. Half as deep and as deep are as good, under
-the true depth: within .5 of 9 degrees on wires, the same on flutes."""
+DEEP, LEAST = 0.5, 2.0
+"""How far behind its rim a front reaches, in widths of itself and in pixels at least. Of thin strands under their true depth 1.3 %
+of the hemisphere are then open that are not, and 1.2 % the other way round; at .35 and .65 2.5 and .7, 1.0 and 2.4."""
 AXES = ((0, 1), (1, 1), (1, 0), (1, -1))
 
 
@@ -26,8 +27,8 @@ class Skin:
     """A depth map's triangles.
 
     Vertices are the mask's pixels in row order, and after them those where a wall ends in nothing. `pixels` are who the corners
-    belong to: such an end to the pixel that the wall hangs from. `deep` is how deep what each pixel shows is taken to be; all
-    are 0 where no front ends.
+    belong to: such an end to the pixel that the wall hangs from. `deep` is how far behind each pixel what it shows is taken to
+    reach; all are 0 where no front ends.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -37,32 +38,44 @@ class Skin:
 
 
 def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Skin:
-    """The mesh of a depth map. A jump is closed by a wall where the nearer side is as deep as the jump, and left open behind
-    that depth where it is not."""
-    triangles = halves(mask)
-    vertices = points[mask]
-    pitch = pitch_of(points, mask)
-    z = vertices[triangles][..., 2]
-    rise = z.max(1) - z.min(1)
-    broken = rise > JUMP * pitch * z.min(1)
-    if not broken.any():
-        return Skin(vertices, triangles, triangles, np.zeros(len(vertices)))
-    near = triangles[np.arange(len(z)), z.argmin(1)]
-    across = np.maximum(DEEP * widths(points[..., 2], mask, JUMP * pitch)[mask], LEAST)
-    deep = across * pitch * vertices[:, 2]
-    ends = (vertices[:, 2] + deep)[near]
-    open_ = broken & (z.max(1) > ends)
-    hanging = vertices[triangles[open_]]
-    hanging *= np.minimum(1, ends[open_, None] / hanging[..., 2])[..., None]
-    new = len(vertices) + np.arange(hanging.size // 3).reshape(-1, 3)
-    beyond = z[open_] > ends[open_, None]
-    whose = np.where(beyond, near[open_, None], triangles[open_])
+    """The mesh of a depth map. A jump is closed by a wall where the nearer side is as deep as the jump; of a greater one, and at
+    the mask's border, walls hang from the rim as far as the front is deep."""
+    triangles, vertices = halves(mask), points[mask]
+    z, jump = vertices[:, 2], JUMP * pitch_of(points, mask)
+    nothing = np.zeros(len(z))
+    if not _opens(z, nothing, jump, triangles).any():
+        return Skin(vertices, triangles, triangles, nothing)
+    deep = z * np.expm1(thick(points, mask))
+    kept = ~_opens(z, deep, jump, triangles)
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    _, first, of = np.unique(np.sort(edges, 1), axis=0, return_index=True, return_inverse=True)
+    edges = edges[first]
+    rim = (np.bincount(of, np.tile(kept, 3)) < 2) & ~_opens(z, deep, jump, edges)
+    one, other = edges[rim].T
+    below = len(z)
+    walls = np.stack([one, other, other + below, one, other + below, one + below], 1).reshape(-1, 3)
     return Skin(
-        np.concatenate([vertices, hanging.reshape(-1, 3)]),
-        np.concatenate([triangles[~open_], new]),
-        np.concatenate([triangles[~open_], whose]),
+        np.concatenate([vertices, vertices * (1 + deep / z)[:, None]]),
+        np.concatenate([triangles[kept], walls]),
+        np.concatenate([triangles[kept], walls % below]),
         deep,
     )
+
+
+def _opens(
+    z: Float[np.ndarray, " p"], deep: Float[np.ndarray, " p"], jump: float, which: Int[np.ndarray, "t k"]
+) -> Bool[np.ndarray, " t"]:
+    """Between which neighbours the depth jumps, and farther than the nearest of them is deep."""
+    near = which[np.arange(len(which)), z[which].argmin(1)]
+    far = z[which].max(1)
+    return (far > z[near] * (1 + jump)) & (far > z[near] + deep[near])
+
+
+def thick(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
+    """How deep what each pixel shows is taken to be, in logarithms of z."""
+    pitch = pitch_of(points, mask)
+    across = np.maximum(DEEP * widths(points[..., 2], mask, JUMP * pitch)[mask], LEAST)
+    return np.log1p(across * pitch)
 
 
 def halves(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "t 3"]:

@@ -146,7 +146,7 @@ def behind(
     paint = np.exp(_means(member, np.log(albedo[whose]).mean(1), alike, count))
     ray = front / np.linalg.norm(front, axis=1, keepdims=True)
     ahead = (facing * ray).sum(1, keepdims=True)
-    deep = mesh.deep[whose[first]].mean(1, keepdims=True)
+    deep = 2 * mesh.deep[whose[first]].mean(1, keepdims=True)
     _, tile = np.unique(found * CELL // TILE, axis=0, return_inverse=True)
     order = np.argsort(tile, kind="stable")
     parts = np.split(order, np.nonzero(np.diff(tile[order]))[0] + 1)

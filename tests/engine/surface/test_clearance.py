@@ -1,4 +1,4 @@
-"""Horizons of planes, walls and whatever heights, against geometry and central differences."""
+"""What stands before planes, walls, wires and whatever heights, against geometry and central differences."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,12 @@ def plane(normal: np.ndarray, distance: float = 0.5) -> np.ndarray:
     return np.log(distance * normal[2] / (AT @ normal))
 
 
-def rims(height: np.ndarray, pixels: np.ndarray = PIXELS) -> Rims:
-    return Ground(CAMERA, MASK).rims(height, pixels)
+SOLID = np.full(len(PIXELS), 3.0)
+"""Deeper than anything stands."""
+
+
+def rims(height: np.ndarray, pixels: np.ndarray = PIXELS, deep: np.ndarray = SOLID) -> Rims:
+    return Ground(CAMERA, MASK).rims(height, deep, pixels)
 
 
 def pixel_at(row: int, column: int) -> int:
@@ -35,7 +39,7 @@ def test_a_plane_hides_what_is_behind_it_and_nothing_else(lean: tuple[float, flo
     ground, cells = Ground(CAMERA, MASK), direction_cells(300)
     middle = PIXELS[pixel_at(25, 30)][None]
     way, angle = ground.seen(middle, cells)
-    clear = ground.rims(plane(normal), middle).angle[0, way] - angle[0]
+    clear = ground.rims(plane(normal), SOLID, middle).angle[0, way, 0, 0] - angle[0]
     above = cells @ normal
     assert (clear[above > 0.05] > 0).all()
     assert (clear[above < -0.05] < 0).all()
@@ -51,10 +55,10 @@ def test_the_rim_of_a_wall_is_the_horizon() -> None:
     rim = AT[pixel + 10] * 0.49 - AT[pixel] * 0.5
     expected = np.arccos(-(rim @ AT[pixel]) / (np.linalg.norm(rim) * np.linalg.norm(AT[pixel])))
     found = rims(np.log(z), np.array([pixel]))
-    assert found.angle[0, 0] == pytest.approx(expected, abs=1e-6)
-    assert found.first[0, 0] == pixel + 10
+    assert found.angle[0, 0, 0, 0] == pytest.approx(expected, abs=1e-6)
+    assert found.first[0, 0, 0, 0] == pixel + 10
     # Up the columns nothing rises.
-    assert found.angle[0, AZIMUTHS // 4] == pytest.approx(np.pi / 2, abs=0.02)
+    assert found.angle[0, AZIMUTHS // 4, 0, 0] == pytest.approx(np.pi / 2, abs=0.02)
 
 
 def test_off_the_object_nothing_stands() -> None:
@@ -62,16 +66,55 @@ def test_off_the_object_nothing_stands() -> None:
     found = rims(plane(np.array([0.0, 0.0, -1.0])), corner)
     out = AZIMUTHS * 5 // 8  # up and to the left
     assert found.angle[0, out] == pytest.approx(np.pi)
-    assert found.first[0, out] == -1
-    pull = found.pull(np.ones((1, AZIMUTHS)) * (np.arange(AZIMUTHS) == out), corner, len(PIXELS))
-    assert not pull.any()
+    assert (found.first[0, out] == -1).all()
+    weight = np.zeros(found.angle.shape)
+    weight[0, out] = 1
+    assert not found.pull(weight, corner, len(PIXELS)).any()
 
 
-def test_the_pull_is_the_slope_of_the_horizons() -> None:
+def wire(z: float = 0.4) -> np.ndarray:
+    """Depth of a plate with a wire of four columns before it."""
+    u = np.nonzero(MASK)[1]
+    return np.where((u >= 30) & (u < 34), z, 0.5)
+
+
+def test_a_wire_hides_an_interval_and_the_plate_behind_it_the_rest() -> None:
+    """From its near edge in front to its far edge's back, seen from the plate."""
+    pixel, thick = pixel_at(24, 20), 0.01
+    deep = np.where(wire() < 0.5, np.log(1 + thick / 0.4), 3.0)
+    found = rims(np.log(wire()), np.array([pixel]), deep)
+
+    def to(column: int, z: float) -> float:
+        way = AT[pixel_at(24, column)] * z - AT[pixel] * 0.5
+        return float(np.arccos(-(way @ AT[pixel]) / np.linalg.norm(way) / np.linalg.norm(AT[pixel])))
+
+    pieces = found.angle[0, 0][found.first[0, 0, :, 0] >= 0]
+    assert len(pieces) == 2
+    hanging, ground = sorted(pieces.tolist())
+    assert hanging == pytest.approx([to(30, 0.4), to(33, 0.4 + thick)], abs=1e-6)
+    assert ground[0] == pytest.approx(np.pi / 2, abs=0.05)
+    # Just over the plate, light comes in beneath the wire.
+    assert hanging[1] < np.radians(60)
+
+
+def test_what_stands_on_the_plate_is_one_piece_with_it() -> None:
+    """As deep as it stands high, so that nothing comes in behind it."""
+    deep = np.where(wire(0.48) < 0.5, np.log(0.5 / 0.48), 3.0)
+    found = rims(np.log(wire(0.48)), np.array([pixel_at(24, 20)]), deep)
+    assert (found.first[0, 0, :, 0] >= 0).sum() == 1
+
+
+@pytest.mark.parametrize("thin", [False, True])
+def test_the_pull_is_the_slope_of_the_ends(thin: bool) -> None:
     random = np.random.default_rng(5)
     v, u = np.nonzero(MASK)
     hill = 0.5 - 0.02 * np.exp(-((v - 20) ** 2 + (u - 25) ** 2) / 60)
-    height = np.log(hill) + random.normal(0, 2e-4, len(PIXELS))
+    height = np.log(wire() if thin else hill) + random.normal(0, 2e-4, len(PIXELS))
+    deep = np.where(wire() < 0.5, 0.02, 0.3) if thin else SOLID
+
+    def rims(height: np.ndarray) -> Rims:
+        return Ground(CAMERA, MASK).rims(height, deep, PIXELS)
+
     found = rims(height)
     weight = random.normal(size=found.angle.shape) * (found.first >= 0)
     step = 1e-7 * random.normal(size=len(PIXELS))
@@ -79,7 +122,7 @@ def test_the_pull_is_the_slope_of_the_horizons() -> None:
     # Where another pixel takes over as the nearest, there is no slope.
     for other in (ahead, behind):
         weight *= (other.first == found.first) & (other.second == found.second)
-    assert (weight != 0).mean() > 0.8
+    assert (weight != 0).sum() > 0.8 * (found.first >= 0).sum()
     rise = (weight * (ahead.angle - behind.angle)).sum() / 2
     assert found.pull(weight, PIXELS, len(PIXELS)) @ step == pytest.approx(rise, rel=1e-3)
 

@@ -15,6 +15,8 @@ from engine.surface.detail import Picture
 from engine.surface.integrate import solver_of
 from engine.surface.pixels import SurfaceParams, depth_of, image, sight_of, subject
 from engine.surface.relax import seams
+from engine.surface.soft import Soft
+from engine.surface.solid import thick
 from engine.surface.solve import until_still
 from engine.surface.transport import blocks, predict
 from engine.types import Camera, Frames
@@ -97,13 +99,13 @@ def test_the_slope_is_that_of_the_cost(scene: Scene, bounce: bool) -> None:
     who, params = scene.who, replace(PARAMS, bounce=bounce)
     v, u = np.nonzero(MASK)
     height = np.log(ridges(0.009)[MASK])
-    sight = sight_of(
-        who, scene.state, image(MASK, np.exp(height)), scene.light.directions, params, Progress()
+    sight = who.at(np.exp(height))
+    deep = thick(image(MASK, sight.points), MASK)
+    soft = Soft(
+        who.responses(scene.light, params, "cpu"), Ground(CAMERA, MASK), height, deep, scene.state.normals
     )
-    responses = who.responses(scene.light, params, "cpu", sight)
-    state = newton.respread(scene.state, responses, sight, blocks(MASK), who.seen)
-    bonds = seams(MASK, np.zeros(MASK.shape))
-    cost = _Cost(who, state, responses, sight, Ground(CAMERA, MASK), height, height - 1e-3, bonds)
+    state = newton.respread(scene.state, soft, sight, blocks(MASK), who.seen)
+    cost = _Cost(who, state, soft, sight, height - 1e-3, seams(MASK, np.zeros(MASK.shape)))
     here = cost.at(height)
     _, solve = solver_of(cost.stiffness(here.hold), len(height))
     uphill = solve(here.slope)

@@ -1,11 +1,11 @@
-"""A front is as deep as it is wide: behind a block's edge is more of the block, behind a wire's there is a gap."""
+"""A front is half as deep as it is wide: behind a block's edge is more of the block, behind a wire's there is a gap."""
 
 import numpy as np
 import pytest
 
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface.solid import LEAST, skin, widths
+from engine.surface.solid import LEAST, halves, skin, widths
 from engine.surface.transport import direction_cells
 from engine.surface.visibility import occlusion
 from engine.types import Camera
@@ -34,11 +34,15 @@ def test_a_front_is_as_wide_as_it_reaches_and_its_corners_too() -> None:
     np.testing.assert_allclose(widths(block, MASK, 8 * PITCH)[14, 17], 20)
 
 
-def test_a_jump_that_is_less_than_the_front_is_wide_is_closed() -> None:
-    points, _ = strip(0, 32, NEAR + 0.2)
+def test_a_jump_that_is_less_than_the_front_is_deep_is_closed() -> None:
+    points, _ = strip(0, 32, NEAR + 0.1)
     mesh = skin(points, MASK)
-    assert len(mesh.vertices) == MASK.sum()
-    assert len(mesh.triangles) == 2 * 47 * 63
+    np.testing.assert_array_equal(mesh.triangles[: 2 * 47 * 63], halves(MASK))
+    # Beyond those of the grid all hang from the picture's border.
+    hanging = mesh.pixels[2 * 47 * 63 :]
+    v, u = np.divmod(hanging, 64)
+    assert ((v == 0) | (v == 47) | (u == 0) | (u == 63)).all()
+    assert len(hanging) == 2 * 2 * (47 + 63)
 
 
 def test_a_plane_however_steep_ends_nowhere() -> None:
@@ -53,16 +57,21 @@ def test_a_plane_however_steep_ends_nowhere() -> None:
     assert not mesh.deep.any()
 
 
-@pytest.mark.parametrize("wide", [1, 4])
-def test_a_wires_sides_end_as_far_back_as_it_is_wide(wide: int) -> None:
+@pytest.mark.parametrize(("wide", "wall"), [(1, True), (4, True), (4, False)])
+def test_a_wires_sides_end_half_as_far_back_as_it_is_wide(wide: int, wall: bool) -> None:
+    """Before a wall and, where nothing else is in the picture but for some rows, before nothing."""
     points, _ = strip(30, 30 + wide)
-    mesh = skin(points, MASK)
-    ends = mesh.vertices[MASK.sum() :, 2]
-    assert len(ends)
-    assert ends.max() <= NEAR * (1 + PITCH * max(wide * np.sqrt(2), LEAST)) + 1e-9
-    owner = mesh.pixels[-len(ends) // 3 :] % 64
-    assert ((owner >= 29) & (owner <= 30 + wide)).all()
-    assert ((owner >= 30) & (owner < 30 + wide)).any(1).all()
+    mask = MASK.copy()
+    if not wall:
+        mask[10:, :30] = mask[10:, 30 + wide :] = False
+    mesh = skin(points, mask)
+    u = np.nonzero(mask)[1][mesh.pixels]
+    sides = ((u >= 30) & (u < 30 + wide)).all(1) & (mesh.triangles >= mask.sum()).any(1)
+    assert sides.sum() >= 2 * 47 * (2 if wide > 1 else 1)
+    ends = mesh.vertices[mesh.triangles[sides]][..., 2].max(1)
+    deep = max(wide * np.sqrt(2) / 2, LEAST)
+    assert ends.max() <= NEAR * (1 + PITCH * deep) + 1e-9
+    assert ends.max() > NEAR * (1 + PITCH * min(wide / 2, deep)) - 1e-9
 
 
 def test_light_comes_in_behind_a_wire_but_not_behind_a_block() -> None:
