@@ -125,9 +125,10 @@ def test_a_view_rendered_again_is_the_solvers_own_picture(session: Path) -> None
     own = artefacts.load(solved.run.folder("surface"), "renders", Renders)
     again = Scene(solved, Progress()).rendered(own.views, Progress())
     first = own.radiance[:, solved.surface.mask]
-    np.testing.assert_allclose(again, first, rtol=1e-2, atol=1e-6)
     # What is stored is rounded: a ray that grazes an edge may fall on its other side, and a dozen pixels see the wall it finds.
-    assert np.isclose(again, first, rtol=1e-4, atol=1e-6).mean() > 0.998
+    np.testing.assert_allclose(again, first, rtol=5e-2, atol=1e-6)
+    for tolerance, share in ((1e-2, 0.9998), (1e-4, 0.998)):
+        assert np.isclose(again, first, rtol=tolerance, atol=1e-6).mean() > share
 
 
 def test_the_report_needs_no_other_file(session: Path, tmp_path: Path) -> None:
