@@ -165,10 +165,8 @@ def _march(
                     nearer = -(x * x0 + y * y0 + deep * own) / (far * length)
                     if nearer > ends[now, 0] if end == 0 else nearer < ends[now, 1]:
                         ends[now, end], one_of[now, end], two_of[now, end] = nearer, one, two
-                        parts[now, end], lengths[now, end] = (
-                            (1 - part) * at / (z[one] if end == 0 else back[one]),
-                            length,
-                        )
+                        parts[now, end] = (1 - part) * at / (z[one] if end == 0 else back[one])
+                        lengths[now, end] = length
             # Pieces that overlap are one.
             one = 0
             while one < pieces:

@@ -74,7 +74,7 @@ def deepened(
     begun = newton.begin(normals, means(state.albedo), means(state.roughness[:, None])[:, 0])
     before = means(np.log(depth[picture.mask])[:, None])[:, 0]
     who = replace(who, material=of_pixels(material, first))
-    after = _found(who, begun, before, light.views(views), distance, replace(params, walls=False), progress)
+    after = _found(who, begun, before, light.views(views), distance, params, progress)
     change = enlarged(small.mask, image(small.mask, after - before), picture.mask)
     z = depth * np.exp(change) * picture.mask
     return z * (distance / z[picture.mask].mean())
@@ -91,10 +91,8 @@ def _found(
 ) -> Float[np.ndarray, " p"]:
     """The heights of one size."""
     mask, ground = who.mask, Ground(who.camera, who.mask)
-    bonds, steps = (
-        seams(mask, np.zeros(mask.shape), TEAR),
-        replace(STEPS, farthest=STEPS.farthest * who.pitch),
-    )
+    bonds = seams(mask, np.zeros(mask.shape), TEAR)
+    steps = replace(STEPS, farthest=STEPS.farthest * who.pitch)
     for turn in range(ROUNDS):
         span = progress.part(turn / ROUNDS, (turn + 1) / ROUNDS)
         sight = who.at(np.exp(height))
