@@ -48,7 +48,7 @@ def _transport() -> Stage:
     from engine.surface.solve import SurfaceParams
 
     return Stage(
-        "surface", 41, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
+        "surface", 42, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
         presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
     )  # fmt: skip
 

@@ -46,12 +46,15 @@ def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> S
     if not _opens(z, nothing, jump, triangles).any():
         return Skin(vertices, triangles, triangles, nothing)
     deep = z * np.expm1(thick(points, mask))
-    kept = ~_opens(z, deep, jump, triangles)
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    opens = _opens(z, deep, jump, triangles)
+    triangles = triangles[np.argsort(opens, kind="stable")]
+    kept = np.sort(~opens)[::-1]
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     _, first, of = np.unique(np.sort(edges, 1), axis=0, return_index=True, return_inverse=True)
     edges = edges[first]
-    rim = (np.bincount(of, np.tile(kept, 3)) < 2) & ~_opens(z, deep, jump, edges)
-    one, other = edges[rim].T
+    rim = (np.bincount(of, np.repeat(kept, 3)) < 2) & ~_opens(z, deep, jump, edges)
+    # Neighbours go along the edge they share in opposite ways.
+    other, one = edges[rim].T
     below = len(z)
     walls = np.stack([one, other, other + below, one, other + below, one + below], 1).reshape(-1, 3)
     return Skin(

@@ -59,10 +59,10 @@ class Patches:
 def faces_of(
     vertices: Float[np.ndarray, "p 3"], triangles: Int[np.ndarray, "t 3"]
 ) -> tuple[Float[np.ndarray, "t 3"], Float[np.ndarray, " t"]]:
-    """Unit normals of the triangles, towards the camera, and areas."""
+    """Unit normals of the triangles, on the side from which their corners go round as the grid's do seen from the camera,
+    and areas."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     across = np.cross(b - a, c - a)
-    across *= np.where((across * a).sum(1) > 0, -1.0, 1.0)[:, None]
     length = np.linalg.norm(across, axis=1)
     return across / np.maximum(length, 1e-30)[:, None], length / 2
 
@@ -90,7 +90,7 @@ def patches(
     if not len(walls):
         return none_of(len(of))
     corners, whose = mesh.vertices[mesh.triangles[walls]], mesh.pixels[walls]
-    pixel = np.stack(np.nonzero(mask), 1)[whose].mean(1)
+    pixel = _places(mask)[whose].mean(1)
     away = _smoothed(pixel, faces[walls], areas[walls])
     ray = corners.mean(1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -113,7 +113,8 @@ def patches(
     weight, flat = np.repeat(areas[walls], len(at)), points.reshape(-1, 3)
     middle = _means(owner, flat, weight, count)
     off = np.linalg.norm(flat - middle[owner], axis=1)
-    order = np.lexsort((off, owner))
+    # Of two that are as near it is the first, however they are rounded.
+    order = np.lexsort((np.round(off / off.max(), 6), owner))
     first = order[np.searchsorted(owner[order], np.arange(count))]
     rim = whose[np.arange(len(walls)), corners[..., 2].argmin(1)]
     every, size = of[walls].ravel(), np.repeat(areas[walls], BANDS)
@@ -137,7 +138,7 @@ def behind(
     if not len(struck) or not mesh.deep.any():
         return unseen
     of, whose = unseen.of, mesh.pixels[struck]
-    cell = np.stack(np.nonzero(mask), 1)[whose[:, 0]] // CELL
+    cell = _places(mask)[whose[:, 0]] // CELL
     found, first, member = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     of[struck, 0], count, alike = member, len(found), np.ones(len(struck))
     front = _means(member, mesh.vertices[mesh.triangles[struck]].mean(1), alike, count)
@@ -151,6 +152,12 @@ def behind(
     order = np.argsort(tile, kind="stable")
     parts = np.split(order, np.nonzero(np.diff(tile[order]))[0] + 1)
     return Patches(of, front - ray * ahead * deep, facing - 2 * ahead * ray, paint, parts)
+
+
+def _places(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p 2"]:
+    """Row and column of the mask's pixels from its own corner, so that more picture around it cuts nothing elsewhere."""
+    at = np.stack(np.nonzero(mask), 1)
+    return at - at.min(0)
 
 
 def none_of(triangles: int) -> Patches:
@@ -181,9 +188,10 @@ def _shares() -> Float[np.ndarray, "s 3"]:
 
 
 def _band(z: Float[np.ndarray, "t s"], corners: Float[np.ndarray, "t 3"]) -> Int[np.ndarray, "t s"]:
-    """Which band of its triangle a point belongs to; the nearest is 0."""
+    """Which band of its triangle a point belongs to; the nearest is 0. Many lie between two, however they are rounded."""
     low, high = corners.min(1)[:, None], corners.max(1)[:, None]
-    return np.clip((z - low) / np.maximum(high - low, 1e-30) * BANDS, 0, BANDS - 1).astype(int)
+    deep = np.round((z - low) / np.maximum(high - low, 1e-30) * BANDS, 5)
+    return np.clip(deep, 0, BANDS - 1).astype(int)
 
 
 def _means(

@@ -8,6 +8,7 @@ from engine.progress import Progress
 from engine.surface.solid import LEAST, halves, skin, widths
 from engine.surface.transport import direction_cells
 from engine.surface.visibility import occlusion
+from engine.surface.walls import faces_of
 from engine.types import Camera
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -72,6 +73,24 @@ def test_a_wires_sides_end_half_as_far_back_as_it_is_wide(wide: int, wall: bool)
     deep = max(wide * np.sqrt(2) / 2, LEAST)
     assert ends.max() <= NEAR * (1 + PITCH * deep) + 1e-9
     assert ends.max() > NEAR * (1 + PITCH * min(wide / 2, deep)) - 1e-9
+
+
+def test_every_wall_looks_away_from_what_it_hangs_from() -> None:
+    """Though it hangs along the viewing rays, where no sign of a number that is nearly zero may say so."""
+    points, _ = strip(28, 34)
+    mask = MASK.copy()
+    mask[:6], mask[40:, :30] = False, False
+    mesh = skin(points, mask)
+    hanging = (mesh.triangles >= mask.sum()).any(1)
+    faces, _ = faces_of(mesh.vertices, mesh.triangles)
+    assert (faces[~hanging] @ [0, 0, 1] < 0).all()
+    v, u = np.stack(np.nonzero(mask))[:, mesh.pixels[hanging]].astype(int)
+    front = np.pad(np.where(mask, points[..., 2], np.inf), 1, constant_values=np.inf)
+    for face, rows, columns in zip(faces[hanging], v, u, strict=True):
+        step = 0.75 * face[[1, 0]] / np.hypot(face[0], face[1])
+        middle = [(rows.min() + rows.max()) / 2, (columns.min() + columns.max()) / 2]
+        beside = [front[tuple(np.rint(middle + step + way).astype(int) + 1)] for way in (-0.1, 0.1)]
+        assert np.abs(np.array(beside) - points[rows, columns, 2].max()).max() > 0.1
 
 
 def test_light_comes_in_behind_a_wire_but_not_behind_a_block() -> None:

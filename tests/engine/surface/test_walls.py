@@ -25,9 +25,9 @@ def cut(points, normals, mask, albedo):
     return mesh.pixels, patches(mesh, normals[mask], albedo, mask)
 
 
-def painted() -> np.ndarray:
+def painted(mask: np.ndarray = MASK) -> np.ndarray:
     """The upper plane bright, the lower one dark."""
-    return np.where(UPPER[None, :, None], 0.7, 0.2)[..., [0, 0, 0]].repeat(48, 0)[MASK]
+    return np.where(UPPER[None, :, None], 0.7, 0.2)[..., [0, 0, 0]].repeat(48, 0)[mask]
 
 
 def test_a_wall_stands_between_the_columns_where_the_depth_jumps_and_nowhere_else():
@@ -80,3 +80,17 @@ def test_a_ball_has_no_walls():
     _, found = cut(points, normals, mask, np.full((int(mask.sum()), 3), 0.5))
     assert not len(found.points)
     assert (found.of == -1).all()
+
+
+def test_rounding_and_more_picture_around_the_object_cut_the_same_patches():
+    """A view that is rendered again has stored depth and the whole picture; the solver had neither."""
+    points, normals = step()
+    mask = MASK.copy()
+    mask[:4], mask[44:], mask[:, :5], mask[:, 59:] = False, False, False, False
+    _, found = cut(points, normals, mask, painted(mask))
+    part = np.s_[4:44, 5:59]
+    rounded = points.astype(np.float32).astype(float)
+    _, cropped = cut(rounded[part], normals[part], mask[part], painted(mask))
+    np.testing.assert_array_equal(found.of, cropped.of)
+    np.testing.assert_allclose(cropped.points, found.points, atol=1e-6)
+    np.testing.assert_allclose(cropped.normals, found.normals, atol=1e-4)
