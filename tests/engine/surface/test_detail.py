@@ -27,6 +27,12 @@ def ball():
     return scene(glossy(0.5), views=24)
 
 
+@pytest.fixture(scope="module")
+def as_if_bare(ball):
+    """All pixels at once, where nobody looks what hides the room."""
+    return solve(*ball.given, replace(PARAMS, visibility=False), "cpu", 0, Progress())
+
+
 def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.MonkeyPatch):
     frames, masks, *_ = ball.given
     at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress())
@@ -51,13 +57,13 @@ def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("visibility", [True, False])
 def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_and_then_in_detail(
-    ball, monkeypatch: pytest.MonkeyPatch, visibility: bool
+    ball, as_if_bare, monkeypatch: pytest.MonkeyPatch, visibility: bool
 ):
     """Where nobody looks whether it does, all its pixels are."""
     monkeypatch.setattr(rough, "HALVED_FROM", 100)
     monkeypatch.setattr(rough, "TELLING", 100)
+    whole, *_, all_pixels = as_if_bare
     params = replace(PARAMS, visibility=visibility)
-    whole, *_, all_pixels = solve(*ball.given, replace(params, visibility=False), "cpu", 0, Progress())
     found, renders, _, _, report = solve(*ball.given, params, "cpu", 0, Progress())
     assert all_pixels.together == report.pixels
     assert (report.together < report.pixels / 3) == visibility

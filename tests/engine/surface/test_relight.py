@@ -31,13 +31,13 @@ RADIUS, COLOUR = 0.1, (1.0, 0.9, 0.8)
 AWAY = 0.85
 
 
-def parts_of_lamps(rng: np.random.Generator, clipped: bool) -> Parts:
-    """Three lamps a metre away, another place in every view, in a dim room; probes at five depths.
+def parts_of_lamps(rng: np.random.Generator, clipped: bool, depths: int = 5) -> Parts:
+    """Three lamps a metre away, another place in every view, in a dim room; probes at some depths.
 
     Two are part of the room; the third, which may be clipped, stands apart.
     """
     directions = direction_cells(CELLS)
-    lattice = Lattice(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, 5))
+    lattice = Lattice(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, depths))
     points = lattice.points()
     energy = np.full((len(points), CELLS, VIEWS, 3), 0.15)
     group = np.full((len(points), CELLS, VIEWS), 3)
@@ -170,7 +170,7 @@ def test_light_that_no_photograph_shows_is_as_bright_as_the_shading_says():
 
 def test_distance_and_unseen_light_are_found_from_nothing():
     """Where the ceiling's lamp is in no photograph, normals that are sought without it are all wrong."""
-    parts = parts_of_lamps(np.random.default_rng(7), False)
+    parts = parts_of_lamps(np.random.default_rng(7), False, depths=3)
     kind = parts.kind.copy()
     kind[:2] = UNSEEN
     parts = replace(parts, kind=kind)
@@ -199,7 +199,7 @@ def nearest_layer(parts: Parts) -> Parts:
 
 @pytest.mark.parametrize("given", [False, True])
 def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_nothing(given: bool):
-    parts = parts_of_lamps(np.random.default_rng(8), True)
+    parts = parts_of_lamps(np.random.default_rng(8), True, depths=3)
     gain = np.ones((4, 3))
     gain[2] = [250.0, 300.0, 350.0]
     sample, _, _ = sample_of(parts, gain)

@@ -161,7 +161,15 @@ def test_parts_of_the_unseen_get_smaller_down_to_single_patches(stored: Stored):
 @pytest.mark.parametrize("relight", [True, False])
 def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: Stored, relight: bool):
     params = replace(
-        SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=1.1, relight=relight
+        SurfaceParams(),
+        rough_views=8,
+        rough_rounds=2,
+        directions=400,
+        object_distance=1.1,
+        relight=relight,
+        probes_across=2,
+        probes_deep=2,
+        probe_face_px=32,
     )
     room = room_of(stored)
     found = rough(

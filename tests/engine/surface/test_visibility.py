@@ -84,7 +84,7 @@ def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
     """Two walls at right angles: of the sky over a strip of one the other hides (1 - s / sqrt(s^2 + l^2)) / 2."""
     points, normals, mask = groove()
     found = np.zeros(mask.shape)
-    found[mask] = occlusion(points, normals, mask, direction_cells(4000), Progress()).share
+    found[mask] = occlusion(points, normals, mask, direction_cells(2000), Progress()).share
     row = found[200]
     x = np.abs(points[200, :, 0]) * np.sqrt(2)
     length = np.array([x[95], x[32]])  # of the right wall, and of the left
