@@ -22,9 +22,9 @@ from engine.surface.transport import blocks, predict
 from engine.types import Camera, Frames
 from tests.engine.surface.test_pixels import light_of_lamps
 
-CAMERA = Camera(72, 64, 400.0, 400.0, 36.0, 32.0)
-MASK = np.zeros((64, 72), bool)
-MASK[4:60, 4:68] = True
+CAMERA = Camera(60, 48, 400.0, 400.0, 30.0, 24.0)
+MASK = np.zeros((48, 60), bool)
+MASK[4:44, 4:56] = True
 VIEWS, DISTANCE = 12, 0.5
 PARAMS = SurfaceParams(directions=400, walls=False)
 V, U = np.indices(MASK.shape)
@@ -32,7 +32,7 @@ V, U = np.indices(MASK.shape)
 
 def ridges(height: float) -> np.ndarray:
     """Depth of a plate with two ridges, steep on the inside."""
-    far = np.minimum(np.abs(U - 24), np.abs(U - 48))
+    far = np.minimum(np.abs(U - 18), np.abs(U - 42))
     return np.where(MASK, DISTANCE - height * np.exp(-((far / 5.0) ** 2)), 0)
 
 
