@@ -22,6 +22,7 @@ LEAST = (
     "surface.rounds=1",
     "surface.passes=1",
     "surface.deepen=false",
+    "surface.material=false",
     "surface.probes_across=1",
     "surface.probes_deep=1",
     "surface.probe_face_px=24",

@@ -47,6 +47,7 @@ LEAST: Mapping[str, Any] = {
     "surface.rounds": 1,
     "surface.passes": 1,
     "surface.deepen": False,
+    "surface.material": False,
     "surface.probes_across": 1,
     "surface.probes_deep": 1,
     "surface.probe_face_px": 24,

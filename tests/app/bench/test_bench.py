@@ -222,7 +222,7 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert "| 20 " in capsys.readouterr().out
     record = json.loads((tmp_path / "m.json").read_text())
     keys = {m["key"] for m in record["metrics"]}
-    assert {"20-views/window-blob/standard/normal", "40-views/window-blob/standard/normal"} <= keys
+    assert {"20-views/booth-blob/standard/normal", "40-views/booth-blob/standard/normal"} <= keys
     assert "true poses and masks given" in record["inputs"]
 
 
@@ -260,8 +260,8 @@ def test_masks_and_poses_that_were_estimated_are_a_table_too_and_kept_in_the_rec
     assert main([*words, *to]) == 0
     said = capsys.readouterr().out
     assert "masks and poses as estimated" in said
-    expected = ["window-blob", "1.000", "91.7", "0.000", "0.00"]
-    (line,) = [line for line in said.splitlines() if line.startswith("| window-blob ")]
+    expected = ["booth-blob", "1.000", "91.7", "0.000", "0.00"]
+    (line,) = [line for line in said.splitlines() if line.startswith("| booth-blob ")]
     assert [cell.strip() for cell in line.strip("|").split("|")] == expected
     (kept,) = json.loads(path.read_text())["estimated"]
     assert kept["registered_share"] == pytest.approx(11 / 12)
@@ -272,7 +272,7 @@ def test_masks_and_poses_that_were_estimated_are_a_table_too_and_kept_in_the_rec
     path.write_text(json.dumps(older))
     assert main([*words, "--from", str(path)]) == 0
     assert "as estimated" not in capsys.readouterr().out
-    path.write_text(json.dumps(older | {"estimated": [{"set": "window-blob"}]}))
+    path.write_text(json.dumps(older | {"estimated": [{"set": "booth-blob"}]}))
     assert "its rows cannot be read" in refused(capsys, *words, "--from", path)
 
 
@@ -306,8 +306,8 @@ def test_an_ablation_compares_our_switches_over_all_pixels(
     assert calls == ["standard", "no_bounce", DEAREST]
     keys = [metric["key"] for metric in json.loads((tmp_path / "m.json").read_text())["metrics"]]
     assert "mean/no_bounce/normal" in keys
-    assert f"window-blob 5 pixels/{DEAREST}/normal" in keys
-    assert "window-blob 5 pixels/standard/normal" in keys
+    assert f"booth-blob 5 pixels/{DEAREST}/normal" in keys
+    assert "booth-blob 5 pixels/standard/normal" in keys
     assert len(keys) == len(set(keys))
     # Neither ours alone nor a switch alone makes a chart.
     for only in (f"standard,{DEAREST}", "no_bounce", DEAREST):
@@ -343,7 +343,7 @@ def test_a_table_of_parts_is_that_of_one_call(
     }
     other = {"rows": lacking, "versions": record["versions"] | {"engine": "another"}}
     Path(files[1]).write_text(json.dumps(record | other))
-    assert "draft was not measured on window-duo" in refused(capsys, "bench", "table", "--from", *files)
+    assert "draft was not measured on booth-duo" in refused(capsys, "bench", "table", "--from", *files)
     Path(files[1]).write_text(json.dumps(record | {"versions": other["versions"]}))
     assert main(["bench", "table", "--from", *files]) == 0
     assert "NOT of one engine" in capsys.readouterr().out
@@ -376,7 +376,7 @@ def test_the_reference_solves_as_many_pixels_as_asked(
 def test_maps_computed_elsewhere_are_a_row_without_seconds(
     tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
 ):
-    folder = tmp_path / "maps" / "window-blob"
+    folder = tmp_path / "maps" / "booth-blob"
     folder.mkdir(parents=True)
     true = ball()
     np.save(folder / "normal.npy", true.normal.astype(np.float32))  # ours: z < 0 faces the camera
@@ -403,7 +403,7 @@ def test_maps_that_are_not_there_are_refused_before_any_work(
     (tmp_path / "maps").mkdir()
     words = ["bench", "table", "--quick", "--device", "cpu", "--maps"]
     assert "give NAME=FOLDER" in refused(capsys, *words, "net")
-    assert "window-blob: holds no normal" in refused(capsys, *words, f"net={tmp_path / 'maps'}")
+    assert "booth-blob: holds no normal" in refused(capsys, *words, f"net={tmp_path / 'maps'}")
     assert calls == []
 
 
