@@ -3,8 +3,10 @@
 Own pictures again: what is tested is the search, its thrift, and the bookkeeping.
 """
 
+import copy
 import hashlib
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -180,9 +182,28 @@ def test_beside_is_a_pixel_of_the_object_that_way():
     assert np.hypot(*(m[middle] for m in moved)).min() > 3
 
 
-def answers_of_a_child(cache: Path) -> str:
-    """What a process of its own finds on the walled plane, as a hash; kernels are kept in `cache`."""
-    words = [sys.executable, "-m", "tests.engine.surface.test_horizons"]
+def questions() -> list[tuple]:
+    """What `explain` is asked about walled planes; what is left over of a vector's width is where roundings part, but not only."""
+    asked: list[tuple] = []
+    explain = horizons.explain
+
+    def noted(*args):
+        asked.append(copy.deepcopy(args))
+        return explain(*args)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(horizons, "explain", noted)
+        for count in (45, 48):
+            patch.setattr(sys.modules[__name__], "VIEWS", count)
+            for shown in (False, True):
+                who, light, state = photographs_under(walled(2, 5, 3), np.random.default_rng(0))
+                ask(who, state, light, facing(NOTHING), replace(PARAMS, bounce=shown), Progress())
+    return asked
+
+
+def answers_of_a_child(asked: Path, cache: Path) -> str:
+    """What a process of its own answers, as a hash; kernels are kept in `cache`."""
+    words = [sys.executable, "-m", "tests.engine.surface.test_horizons", str(asked)]
     child = subprocess.run(
         words, cwd=Path(__file__).parents[3], env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
         stdout=subprocess.PIPE, text=True, check=True,
@@ -191,25 +212,13 @@ def answers_of_a_child(cache: Path) -> str:
 
 
 def test_kernels_compiled_now_and_kernels_kept_from_before_give_the_same_bits(tmp_path: Path) -> None:
-    compiled = answers_of_a_child(tmp_path)
-    assert any(tmp_path.rglob("*.nbc"))
-    assert answers_of_a_child(tmp_path) == compiled
+    asked, cache = tmp_path / "asked", tmp_path / "cache"
+    asked.write_bytes(pickle.dumps(questions()))
+    compiled = answers_of_a_child(asked, cache)
+    assert any(cache.rglob("*.nbc"))
+    assert answers_of_a_child(asked, cache) == compiled
 
 
 if __name__ == "__main__":
-    answers: list[np.ndarray] = []
-    explain = horizons.explain
-
-    def noted(*args):
-        """What the kernel says, in every bit, before levels are chosen by it."""
-        answers.extend(found := explain(*args))
-        return found
-
-    horizons.explain = noted
-    for count in (45, 48):  # what is left over of a vector's width is where roundings part, but not only
-        VIEWS = count
-        for shown in (False, True):
-            who, light, state = photographs_under(walled(2, 5, 3), np.random.default_rng(0))
-            ask(who, state, light, facing(NOTHING), replace(PARAMS, bounce=shown), Progress())
-    # Blocks are asked several at a time: sorted, for whose turn comes first is chance.
-    print(hashlib.sha256(b"".join(sorted(np.ascontiguousarray(x).tobytes() for x in answers))).hexdigest())
+    answers = [x for args in pickle.loads(Path(sys.argv[1]).read_bytes()) for x in horizons.explain(*args)]
+    print(hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in answers)).hexdigest())
