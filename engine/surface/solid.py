@@ -46,6 +46,7 @@ def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> S
     if not _opens(z, nothing, jump, triangles).any():
         return Skin(vertices, triangles, triangles, nothing)
     deep = z * np.expm1(thick(points, mask))
+    # Those that stay come first, so that an edge is found going the way it goes in one of them.
     opens = _opens(z, deep, jump, triangles)
     triangles = triangles[np.argsort(opens, kind="stable")]
     kept = np.sort(~opens)[::-1]
