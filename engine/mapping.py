@@ -27,6 +27,7 @@ AGREED = (
     0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
 )
 _LENS_OFF = 0.1  # of a focal length: right models stay within a hundredth of what pairs of views imply
+_CLEARLY = 0.8  # of the reprojection error under another lens: right ones had .5 to .63 of what slid ones had
 _AS_GOOD = 0.01  # of the matches: what agrees with two models alike tells nothing between them
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
 
@@ -144,7 +145,9 @@ class Grown:
     agreement: float  # share of the verified matches between its views that agree with its poses
     support: Float[np.ndarray, " n"]  # the same of each view, NaN where it is not placed
     reprojection: float  # mean over all observations, pixels
-    lens_doubtful: bool  # its focal length is not the expected one, and not what every attempt ended at
+    lens_doubtful: (
+        bool  # its focal length is not the expected one, and under another points fit nearly as well
+    )
     attempts: int  # models that were grown until one was good enough, or there were no more
 
     def better_than(self, other: "Grown") -> bool:
@@ -168,37 +171,46 @@ def best_grown(
     A model grown from an unlucky pair of views under a wrong lens may hold together and yet be wrong by a tenth of the
     path; its matches know. It is grown anew then, from the lens that was found and with other chances.
     Or its lens slides off, the path and the points with it, and all matches still agree: a wide lens that bends stands
-    in for a narrow one. That shows beside the expected focal length. Others grow then from beyond that and from beyond
-    what was found, and the one whose points fit best is kept; if all end at one lens, it was the expectation that is off.
+    in for a narrow one. That shows beside the expected focal length. Others grow then, one under a lens that must not bend until
+    all views are placed, and one from beyond the expected focal length; the one whose points fit best is kept. Where they fit
+    as well under another lens, the lens is in doubt.
     """
     best: Grown | None = None
-    lenses: list[float] = []
+    ends: list[tuple[float, float]] = []  # focal length and reprojection error of every model
+    straight = False
     for attempt in range(ATTEMPTS):
         span = progress.part(_SPANS[attempt], _SPANS[attempt + 1])
-        grown = grow(database, factor, params, seed + attempt, span)
+        grown = grow(database, factor, params, seed + attempt, span, straight)
         if grown is None:
             continue
         model, sizes = grown
         support, agreement, _ = support_of(model, database, count, 2 * params.epipolar_px * factor)
         lens = camera_of(model)
-        lenses.append(lens.mean_focal_length())
-        slid = focal is not None and _apart(lenses[-1], focal)
-        fits = float(model.compute_mean_reprojection_error())
+        length, fits = lens.mean_focal_length(), float(model.compute_mean_reprojection_error())
+        ends.append((length, fits))
+        slid = focal is not None and _apart(length, focal)
         found = Grown(model, sizes, agreement, support, fits, slid, attempt + 1)
         if best is None or found.better_than(best):
             best = found
         if agreement >= AGREED and not slid:
             break
+        straight = slid and not straight and attempt + 2 < ATTEMPTS
         if focal is not None and slid:
-            here, there = (focal, lenses[0]) if attempt == 0 else (lenses[0], focal)
-            aside = here * (_BEYOND if here > there else 1 / _BEYOND)
-            _begin_with(database, (aside, lens.principal_point_x, lens.principal_point_y, 0.0))
+            beyond = _BEYOND if focal > ends[0][0] else 1 / _BEYOND
+            _begin_with(database, (focal if straight else focal * beyond, *_straight(lens)))
         else:
             _begin_with(database, camera_of(best.model).params)
     if best is None:
         return None
-    one_lens = len(lenses) == ATTEMPTS and not any(_apart(lens, lenses[0]) for lens in lenses)
-    return replace(best, lens_doubtful=best.lens_doubtful and not one_lens)
+    kept = camera_of(best.model).mean_focal_length()
+    others = [fits for length, fits in ends if _apart(length, kept)]
+    as_good = any(_CLEARLY * fits < best.reprojection for fits in others)
+    return replace(best, lens_doubtful=best.lens_doubtful and as_good)
+
+
+def _straight(lens: pycolmap.Camera) -> tuple[float, float, float]:
+    """All but the focal length of a lens that does not bend."""
+    return lens.principal_point_x, lens.principal_point_y, 0.0
 
 
 def _apart(focal: float, other: float) -> bool:
@@ -220,11 +232,15 @@ def _begin_with(database: Path, lens: Iterable[float]) -> None:
 
 
 def grow(
-    database: Path, factor: int, params: MapParams, seed: int, progress: Progress
+    database: Path, factor: int, params: MapParams, seed: int, progress: Progress, straight: bool = False
 ) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
-    """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
+    """The largest model, refined, and the sizes of all that were found; None when no two views fit.
+
+    `straight`: its lens bends as much as it does to begin with until all views are placed, and is set free only then.
+    """
     folder = Path(tempfile.mkdtemp(prefix="models-", dir=database.parent))
     options = options_of(factor, params, seed)
+    options.ba_refine_extra_params = not straight
     models = _run(database, folder, options, None, progress.part(0.0, 0.8))
     if not models:
         return None

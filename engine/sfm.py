@@ -79,7 +79,7 @@ class PoseReport:
     reprojection_px: float  # mean over all observations
     focal_px: float
     focal_expected_px: float | None  # as asked for or as pairs of views imply
-    lens_doubtful: bool  # it is not the expected one, and several attempts disagree
+    lens_doubtful: bool  # it is not the expected one, and under another points fit nearly as well
     k1: float
     scale: str
     scale_stderr: float | None  # relative

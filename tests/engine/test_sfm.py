@@ -247,27 +247,50 @@ def sliding(monkeypatch: pytest.MonkeyPatch, *shares: float) -> list[float]:
 
 
 @pytest.mark.usefixtures("already_matched")
-def test_a_lens_that_slid_off_is_grown_again_from_the_other_side(
+def test_a_lens_that_slid_off_is_grown_again_held_straight_and_then_from_the_other_side(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frames, masks, truth = turned
-    starts = sliding(monkeypatch, 0.8, 1.0)
+    held, run = [], mapping._run
+
+    def noted(database: Path, folder: Path, options, *args):
+        held.append(not options.ba_refine_extra_params)
+        return run(database, folder, options, *args)
+
+    monkeypatch.setattr(mapping, "_run", noted)
+    starts = sliding(monkeypatch, 0.8, 0.8, 1.0)
     poses, report = find_poses(frames, masks, None, PARAMS, tmp_path, Progress())
-    assert (report.attempts, report.lens_doubtful) == (2, False)
-    assert starts[1] == pytest.approx(1.3 * starts[0])
+    assert (report.attempts, report.lens_doubtful) == (3, False)
+    assert starts == pytest.approx([starts[0], starts[0], 1.3 * starts[0]])
+    assert held == [False, False, True, True, False, False]
     assert poses.camera.fx == pytest.approx(250, rel=0.01)
     angles, _ = errors(poses.cam_from_world, truth)
     assert np.median(angles) < 0.1
 
 
 @pytest.mark.usefixtures("already_matched")
-def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful(
+def test_a_lens_held_straight_while_views_are_placed_bends_in_the_end(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    frames, masks, truth = turned
+    starts = sliding(monkeypatch, 0.8, 1.0)
+    poses, report = find_poses(frames, masks, None, PARAMS, tmp_path, Progress())
+    assert (report.attempts, report.lens_doubtful, len(starts)) == (2, False, 2)
+    assert poses.camera.fx == pytest.approx(250, rel=0.01)
+    assert poses.camera.k1 == pytest.approx(CAMERA.k1, abs=0.02)
+    angles, _ = errors(poses.cam_from_world, truth)
+    assert np.median(angles) < 0.1
+
+
+@pytest.mark.usefixtures("already_matched")
+@pytest.mark.parametrize(("last", "doubtful"), [(1.2, True), (1.6, False)])
+def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful_where_points_fit_another_as_well(
+    turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: float, doubtful: bool
+) -> None:
     frames, masks, _ = turned
-    sliding(monkeypatch, 0.8, 1.4, 0.7)
+    sliding(monkeypatch, 0.8, 0.8, last)
     _, report = find_poses(frames, masks, None, replace(PARAMS, trusted_share=0.0), tmp_path, Progress())
-    assert report.lens_doubtful
+    assert report.lens_doubtful == doubtful
 
 
 @pytest.mark.usefixtures("already_matched")
