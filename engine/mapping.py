@@ -26,6 +26,8 @@ _SPANS = (0.0, 0.8, 0.9, 1.0)  # of the progress: most often the first is good
 AGREED = (
     0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
 )
+_BEGINNINGS = (0.5, 0.7, 1.0, 1.4)  # times the guess of a focal length
+_ALIKE = 0.02  # of a focal length: what ends as near is one
 _LENS_OFF = 0.1  # of a focal length: right models stay within a hundredth of what pairs of views imply
 _CLEARLY = 0.8  # of the reprojection error under another lens: right ones had .5 to .63 of what slid ones had
 _AS_GOOD = 0.01  # of the matches: what agrees with two models alike tells nothing between them
@@ -117,22 +119,32 @@ def calibrate(database: Path, seed: int) -> float | None:
     """Let the model start from the focal length that the pairs' fundamental matrices imply: that, if they imply one.
 
     Source: Fetzer, Reis, Stricker, "Stable Intrinsic Auto-Calibration from Fundamental Matrices of Devices with
-    Uncorrelated Camera Parameters", WACV 2020, as in COLMAP's view graph calibration. What has to be refined anyway is
-    rounded, so that the last digits of a sum over threads decide nothing.
+    Uncorrelated Camera Parameters", WACV 2020, as in COLMAP's view graph calibration. It goes downhill from where it begins, and
+    now and then gets stuck there: so it begins several times, and where most end is what is implied. What has to be refined anyway
+    is rounded, so that the last digits of a sum over threads decide nothing.
     """
     trial = database.with_name("calibrated.db")
-    shutil.copyfile(database, trial)
+    with pycolmap.Database.open(database) as opened:
+        lens = opened.read_all_cameras()[0]
     options = pycolmap.ViewGraphCalibrationOptions()
     options.random_seed = seed
     options.reestimate_relative_pose = False
-    known = pycolmap.calibrate_view_graph(trial, options)
-    with pycolmap.Database.open(trial) as opened:
-        found = opened.read_all_cameras()[0]
-    trial.unlink()
-    if not (known and found.has_prior_focal_length):
+    ends: list[float] = []
+    for share in _BEGINNINGS:
+        shutil.copyfile(database, trial)
+        _begin_with(trial, (share * lens.mean_focal_length(), *_straight(lens)), known=False)
+        told = pycolmap.calibrate_view_graph(trial, options)
+        with pycolmap.Database.open(trial) as opened:
+            found = opened.read_all_cameras()[0]
+        trial.unlink()
+        if told and found.has_prior_focal_length:
+            ends.append(found.mean_focal_length())
+    alike = [[end for end in ends if abs(end / other - 1) < _ALIKE] for other in ends]
+    most = max(alike, key=len, default=[])
+    if len(most) < 2:
         return None
-    focal = float(round(found.mean_focal_length()))
-    _begin_with(database, (focal, *found.params[1:]))
+    focal = float(round(float(np.median(most))))
+    _begin_with(database, (focal, *_straight(lens)))
     return focal
 
 
@@ -222,12 +234,12 @@ def camera_of(model: pycolmap.Reconstruction) -> pycolmap.Camera:
     return next(iter(model.cameras.values()))
 
 
-def _begin_with(database: Path, lens: Iterable[float]) -> None:
+def _begin_with(database: Path, lens: Iterable[float], known: bool = True) -> None:
     """Let the next model start from this lens."""
     with pycolmap.Database.open(database) as opened:
         camera = opened.read_all_cameras()[0]
         camera.params = [float(x) for x in lens]
-        camera.has_prior_focal_length = True
+        camera.has_prior_focal_length = known
         opened.update_camera(camera)
 
 

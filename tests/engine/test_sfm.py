@@ -303,6 +303,30 @@ def test_poses_that_all_contradict_their_matches_are_an_error(
         find_poses(frames, masks, None, PARAMS, tmp_path, Progress())
 
 
+@pytest.mark.usefixtures("found")
+@pytest.mark.parametrize(
+    ("ends", "implied"), [((250, 400, 251, 250), 250), ((250, 0, 0, 250), 250), ((100, 200, 300, 0), None)]
+)
+def test_pairs_imply_the_focal_length_at_which_most_beginnings_end(
+    matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: tuple[int, ...], implied: int | None
+) -> None:
+    database = Path(shutil.copy(matched, tmp_path))
+    begun = []
+
+    def stuck(trial: Path, options) -> bool:
+        with pycolmap.Database.open(trial) as opened:
+            camera = opened.read_all_cameras()[0]
+        assert not camera.has_prior_focal_length
+        begun.append(camera.params[0])
+        end = float(ends[len(begun) - 1])
+        mapping._begin_with(trial, (end, *camera.params[1:]))
+        return end > 0
+
+    monkeypatch.setattr(pycolmap, "calibrate_view_graph", stuck)
+    assert mapping.calibrate(database, 0) == implied
+    assert len(set(begun)) == 4
+
+
 def test_an_expected_focal_length_that_no_attempt_ends_at_was_wrong(turned, tmp_path: Path) -> None:
     frames, masks, _ = turned
     poses, report = find_poses(frames, masks, None, replace(PARAMS, focal_px=330.0), tmp_path, Progress())
