@@ -157,9 +157,7 @@ class Grown:
     agreement: float  # share of the verified matches between its views that agree with its poses
     support: Float[np.ndarray, " n"]  # the same of each view, NaN where it is not placed
     reprojection: float  # mean over all observations, pixels
-    lens_doubtful: (
-        bool  # its focal length is not the expected one, and under another points fit nearly as well
-    )
+    lens_doubtful: bool  # not the expected one, and under another points fit nearly as well
     attempts: int  # models that were grown until one was good enough, or there were no more
 
     def better_than(self, other: "Grown") -> bool:
@@ -206,7 +204,7 @@ def best_grown(
             best = found
         if agreement >= AGREED and not slid:
             break
-        straight = slid and not straight and attempt + 2 < ATTEMPTS
+        straight = slid and attempt == 0
         if focal is not None and slid:
             beyond = _BEYOND if focal > ends[0][0] else 1 / _BEYOND
             _begin_with(database, (focal if straight else focal * beyond, *_straight(lens)))

@@ -26,7 +26,8 @@ class Sparing(type(jaxtyping.config)):
     @property
     def jaxtyping_disable(self) -> bool:
         self.calls += 1
-        return self.calls > self.FIRST and self.calls % self.EVERY > 0
+        spared = self.calls > self.FIRST and self.calls % self.EVERY > 0
+        return spared or self.__dict__["jaxtyping_disable"]  # what a person set (JAXTYPING_DISABLE)
 
 
 jaxtyping.config.__class__ = Sparing

@@ -8,7 +8,7 @@ import pytest
 
 from engine.geometry import angle_between
 from engine.progress import Progress
-from engine.surface import deepen, newton
+from engine.surface import newton
 from engine.surface.clearance import Ground
 from engine.surface.deepen import _Cost, deepened
 from engine.surface.detail import Picture
@@ -116,8 +116,7 @@ def test_the_slope_is_that_of_the_cost(scene: Scene, bounce: bool) -> None:
         assert here.slope @ (2 * step) == pytest.approx(rise, rel=0.1 if bounce else 0.03)
 
 
-def test_heights_that_are_right_stay(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(deepen, "ROUNDS", 2)
+def test_heights_that_are_right_stay(scene: Scene) -> None:
     unlit = replace(PARAMS, bounce=False)
     found = deepened(
         Picture(scene.frames, MASK, CAMERA), np.arange(VIEWS), np.zeros(VIEWS), None, scene.state, scene.depth,
