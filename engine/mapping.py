@@ -14,6 +14,7 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float, UInt32
 
+from engine import rig as rigs
 from engine.errors import Cancelled, PoseError
 from engine.features import view_name
 from engine.limits import MORE, check
@@ -30,6 +31,9 @@ _BEGINNINGS = (0.5, 0.7, 1.0, 1.4)  # times the guess of a focal length
 _ALIKE = 0.02  # of a focal length: what ends as near is one
 _LENS_OFF = 0.1  # of a focal length: right models stay within a hundredth of what pairs of views imply
 _CLEARLY = 0.8  # of the reprojection error under another lens: right ones had .5 to .63 of what slid ones had
+LOG_OFF = (
+    0.02  # of the path, between it and the rig's log: a right one had .004, that of a lens that slid .24
+)
 _AS_GOOD = 0.01  # of the matches: what agrees with two models alike tells nothing between them
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
 
@@ -158,13 +162,19 @@ class Grown:
     support: Float[np.ndarray, " n"]  # the same of each view, NaN where it is not placed
     reprojection: float  # mean over all observations, pixels
     lens_doubtful: bool  # not the expected one, and under another points fit nearly as well
+    log_off: float  # share of the path by which it and the rig's log disagree; 0 without a log
     attempts: int  # models that were grown until one was good enough, or there were no more
 
     def better_than(self, other: "Grown") -> bool:
-        """More of the matches agree; where as many do, their points lie nearer to where they were seen."""
+        """More of the matches agree; where as many do, its path is the one that the rig logged, or its points lie nearer to where
+        they were seen."""
         count = len(self.support)
         mine, its = (g.agreement * g.model.num_reg_images() / count for g in (self, other))
-        return mine > its + _AS_GOOD or (mine > its - _AS_GOOD and self.reprojection < other.reprojection)
+        if abs(mine - its) > _AS_GOOD:
+            return mine > its
+        if max(self.log_off, other.log_off) > LOG_OFF and min(self.log_off, other.log_off) <= LOG_OFF:
+            return self.log_off < other.log_off
+        return self.reprojection < other.reprojection
 
 
 def best_grown(
@@ -172,18 +182,21 @@ def best_grown(
     factor: int,
     count: int,
     focal: float | None,
+    logged: Float[np.ndarray, "n 3 4"] | None,
     params: MapParams,
     seed: int,
     progress: Progress,
 ) -> Grown | None:
-    """The model that the matches agree with best; None when no two views fit.
+    """The model that the matches agree with best; None when no two views fit. `focal`: what is expected, in pixels; `logged`:
+    where a rig says the camera was.
 
     A model grown from an unlucky pair of views under a wrong lens may hold together and yet be wrong by a tenth of the
     path; its matches know. It is grown anew then, from the lens that was found and with other chances.
     Or its lens slides off, the path and the points with it, and all matches still agree: a wide lens that bends stands
-    in for a narrow one. That shows beside the expected focal length. Others grow then, one under a lens that must not bend until
-    all views are placed, and one from beyond the expected focal length; the one whose points fit best is kept. Where they fit
-    as well under another lens, the lens is in doubt.
+    in for a narrow one. That shows beside the expected focal length, or the path that the rig logged. Others grow then, one under a
+    lens that must not bend until all views are placed, and one from beyond the expected focal length; the one whose points fit
+    best is kept. Where they fit as well under another lens, the lens is in doubt. With nothing expected and no log, the one held
+    straight is what the first is compared with.
     """
     best: Grown | None = None
     ends: list[tuple[float, float]] = []  # focal length and reprojection error of every model
@@ -197,17 +210,22 @@ def best_grown(
         support, agreement, _ = support_of(model, database, count, 2 * params.epipolar_px * factor)
         lens = camera_of(model)
         length, fits = lens.mean_focal_length(), float(model.compute_mean_reprojection_error())
+        found_anew = any(not _apart(length, other) for other, _ in ends)
         ends.append((length, fits))
         slid = focal is not None and _apart(length, focal)
-        found = Grown(model, sizes, agreement, support, fits, slid, attempt + 1)
+        log_off = _off(logged, model, count)
+        found = Grown(model, sizes, agreement, support, fits, slid, log_off or 0.0, attempt + 1)
         if best is None or found.better_than(best):
             best = found
-        if agreement >= AGREED and not slid:
+        # Two ways to one lens are proof enough that it is the log's geometry that is off.
+        vouched = found_anew or (focal is not None if log_off is None else log_off <= LOG_OFF)
+        if agreement >= AGREED and vouched and not slid:
             break
-        straight = slid and attempt == 0
-        if focal is not None and slid:
-            beyond = _BEYOND if focal > ends[0][0] else 1 / _BEYOND
-            _begin_with(database, (focal if straight else focal * beyond, *_straight(lens)))
+        straight = (slid or not vouched) and attempt == 0
+        if straight or slid or not vouched:
+            expected = focal or ends[0][0]
+            beyond = _BEYOND if expected >= ends[0][0] else 1 / _BEYOND
+            _begin_with(database, (expected if straight else expected * beyond, *_straight(lens)))
         else:
             _begin_with(database, camera_of(best.model).params)
     if best is None:
@@ -215,7 +233,15 @@ def best_grown(
     kept = camera_of(best.model).mean_focal_length()
     others = [fits for length, fits in ends if _apart(length, kept)]
     as_good = any(_CLEARLY * fits < best.reprojection for fits in others)
-    return replace(best, lens_doubtful=best.lens_doubtful and as_good)
+    return replace(best, lens_doubtful=(best.lens_doubtful or focal is None) and as_good)
+
+
+def _off(
+    logged: Float[np.ndarray, "n 3 4"] | None, model: pycolmap.Reconstruction, count: int
+) -> float | None:
+    """Share of the path by which a model and a rig's log disagree; None without a log that says it."""
+    fitted = None if logged is None else rigs.fit(logged, placed(model, count))
+    return None if fitted is None else fitted.position_share
 
 
 def _straight(lens: pycolmap.Camera) -> tuple[float, float, float]:

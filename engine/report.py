@@ -186,10 +186,18 @@ def cautions(c: Contents) -> tuple[str, ...]:
                 " may be wrong, and with them the light and the surface. Add views, or import other poses."
             )
         if found.get("lens_doubtful"):
+            expected = found["focal_expected_px"]
+            where = "other lenses fit as well" if expected is None else f"{expected:.0f} px were expected"
             lines.append(
-                f"The focal length was found to be {found['focal_px']:.0f} px where {found['focal_expected_px']:.0f} px were"
-                " expected: the lens may be wrong, and with it all lengths. Give it with `--set poses.focal_px=…`, add views"
-                " that roll and step aside, or import other poses."
+                f"The focal length was found to be {found['focal_px']:.0f} px where {where}: the lens may be wrong, and with it"
+                " all lengths. Give it with `--set poses.focal_px=…`, add views that roll and step aside, or import other poses."
+            )
+        apart = found.get("rig_position_m")
+        if found.get("rig_doubtful") and isinstance(apart, float):
+            lines.append(
+                f"The rig's log and the photographs put the camera {1000 * apart:.0f} mm apart: the rig's geometry"
+                " is not what session.json says, or the lens is wrong, and with it all lengths. Measure the rig's axes again, or"
+                " give the focal length with `--set poses.focal_px=…`."
             )
         if c.poses.scale == "unknown":
             lines.append(

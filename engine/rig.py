@@ -37,7 +37,13 @@ class RigFit:
     rig_from_world: Float[np.ndarray, "3 4"]  # rigid, applied after scaling the model's world
     rotation_rad: float  # median disagreement
     position_m: float  # median disagreement
+    path_m: float  # how far the rig's cameras are from their middle, root mean square
     agree: Bool[np.ndarray, " n"]  # views whose pose is where the rig says, within a generous tolerance
+
+    @property
+    def position_share(self) -> float:
+        """Of the path: by how much positions disagree."""
+        return self.position_m / max(self.path_m, 1e-300)
 
 
 def _turn(
@@ -109,7 +115,7 @@ def fit(logged: Float[np.ndarray, "n 3 4"], cam_from_world: Float[np.ndarray, "n
     noise = np.sqrt((off[use] ** 2).sum() / (3 * use.sum()))
     return RigFit(
         scale, float(noise / max(extent, 1e-300)), rig_from_world, float(np.median(turned[use])),
-        float(np.median(off[use])), use,
+        float(np.median(off[use])), float(extent / np.sqrt(use.sum())), use,
     )  # fmt: skip
 
 

@@ -86,6 +86,7 @@ class PoseReport:
     scale_note: str
     rig_rotation_deg: float | None  # median disagreement with the rig's log
     rig_position_m: float | None
+    rig_doubtful: bool  # a larger share of the path than logs of rigs are wrong by: its geometry, the lens or the poses are off
     rig_disagrees: tuple[str, ...]  # placed views that are not where the rig says
 
 
@@ -122,7 +123,7 @@ def find_poses(
     mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
     focal = params.focal_px * factor or mapping.calibrate(database, params.seed)
     grown = mapping.best_grown(
-        database, factor, count, focal, params.mapping, params.seed, progress.part(0.7, 0.97)
+        database, factor, count, focal, logged, params.mapping, params.seed, progress.part(0.7, 0.97)
     )
     if grown is None:
         raise PoseError(
@@ -169,6 +170,7 @@ def find_poses(
         lens_doubtful=grown.lens_doubtful, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,
         rig_rotation_deg=None if fitted is None else float(np.degrees(fitted.rotation_rad)),
         rig_position_m=None if fitted is None else fitted.position_m,
+        rig_doubtful=fitted is not None and fitted.position_share > mapping.LOG_OFF,
         rig_disagrees=() if fitted is None else names(placed & ~fitted.agree),
     )  # fmt: skip
     poses = Poses(camera, world.cam_from_world, registered, world.points, world.scale, reprojection)

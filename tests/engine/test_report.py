@@ -117,11 +117,21 @@ def test_names_are_text_not_markup():
 
 
 @pytest.mark.parametrize("doubtful", [True, False])
-def test_a_lens_far_from_the_expected_one_is_warned_of(doubtful: bool):
-    facts = {"lens_doubtful": doubtful, "focal_px": 187.2, "focal_expected_px": 264.0}
+@pytest.mark.parametrize(
+    ("expected", "words"), [(264.0, "264 px were expected"), (None, "other lenses fit as well")]
+)
+def test_a_lens_far_from_the_expected_one_is_warned_of(doubtful: bool, expected: float | None, words: str):
+    facts = {"lens_doubtful": doubtful, "focal_px": 187.2, "focal_expected_px": expected}
     stage = StageRun("poses", 9.0, "cpu", {}, facts)
     text = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("found to be 187 px where 264 px were expected" in text) == doubtful
+    assert (f"found to be 187 px where {words}" in text) == doubtful
+
+
+@pytest.mark.parametrize("doubtful", [True, False])
+def test_a_rig_that_was_elsewhere_is_warned_of(doubtful: bool):
+    stage = StageRun("poses", 9.0, "cpu", {}, {"rig_doubtful": doubtful, "rig_position_m": 0.0621})
+    text = " ".join(cautions(replace(full(), stages=(stage,))))
+    assert ("the photographs put the camera 62 mm apart" in text) == doubtful
 
 
 @pytest.mark.parametrize("doubtful", [True, False])

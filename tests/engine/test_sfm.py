@@ -157,6 +157,7 @@ def test_a_logged_rig_gives_metres_and_places_the_blank_view(rigged) -> None:
     path = np.ptp(inverse(poses.cam_from_world)[:, :, 3], axis=0)
     np.testing.assert_allclose(path, np.ptp(inverse(truth)[:, :, 3], axis=0), atol=0.005)
     assert report.rig_rotation_deg == pytest.approx(0, abs=0.2)
+    assert not report.rig_doubtful
     angles, _ = errors(poses.cam_from_world, truth)
     assert angles[5] < 0.2
 
@@ -167,6 +168,7 @@ def test_a_log_that_contradicts_the_photographs_is_not_used(rigged) -> None:
     poses, report = find_poses(frames, masks, wrong, PARAMS, folders.mktemp("wrong"), Progress())
     assert poses.scale == "unknown"
     assert "was not used" in report.scale_note
+    assert report.rig_doubtful
     assert report.unregistered == ("v05",)
     assert not poses.registered[5]
     assert np.isnan(poses.cam_from_world[5]).all()
@@ -290,6 +292,73 @@ def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful_where_points_fit_
     frames, masks, _ = turned
     sliding(monkeypatch, 0.8, 0.8, last)
     _, report = find_poses(frames, masks, None, replace(PARAMS, trusted_share=0.0), tmp_path, Progress())
+    assert report.lens_doubtful == doubtful
+
+
+def stretched(cam_from_world: np.ndarray, by: float) -> np.ndarray:
+    """The same cameras on a path that is longer along z."""
+    world = inverse(cam_from_world)
+    world[:, 2, 3] *= by
+    return inverse(world)
+
+
+def grown_beside_a_log(
+    monkeypatch: pytest.MonkeyPatch, workdir: Path, database: Path, logged: np.ndarray, *stretches: float
+) -> tuple[mapping.Grown, list[bool]]:
+    """What is kept of models whose path is stretched, and which of them were held straight; matches tell nothing."""
+    grow, held = mapping.grow, []
+
+    def bent(database: Path, factor, params, seed, progress, straight):
+        held.append(straight)
+        model, sizes = grow(database, factor, params, seed, progress, straight)
+        places = stretched(mapping.placed(model, HELD), stretches[len(held) - 1])
+        for image in model.images.values():
+            pose = pycolmap.Rigid3d(places[int(image.name[1:].split(".")[0])])
+            model.frame(image.frame_id).set_cam_from_world(image.camera_id, pose)
+        return model, sizes
+
+    monkeypatch.setattr(mapping, "grow", bent)
+    monkeypatch.setattr(mapping, "AGREED", 0.0)
+    copied = Path(shutil.copytree(database.parent, workdir / "copy")) / database.name
+    kept = mapping.best_grown(copied, 1, HELD, 250.0, logged, PARAMS.mapping, 0, Progress())
+    assert kept is not None
+    return kept, held
+
+
+@pytest.mark.usefixtures("found")
+def test_a_path_that_the_rig_did_not_log_is_found_again_held_straight(
+    turned, matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, held = grown_beside_a_log(monkeypatch, tmp_path, matched, turned[2], 1.5, 1.0)
+    assert held == [False, True]
+    assert kept.log_off < mapping.LOG_OFF / 2
+    assert errors(mapping.placed(kept.model, HELD), turned[2])[1].max() < 0.01
+
+
+@pytest.mark.usefixtures("found")
+def test_a_path_that_two_models_agree_on_outweighs_the_log(
+    turned, matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, held = grown_beside_a_log(monkeypatch, tmp_path, matched, stretched(turned[2], 1.5), 1.0, 1.0)
+    assert held == [False, True]
+    assert kept.log_off > mapping.LOG_OFF
+    assert errors(mapping.placed(kept.model, HELD), turned[2])[1].max() < 0.01
+
+
+@pytest.mark.usefixtures("already_matched")
+@pytest.mark.parametrize(
+    ("shares", "doubtful"), [((1.0, 1.0), False), ((0.8, 1.0, 1.0), False), ((0.8, 1.2, 0.8), True)]
+)
+def test_a_lens_that_nothing_is_known_of_is_found_twice(
+    turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shares: tuple[float, ...], doubtful: bool
+) -> None:
+    frames, masks, _ = turned
+    starts = sliding(monkeypatch, *shares)
+    monkeypatch.setattr(mapping, "calibrate", lambda *_: None)
+    poses, report = find_poses(frames, masks, None, replace(PARAMS, trusted_share=0.0), tmp_path, Progress())
+    assert len(starts) == len(shares)
+    assert report.focal_expected_px is None
+    assert doubtful or poses.camera.fx == pytest.approx(250, rel=0.01)
     assert report.lens_doubtful == doubtful
 
 
