@@ -76,6 +76,7 @@ def already_matched(found, matched, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def there(frames, masks, guess, params, workdir: Path, progress) -> Path:
         shutil.copytree(matched.parent, workdir, dirs_exist_ok=True)
+        mapping._begin_with(workdir / matched.name, guess.params, guess.has_prior_focal_length)
         return workdir / matched.name
 
     monkeypatch.setattr(sfm, "detect", there)
@@ -396,6 +397,7 @@ def test_pairs_imply_the_focal_length_at_which_most_beginnings_end(
     assert len(set(begun)) == 4
 
 
+@pytest.mark.usefixtures("already_matched")
 def test_an_expected_focal_length_that_no_attempt_ends_at_was_wrong(turned, tmp_path: Path) -> None:
     frames, masks, _ = turned
     poses, report = find_poses(frames, masks, None, replace(PARAMS, focal_px=330.0), tmp_path, Progress())
