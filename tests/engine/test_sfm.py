@@ -59,14 +59,20 @@ def matched(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def found(turned, matched, tmp_path_factory):
     frames, masks, _ = turned
-    match = mapping.match
+    match, grow = mapping.match, mapping.grow
 
     def kept(database: Path, *args) -> None:
         match(database, *args)
         shutil.copytree(database.parent, matched.parent, dirs_exist_ok=True)
 
+    def kept_too(*args):
+        model, sizes = grow(*args)
+        model.write_binary(str(matched.parent))
+        return model, sizes
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mapping, "match", kept)
+        patch.setattr(mapping, "grow", kept_too)
         return find_poses(frames, masks, None, PARAMS, tmp_path_factory.mktemp("sfm"), Progress())
 
 
@@ -81,6 +87,13 @@ def already_matched(found, matched, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(sfm, "detect", there)
     monkeypatch.setattr(mapping, "match", lambda *_: None)
+
+
+@pytest.fixture
+def already_grown(already_matched, matched, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One model as well, whatever it is to grow from: what is tried is which of them are asked for and kept."""
+    model = pycolmap.Reconstruction
+    monkeypatch.setattr(mapping, "grow", lambda *_: (model(str(matched.parent)), (HELD,)))
 
 
 def errors(cam_from_world: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -285,7 +298,7 @@ def test_a_lens_held_straight_while_views_are_placed_bends_in_the_end(
     assert np.median(angles) < 0.1
 
 
-@pytest.mark.usefixtures("already_matched")
+@pytest.mark.usefixtures("already_grown")
 @pytest.mark.parametrize(("last", "doubtful"), [(1.2, True), (1.6, False)])
 def test_a_lens_that_every_attempt_finds_elsewhere_is_doubtful_where_points_fit_another_as_well(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: float, doubtful: bool
@@ -326,7 +339,7 @@ def grown_beside_a_log(
     return kept, held
 
 
-@pytest.mark.usefixtures("found")
+@pytest.mark.usefixtures("already_grown")
 def test_a_path_that_the_rig_did_not_log_is_found_again_held_straight(
     turned, matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -336,7 +349,7 @@ def test_a_path_that_the_rig_did_not_log_is_found_again_held_straight(
     assert errors(mapping.placed(kept.model, HELD), turned[2])[1].max() < 0.01
 
 
-@pytest.mark.usefixtures("found")
+@pytest.mark.usefixtures("already_grown")
 def test_a_path_that_two_models_agree_on_outweighs_the_log(
     turned, matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -346,7 +359,7 @@ def test_a_path_that_two_models_agree_on_outweighs_the_log(
     assert errors(mapping.placed(kept.model, HELD), turned[2])[1].max() < 0.01
 
 
-@pytest.mark.usefixtures("already_matched")
+@pytest.mark.usefixtures("already_grown")
 @pytest.mark.parametrize(
     ("shares", "doubtful"), [((1.0, 1.0), False), ((0.8, 1.0, 1.0), False), ((0.8, 1.2, 0.8), True)]
 )
@@ -363,7 +376,7 @@ def test_a_lens_that_nothing_is_known_of_is_found_twice(
     assert report.lens_doubtful == doubtful
 
 
-@pytest.mark.usefixtures("already_matched")
+@pytest.mark.usefixtures("already_grown")
 def test_poses_that_all_contradict_their_matches_are_an_error(
     turned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
