@@ -117,8 +117,8 @@ def test_energy_at_the_object_is_the_same_whole_and_with_the_lamps_apart():
     )  # fmt: skip
     whole = beside(clouds.shell(1.0), lamps)
     rest = apart(whole, lamps)
-    together = arriving(whole, NOWHERE, here, cells, 192, False).energy[0, 0].sum(0)
-    room = arriving(rest, NOWHERE, here, cells, 192, False).energy[0, 0].sum(0)
+    together = arriving(whole, NOWHERE, here, cells, 96, False).energy[0, 0].sum(0)
+    room = arriving(rest, NOWHERE, here, cells, 96, False).energy[0, 0].sum(0)
     sent = near_of(lamps, rest, NOWHERE, here[0], len(cells)).spread(here[0]).sum(0)
     assert (sent > 0.1 * room).all()
     # A sphere added to the room also has the wall behind it: radiance 1 over its solid angle.
