@@ -214,15 +214,16 @@ def best_grown(
         ends.append((length, fits))
         slid = focal is not None and _apart(length, focal)
         log_off = _off(logged, model, count)
-        found = Grown(model, sizes, agreement, support, fits, slid, log_off or 0.0, attempt + 1)
+        found = Grown(model, sizes, agreement, support, fits, False, log_off or 0.0, attempt + 1)
         if best is None or found.better_than(best):
             best = found
         # Two ways to one lens are proof enough that it is the log's geometry that is off.
         vouched = found_anew or (focal is not None if log_off is None else log_off <= LOG_OFF)
         if agreement >= AGREED and vouched and not slid:
             break
-        straight = (slid or not vouched) and attempt == 0
-        if straight or slid or not vouched:
+        elsewhere = slid or not vouched
+        straight = elsewhere and attempt == 0
+        if elsewhere:
             expected = focal or ends[0][0]
             beyond = _BEYOND if expected >= ends[0][0] else 1 / _BEYOND
             _begin_with(database, (expected if straight else expected * beyond, *_straight(lens)))
@@ -233,7 +234,7 @@ def best_grown(
     kept = camera_of(best.model).mean_focal_length()
     others = [fits for length, fits in ends if _apart(length, kept)]
     as_good = any(_CLEARLY * fits < best.reprojection for fits in others)
-    return replace(best, lens_doubtful=(best.lens_doubtful or focal is None) and as_good)
+    return replace(best, lens_doubtful=as_good and (focal is None or _apart(kept, focal)))
 
 
 def _off(
