@@ -103,16 +103,19 @@ class Call:
         return self.bench.rows(on, [*(maps.row(on.name) for maps in self.maps), *methods])
 
     def groups(self, methods: Sequence[rows.Method], on: Sequence[Set]) -> Groups:
-        """All but the reference over whole objects; the reference and ours beside it over the few pixels that it solves."""
-        found: Groups = {WHOLE: [], FEW: []}
-        for each in on:
-            answered = self.measured(methods, each)
-            slow = [row for row in answered if row.method.kind == "reference"]
-            whole = [row for row in answered if row.method.kind != "reference"]
-            found[WHOLE] += scores.score(whole) if whole else []
-            ours = [row for row in whole if row.method.key in rows.BESIDE]
-            found[FEW] += scores.score([*ours, *slow]) if slow else []
-        return {group: held for group, held in found.items() if held}
+        return _grouped([self.measured(methods, each) for each in on])
+
+
+def _grouped(answered: Sequence[Sequence[Row]]) -> Groups:
+    """All but the reference over whole objects; the reference and ours beside it over the few pixels that it solves."""
+    found: Groups = {WHOLE: [], FEW: []}
+    for of_set in answered:
+        slow = [row for row in of_set if row.method.kind == "reference"]
+        whole = [row for row in of_set if row.method.kind != "reference"]
+        found[WHOLE] += scores.score(whole) if whole else []
+        ours = [row for row in whole if row.method.key in rows.BESIDE]
+        found[FEW] += scores.score([*ours, *slow]) if slow else []
+    return {group: held for group, held in found.items() if held}
 
 
 def run(args: Namespace) -> int:
@@ -189,7 +192,7 @@ def views(call: Call) -> list[Metric]:
         print(f"over {group}\n\n{tables.by_views(here)}\n")
         print(tables.notes([replace(one, set=f"{count} {one.set}") for count, one in here]) + "\n")
         named = [replace(one, set=f"{count}-views/{one.set}") for count, one in here]
-        metrics += scores.as_metrics(named if group == WHOLE else scores.by_pixels(named))
+        metrics += scores.as_metrics(named, few=group == FEW)
     return metrics
 
 
@@ -212,14 +215,15 @@ def draw(call: Call) -> list[Metric]:
     methods = call.chosen(
         (*rows.preset_rows(), *rows.others(call.size, least), *rows.swept(call.size, least))
     )
-    scored = [one for each in call.sets() for one in scores.score(call.measured(methods, each))]
+    answered = [call.measured(methods, each) for each in call.sets()]
+    scored = [one for of_set in answered for one in scores.score(of_set)]
     points = scores.means(scored)
     print(tables.by_switch(scored))
     print("\n" + tables.notes(scored) + "\n")
     _compare(call, {FEW: scored})
     for path in chart.write(points, call.args.out, _caption(call, scored)):
         print(path)
-    return scores.as_metrics([*scored, *points])
+    return _metrics(_grouped(answered))
 
 
 def scale(call: Call) -> list[Metric]:
@@ -299,7 +303,7 @@ def _metrics(
     metrics: list[Metric] = []
     for group, scored in found.items():
         every = [*scored, *parted(scored), *scores.means(scored)]
-        metrics += scores.as_metrics(every if group == WHOLE else scores.by_pixels(every))
+        metrics += scores.as_metrics(every, few=group == FEW)
     return metrics
 
 

@@ -35,9 +35,9 @@ SCORES = (
 RENDERED = 0.01
 """By which the error of views rendered again may rise."""
 WANDERING = 3.0
-"""By which tolerances are multiplied for all but ours, which are yardsticks: the reference takes few samples and a descent that
-rounding sends another way (up to 0.3 dB of albedo between two processors), and the rest lean on a light and photographs that
-differ in their last digits (0.4 dB)."""
+"""By which tolerances are multiplied for all but ours over whole objects: the others are yardsticks, of which the reference takes few
+samples and a descent that rounding sends another way (up to 0.3 dB of albedo between two processors), and the rest lean on a light
+that differs in its last digits (0.4 dB); of few pixels that light alone moves ours by 0.3 dB."""
 ANY = 3.14
 """A standard error of a normal, radians, that says any will do, as the reference's does."""
 SLOWER = 1.0
@@ -141,21 +141,17 @@ def _of(scored: Sequence[Scored], name: str) -> dict[str, list[Scored]]:
     return by_method(one for one in scored if thing(one) == name)
 
 
-def by_pixels(scored: Sequence[Scored]) -> list[Scored]:
-    """The same, with the number of pixels compared in the set's name: of few pixels it is another number."""
-    return [replace(one, set=f"{one.set} {one.pixels} pixels") for one in scored]
-
-
-def as_metrics(scored: Sequence[Scored]) -> list[Metric]:
+def as_metrics(scored: Sequence[Scored], few: bool = False) -> list[Metric]:
     """Accuracies, seconds, and ratios of seconds to ours at its defaults where the same runs measured both.
 
+    Of `few` pixels each is another number, which their number names.
     Ratios of extrapolated seconds are told but not gated: what a solve of few pixels takes to begin is multiplied too.
     """
     usual = {one.set: one for one in scored if one.method == OURS}
     found = []
     for one in scored:
-        at = f"{one.set}/{one.method}"
-        times = 1.0 if one.kind == "ours" else WANDERING
+        at = f"{one.set} {one.pixels} pixels/{one.method}" if few else f"{one.set}/{one.method}"
+        times = WANDERING if few or one.kind != "ours" else 1.0
         for kind in SCORES:
             found.append(
                 Metric(

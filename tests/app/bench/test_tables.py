@@ -69,6 +69,8 @@ def test_yardsticks_are_gated_loosely_and_extrapolated_times_not_at_all():
     assert allowed["study-blob/slow/normal"] == pytest.approx(
         scores.WANDERING * allowed["study-blob/standard/normal"]
     )
+    few = {m.key: m.tolerance for m in scores.as_metrics([usual, slow], few=True)}
+    assert few["study-blob 100 pixels/standard/normal"] == allowed["study-blob/slow/normal"]
     assert allowed["study-blob/slow/seconds_to_standard"] is None
     measured = replace(slow, extrapolated=False)
     assert {m.key: m.tolerance for m in scores.as_metrics([usual, measured])}[
@@ -97,10 +99,11 @@ def test_an_objects_mean_is_over_its_rooms_and_few_pixels_are_named():
     ]
     means = {one.set: one.values["normal"] for one in scores.object_means(some)}
     assert means == {"mean-blob": 3.0, "mean-duo": 9.0}
-    assert [one.set for one in scores.by_pixels(scores.object_means(some))] == [
+    metrics = scores.as_metrics(scores.object_means(some), few=True)
+    assert {metric.key.partition("/")[0] for metric in metrics} == {
         "mean-blob 200 pixels",
         "mean-duo 100 pixels",
-    ]
+    }
 
 
 def row(degrees: float, mask=None, what: Method | None = None) -> Row:

@@ -2,7 +2,6 @@
 
 import ast
 import re
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,11 +31,10 @@ from pytestqt.qtbot import QtBot
 
 from app.state import Trouble
 from app.views.main_window import MainWindow
-from app.views.pages import PAGES, PageRow, load
+from app.views.pages import PAGES
 from tests.app.calls import ROOT
 from tests.app.views.conftest import active, until
 
-FIRST_SHOW_S = 0.3  # of processor time; a tenth is usual
 # What a person operates. Parts inside of these (the line of a spin box, a list that pops up) belong to them.
 CONTROLS = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit, QAbstractScrollArea)
 
@@ -119,17 +117,6 @@ def test_every_control_of_a_page_has_a_name_and_is_reached(
     assert nameless(page) == []
     assert unreachable(page) == []
     assert keyless(page) == []
-
-
-@pytest.mark.parametrize("row", PAGES[1:], ids=lambda row: row.key)
-def test_the_first_show_of_a_page_costs_the_window_little(
-    window: MainWindow, qtbot: QtBot, row: PageRow
-) -> None:
-    load(row)  # in the window a thread did this before
-    start = time.thread_time()
-    window.show_page(row.key)
-    QApplication.processEvents()
-    assert time.thread_time() - start < FIRST_SHOW_S
 
 
 def test_the_menus_reach_every_action_of_the_window(window: MainWindow) -> None:
