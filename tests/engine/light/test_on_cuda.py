@@ -25,7 +25,8 @@ def python(*words: str, **environment: str) -> subprocess.CompletedProcess:
 
 
 def test_the_kernels_agree_in_the_simulator() -> None:
-    options = ("-p", "no:cacheprovider", "-p", "no:xdist")
+    # The simulator is slow enough without types that are looked at.
+    options = ("-p", "no:cacheprovider", "-p", "no:xdist", "-o", "addopts=-q")
     done = python("-m", "pytest", *options, str(HERE / "test_kernels_cuda.py"), NUMBA_ENABLE_CUDASIM="1")
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     assert "passed" in done.stdout
