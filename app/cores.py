@@ -5,10 +5,14 @@ import contextlib
 import os
 import shutil
 import tempfile
+import time
 from pathlib import Path
 
 from app import places
 from app.sources import digest
+
+UNUSED_S = 30 * 24 * 3600.0
+"""After which kernels that no program asked for are thrown away."""
 
 
 def prepare() -> None:
@@ -35,12 +39,17 @@ def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:
     Numba compiles a kernel anew when its own file changes, not when that of another kernel does which it takes in
     (Numba manual, "Caching limitations"): after an update of some files it would go on with the old law in them.
     Where a person's cache cannot be written, kernels are kept for this run alone: Numba would refuse to compile them.
+    Those of earlier texts go when they have not been asked for in a month.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     folder = places.cache() / "kernels" / digest(source / "engine", source / "app", holding=b"numba")
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        for other in folder.parent.iterdir():
+            if time.time() - other.stat().st_mtime > UNUSED_S:
+                shutil.rmtree(other, ignore_errors=True)
     if not os.access(folder, os.W_OK):
         folder = Path(tempfile.mkdtemp(prefix="roomlight-kernels-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -1,6 +1,7 @@
 """Compiled kernels are kept by the text of all of them."""
 
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,23 @@ def test_what_is_no_kernel_changes_nothing(source: Path) -> None:
     before = kept(source)
     (source / "engine" / "words.py").write_text("GREETING = 'hello'\n")
     assert kept(source) == before
+
+
+def test_kernels_go_when_nobody_asked_for_them_in_a_month(source: Path) -> None:
+    texts = []
+    for factor, days in ((3, 40), (4, 20)):
+        (source / "engine" / "kernel.py").write_text(KERNEL.format(factor))
+        text = Path(kept(source) or "")
+        (text / "kernel.nbi").write_bytes(b"compiled")
+        os.utime(text, (time.time() - days * 24 * 3600,) * 2)
+        texts.append(text)
+    (source / "engine" / "kernel.py").write_text(KERNEL.format(5))
+    kept(source)
+    assert [text.exists() for text in texts] == [False, True]
+    # Asked for again they are as new.
+    (source / "engine" / "kernel.py").write_text(KERNEL.format(4))
+    kept(source)
+    assert time.time() - texts[1].stat().st_mtime < 3600
 
 
 def test_what_was_said_before_stands(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
