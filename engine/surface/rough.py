@@ -81,7 +81,8 @@ class Rough:
     """What the rough turns have found, of all pixels of the mask."""
 
     state: newton.State
-    coarse: newton.State  # as the turns of half the size left it; `state` if none of another size followed
+    # As the turns of half the size left it, for the pixels of `state`; that itself if none of another size followed.
+    coarse: newton.State
     depth: Float[np.ndarray, "h w"]
     sight: Sight  # its directions are those of `parts`
     setting: Setting
@@ -229,6 +230,7 @@ def rough(
         turn += 1
     if who.mask is not whole.mask and not telling(who, half, sight):
         who, state, depth, sight = finer(whole, who, state, sight, distance, progress.part(0.98, 1))
+        coarse = state
     found = Distance(distance, stderr * distance, "light" if free else "given", tried, misfits)
     around = len(levels) > 1 and not drifted(distance, middle)
     return Rough(

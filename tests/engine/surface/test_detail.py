@@ -8,6 +8,7 @@ import pytest
 from engine.geometry import angle_between, rays
 from engine.progress import Progress
 from engine.surface import detail, rough
+from engine.surface import solve as solving
 from engine.surface.detail import Picture, enlarged, smaller, window
 from engine.surface.pixels import SurfaceParams, subject
 from engine.surface.solve import solve
@@ -72,6 +73,21 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     assert other < 1.15 * one < 1.2
     shown = ball.given[0].radiance[list(renders.views)][:, mask]
     assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
+
+
+def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_quarter_and_half_of_them(
+    ball, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(rough, "HALVED_FROM", 100)
+    params = replace(PARAMS, visibility=False, full_turn=False)
+    found = []
+    for still in (9.0, 0.0):
+        monkeypatch.setattr(solving, "STILL", still)
+        found.append(solve(*ball.given, params, "cpu", 0, Progress())[0])
+    at_rest, moving = found
+    mask = moving.mask
+    assert (moving.normal == at_rest.normal).all()
+    assert np.median(moving.stderr_normal[mask]) > np.median(at_rest.stderr_normal[mask])
 
 
 def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monkeypatch: pytest.MonkeyPatch):
