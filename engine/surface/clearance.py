@@ -193,7 +193,7 @@ def _march(
                     lever[b, k, m, end] = far / lengths[m, end] * np.sqrt(max(1 - toward * toward, 0.0))
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _take(one, two, end, ends, first, second, parts, lengths):
     """Piece `one` gets an end of piece `two`."""

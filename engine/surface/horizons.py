@@ -200,7 +200,6 @@ def explain(
     return answer
 
 
-# Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
 @numba.njit(inline="always", fastmath=True, error_model="numpy")
 @no_type_check
 def _misfit(sent, radiance, weight, eps, wide, square, albedo, limit):

@@ -42,10 +42,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[st
     options = [word for change in LEAST for word in ("--set", change)]
     options += ["--set", f"surface.object_distance={distance}"]
     finish(folder, options)
-    # A run that compiles the kernels of the light at the object rounds otherwise than those that find them kept, on some processors.
-    for stage in ("surface", "export"):
-        shutil.rmtree(folder / "stages" / stage)
-    finish(folder, options)
     return folder, options
 
 

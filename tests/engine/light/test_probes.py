@@ -1,5 +1,7 @@
 """Light at a point: energy is kept, whatever collects it, and what nobody saw is said to be unseen."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from engine.light.fill import fill_smoothly, neighbourhood
 from engine.light.gaussians import even, joined, part
 from engine.light.probes import arriving, panorama, panorama_directions
 from engine.types import Gaussians
+from tests.bench.kernel import room
+from tests.engine import kept
 from tests.engine.light import clouds
 
 RADIANCE = 2.5
@@ -119,3 +123,16 @@ def test_filling_keeps_what_is_trusted_and_stays_within_it() -> None:
     np.testing.assert_allclose(filled[trust == 1], values[trust == 1])
     assert 1 <= filled.min() <= filled.max() <= 3
     assert np.corrcoef(filled[trust == 0, 0], values[trust == 0, 0])[0, 1] > 0.7
+
+
+def test_kernels_compiled_now_and_kernels_kept_from_before_give_the_same_bits(tmp_path: Path) -> None:
+    compiled = kept.answer(__name__, tmp_path)
+    assert kept.answer(__name__, tmp_path) == compiled
+    for kernel in tmp_path.rglob("probes._probe*"):
+        kernel.unlink()
+    assert kept.answer(__name__, tmp_path) == compiled
+
+
+if __name__ == "__main__":
+    found = arriving(room(3000, np.random.default_rng(0)), AHEAD, PLACES, fibonacci_sphere(500), face=48)
+    kept.tell(found.energy, found.seen, found.places)

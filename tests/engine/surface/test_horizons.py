@@ -4,10 +4,7 @@ Own pictures again: what is tested is the search, its thrift, and the bookkeepin
 """
 
 import copy
-import hashlib
-import os
 import pickle
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +21,7 @@ from engine.surface.pixels import SurfaceParams, as_photographed, subject
 from engine.surface.transport import Responses, Sight, blocks, direction_cells, predict
 from engine.surface.visibility import SECTORS, Occlusion
 from engine.types import Camera, Frames
+from tests.engine import kept
 from tests.engine.surface.test_pixels import light_of_lamps
 
 CAMERA = Camera(24, 16, 60.0, 60.0, 12.0, 8.0)
@@ -201,24 +199,14 @@ def questions() -> list[tuple]:
     return asked
 
 
-def answers_of_a_child(asked: Path, cache: Path) -> str:
-    """What a process of its own answers, as a hash; kernels are kept in `cache`."""
-    words = [sys.executable, "-m", "tests.engine.surface.test_horizons", str(asked)]
-    child = subprocess.run(
-        words, cwd=Path(__file__).parents[3], env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
-        stdout=subprocess.PIPE, text=True, check=True,
-    )  # fmt: skip
-    return child.stdout
-
-
 def test_kernels_compiled_now_and_kernels_kept_from_before_give_the_same_bits(tmp_path: Path) -> None:
     asked, cache = tmp_path / "asked", tmp_path / "cache"
     asked.write_bytes(pickle.dumps(questions()))
-    compiled = answers_of_a_child(asked, cache)
+    compiled = kept.answer(__name__, cache, asked)
     assert any(cache.rglob("*.nbc"))
-    assert answers_of_a_child(asked, cache) == compiled
+    assert kept.answer(__name__, cache, asked) == compiled
 
 
 if __name__ == "__main__":
     answers = [x for args in pickle.loads(Path(sys.argv[1]).read_bytes()) for x in horizons.explain(*args)]
-    print(hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in answers)).hexdigest())
+    kept.tell(*answers)
