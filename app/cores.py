@@ -31,6 +31,8 @@ def share() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     # Products divided among threads sum in another order on another number of cores; ours are many, and run side by side.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Numba asks for TBB first, and warns on the terminal where it finds an old one, as Open3D brings.
+    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
 
 def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:
