@@ -28,7 +28,6 @@ _FLAGS = {
     "error_model": "numpy",
     "fastmath": {"contract", "nsz", "reassoc"},
 }
-_PART = _FLAGS | {"forceinline": True}
 _ONE, _TWO, _ZERO = np.float32(1), np.float32(2), np.float32(0)
 _EIGHTH, _FAINT = np.float32(1 / 8), np.float32(FAINT)
 _OPAQUE, _DARKEST = np.float32(OPAQUE), np.float32(DARKEST)
@@ -48,7 +47,7 @@ def decay(x):
     return p * p
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _alphas(row, xs, ys, near, alpha, depth):
     """Eq. (2), (4) for one Gaussian on 64 rays: alpha and the z where it answers; returns sum of alpha."""
@@ -77,7 +76,7 @@ def _alphas(row, xs, ys, near, alpha, depth):
     return total
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def gather(packed, members, begin, end, xs, ys, near, alpha, depth, live):
     """Evaluate a tile's list; rows of `alpha`, `depth` and `live` for those that touch any ray."""
@@ -89,7 +88,7 @@ def gather(packed, members, begin, end, xs, ys, near, alpha, depth, live):
     return n
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def ray_order(alpha, depth, n, i, order):
     """Contributors of ray `i`, nearest first, into `order`; insertion sort, as lists are nearly sorted."""
@@ -108,7 +107,7 @@ def ray_order(alpha, depth, n, i, order):
     return count
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def composite(packed, members, live, alpha, depth, n, order, out):
     """Eq. (3) on the 64 rays of a tile: `out[i]` = radiance, transmittance left, sum of weight * z; and, where `out` is
@@ -140,7 +139,7 @@ def composite(packed, members, live, alpha, depth, n, order, out):
             out[i, CHANNELS] = shining
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def tile_rays(column, row, fx, fy, cx, cy, xs, ys):
     """Image-plane coordinates (z = 1) of a tile's pixel centres."""
@@ -150,7 +149,7 @@ def tile_rays(column, row, fx, fy, cx, cy, xs, ys):
             ys[j * TILE + i] = (row * TILE + j + 0.5 - cy) / fy
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def longest(tile_start):
     """Length of the longest tile list, at least one."""
@@ -182,7 +181,7 @@ def forward(packed, tile_start, members, lens, near, image, part, parts):
                     image[v, u, c] = out[i, c]
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _entry_gradient(row, xs, ys, slope, weight, colour_slope, misfit, out):
     """Sum one Gaussian's gradients over 64 rays from d loss / d alpha (`slope`) and compositing weights."""

@@ -43,10 +43,9 @@ CLOSE = 12
 """Places that share what Gaussians look like along the axes of a cube."""
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-_PART = _FLAGS | {"forceinline": True}
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _brightest(packed, members, begin, end):
     """The greatest luminance in a tile's list."""
@@ -57,7 +56,7 @@ def _brightest(packed, members, begin, end):
     return bright
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _finesse(bright, mean, side):
     """How many times finer than its pixels a tile is to be sampled that holds something so bright: 1, 2 or 4."""

@@ -19,12 +19,11 @@ WIDTH = 17  # columns of `packed`
 FAINT = 2e-5  # density * G below which a Gaussian does not exist
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-# What other kernels call is taken into them. Left to the compiler, a caller is linked with whichever copy a process loads first:
-# its own, or that of the callee compiled by itself, which rounds differently; and that hangs on what the cache holds.
-_PART = _FLAGS | {"forceinline": True}
+# With `forceinline`, here and elsewhere: what other kernels call. Left to the compiler, a caller is linked with the copy that a
+# process loads first, its own or the callee's as compiled by itself, which rounds differently; it hangs on what the cache holds.
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
     """First and last tile (inclusive) along one axis whose edge planes do not exclude the ellipsoid.
@@ -59,14 +58,14 @@ def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
     return first, last
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _cut(sigma):
     """q beyond which a Gaussian of this density does not exist."""
     return 8.0 * (1.0 - math.sqrt(math.sqrt(math.sqrt(FAINT / sigma))))
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _sides(lens, width, height):
     """The frustum's four sides: their slopes, and what makes normals of unit length of them."""
@@ -82,7 +81,7 @@ def _sides(lens, width, height):
     return slopes, units
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _beyond(x, y, z, radius, sides):
     """Whether a sphere is wholly behind the origin or outside one side."""
@@ -96,7 +95,7 @@ def _beyond(x, y, z, radius, sides):
     )
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _radius(spread, sigma):
     """Of the sphere that holds a Gaussian of this `spread` [3 3]."""
@@ -106,7 +105,7 @@ def _radius(spread, sigma):
     return math.sqrt(_cut(sigma) * largest)
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _placed(mean, rotation, origin):
     """Where a mean is, seen from the origin: in the world's axes, then in the camera's."""
@@ -117,7 +116,7 @@ def _placed(mean, rotation, origin):
     return wx, wy, wz, x, y, z
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def around(spread, means, density, rotation, origin, reach, lens, width, height, order):
     """Those of the Gaussians in `order`, in that order, that may touch the view from any place within `reach` of
@@ -137,7 +136,7 @@ def around(spread, means, density, rotation, origin, reach, lens, width, height,
     return found[:n].copy()
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def turned(white, spread, density, rotation, among):
     """What a view's axes make of the Gaussians `among`, wherever it stands: M (9, row major), and q_cut, the radius of the
@@ -172,7 +171,7 @@ def turned(white, spread, density, rotation, among):
     return maps, spans
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def touching(white, means, density, colours, maps, spans, rotation, origin, lens, width, height, among):
     """Those of the Gaussians `among` that may touch the view, in that order: what `project` gives, and distances; `maps` and
@@ -230,7 +229,7 @@ def project(white, spread, means, density, colours, rotation, origin, lens, widt
     return index[order], packed[order], boxes[order]
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def lists(boxes, across, down):
     """Per-tile lists in the order of `boxes`: (tile_start, members, own_start, slots).

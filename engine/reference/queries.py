@@ -29,7 +29,6 @@ MOST = 2048
 """Hits kept of a ray; the nearest, and opaque long before."""
 _STACK = DEEPEST + 32
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-_PART = _FLAGS | {"forceinline": True}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +129,7 @@ def radiance(
     return out
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _entry(box, ox, oy, oz, ix, iy, iz, wall):
     """Where a ray enters a box; infinite where it misses it or enters behind the wall."""
@@ -144,13 +143,13 @@ def _entry(box, ox, oy, oz, ix, iy, iz, wall):
     return near if near <= far * 1.00001 and near <= wall else np.inf
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _inverse(x):
     return 1 / x if abs(x) > 1e-12 else 1e12
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _walk(boxes, links, packed, ox, oy, oz, dx, dy, dz, stack, enters, taus, alphas, members):
     """Hits of one ray, nearest first, up to where it is opaque; returns how many."""
@@ -218,7 +217,7 @@ def _walk(boxes, links, packed, ox, oy, oz, dx, dy, dz, stack, enters, taus, alp
     return count
 
 
-@njit(**_PART)
+@njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _harmonics(x, y, z, basis):
     """Real spherical harmonics of a unit direction as `gaussians.sh_basis` has them, as many as fit."""
