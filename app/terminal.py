@@ -90,7 +90,7 @@ def job(name: str, console: Console | None = None) -> Iterator[Progress]:
     with stoppable() as cancelled, Display(console or Console()) as display:
         start = time.monotonic()
         display.begin(name)
-        yield Progress(display.move, cancelled)
+        yield Progress(display.move, cancelled, say=display.say)
         display.end(time.monotonic() - start)
 
 

@@ -190,16 +190,23 @@ def _check_pixels(brackets: Sequence[Sequence[Taken]], progress: Progress) -> No
 
 def _linear_views(files: Sequence[Path], progress: Progress) -> tuple[list[View], dict[str, Any]]:
     size, views = "", []
-    shape = (0, 0)
+    shape, negative = (0, 0), {}
     for i, path in enumerate(files):
         progress.step(i / len(files), f"checking {path.name}")
         radiance = read_radiance(path)
-        check_values(path, radiance)
+        negative[path] = check_values(path, radiance)
         shape = radiance.shape[:2]
         told = f"{shape[1]} x {shape[0]}"
         size = size or told
         _check_same(files[0], size, path, told, "sizes")
         views.append(View(_name(path, files), (path,), ({},)))
+    if any(negative.values()):
+        most = max(negative, key=lambda path: negative[path])
+        progress.say(
+            f"{sum(map(bool, negative.values()))} of {len(files)} pictures hold negative values, most {most.name}:"
+            f" {negative[most]} of {3 * shape[0] * shape[1]} (colours outside Rec.709, noise about zero, or the"
+            " undershoot of a filter); they are kept as they are"
+        )
     return views, {"model": None, "width": shape[1], "height": shape[0]}
 
 

@@ -42,7 +42,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("raw", folders.few, ("card", "5 views of 15 files", "photograph more")),
         ("linear", folders.poisoned(np.nan), ("0003.exr", f"are NaN, {THERE}", "fix the export")),
         ("linear", folders.poisoned(np.inf), ("0003.exr", f"are Inf, {THERE}", "clip to")),
-        ("linear", folders.poisoned(-0.5), ("0003.exr", f"are negative, {THERE}", "clip to zero")),
+        ("linear", folders.poisoned(-5.0), ("0003.exr", f"are negative, {THERE}", "clip to zero")),
         ("linear", folders.other_image, ("0005.exr", "two sizes are mixed", "at one size")),
         ("linear", folders.cut_image, ("0002.exr", "cut off", "export it again")),
     ],

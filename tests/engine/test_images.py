@@ -1,89 +1,17 @@
 import cv2
 import numpy as np
-import OpenEXR
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from engine.errors import MaskError, RawError
-from engine.images import read_mask, read_radiance, rec709_from, srgb_decode, tone_map
+from engine.images import read_mask, read_radiance, srgb_decode, tone_map
 from engine.png import srgb
 
-IMAGE = np.random.default_rng(0).lognormal(0, 1, (8, 10, 3)).astype(np.float32)
-
-
-def write(path, channels, **header):
-    OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, dict(channels)).write(str(path))
-    return path
-
-
-def planes(prefix="", image=IMAGE):
-    return {prefix + name: image[..., i].copy() for i, name in enumerate("RGB")}
-
-
-def test_reads_plain_channels(tmp_path):
-    np.testing.assert_array_equal(read_radiance(write(tmp_path / "a.exr", planes())), IMAGE)
-
-
-def test_reads_half_floats(tmp_path):
-    path = write(tmp_path / "a.exr", planes(image=IMAGE.astype(np.float16)))
-    np.testing.assert_array_equal(read_radiance(path), IMAGE.astype(np.float16).astype(np.float32))
-
-
-def test_reads_the_only_layer_that_has_colours(tmp_path):
-    path = write(tmp_path / "a.exr", planes("beauty.") | {"depth.Z": IMAGE[..., 0].copy()})
-    np.testing.assert_array_equal(read_radiance(path), IMAGE)
-
-
-def test_plain_channels_go_before_layers(tmp_path):
-    path = write(tmp_path / "a.exr", planes() | planes("noisy.", 2 * IMAGE))
-    np.testing.assert_array_equal(read_radiance(path), IMAGE)
-
-
-def test_two_colour_layers_are_ambiguous(tmp_path):
-    with pytest.raises(RawError, match="more than one layer"):
-        read_radiance(write(tmp_path / "a.exr", planes("left.") | planes("right.")))
-
-
-def test_a_picture_without_colours_is_refused_naming_its_channels(tmp_path):
-    with pytest.raises(RawError, match=r"no layer with R, G and B among the channels Y, Z"):
-        read_radiance(write(tmp_path / "a.exr", {"Y": IMAGE[..., 0].copy(), "Z": IMAGE[..., 1].copy()}))
-
-
-def test_other_primaries_become_rec709_and_white_stays_white(tmp_path):
-    rec2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
-    white = np.ones((4, 4, 3), np.float32)
-    white[0, 0] = (0, 1, 0)
-    found = read_radiance(write(tmp_path / "a.exr", planes(image=white), chromaticities=rec2020))
-    np.testing.assert_allclose(found[1:], 1, atol=2e-4)
-    # ITU-R BT.2087: green of BT.2020 in BT.709.
-    np.testing.assert_allclose(found[0, 0], (-0.5876, 1.1329, -0.1006), atol=1e-3)
-
-
-def test_rec709_of_itself_is_the_identity():
-    np.testing.assert_allclose(
-        rec709_from((0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)), np.eye(3), atol=1e-12
-    )
-
-
-@pytest.mark.parametrize("keep", [0, 60, 400])
-def test_a_cut_off_picture_is_refused(tmp_path, keep):
-    path = write(tmp_path / "a.exr", planes())
-    path.write_bytes(path.read_bytes()[:keep])
-    with pytest.raises(RawError, match=r"a\.exr: cannot be read as OpenEXR"):
-        read_radiance(path)
-
-
-def test_a_cropped_picture_is_refused(tmp_path):
-    window = (np.array([0, 0], np.int32), np.array([99, 99], np.int32))
-    with pytest.raises(RawError, match="cropped"):
-        read_radiance(write(tmp_path / "a.exr", planes(), displayWindow=window))
-
-
-def test_reads_radiance_pictures(tmp_path):
-    path = tmp_path / "a.hdr"
-    cv2.imwrite(str(path), IMAGE[..., ::-1])
-    np.testing.assert_allclose(read_radiance(path), IMAGE, rtol=0.01, atol=0.02 * IMAGE.max())
+OBJECT = np.zeros((6, 7), bool)
+OBJECT[2:4, 3:5] = True
+BLACK = np.zeros((6, 7, 3), np.uint8)
 
 
 def test_other_formats_and_missing_files_are_refused(tmp_path):
@@ -105,12 +33,47 @@ def test_mask_is_what_is_brighter_than_half(tmp_path, depth):
     assert mask[2:4, 3:5].all()
 
 
-def test_transparent_parts_are_no_object(tmp_path):
-    image = np.full((6, 7, 4), 255, np.uint8)
-    image[:3, :, 3] = 0
-    cv2.imwrite(str(tmp_path / "m.png"), image)
-    assert read_mask(tmp_path / "m.png", 6, 7)[3:].all()
-    assert not read_mask(tmp_path / "m.png", 6, 7)[:3].any()
+@pytest.mark.parametrize("colour", [BLACK, BLACK + 80, np.random.default_rng(0).integers(0, 255, (6, 7, 3))])
+def test_a_cut_out_is_the_mask_whatever_its_colours(tmp_path, colour):
+    _saved(tmp_path, np.dstack([colour, 255 * OBJECT]))
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+
+
+def test_grey_and_black_and_16_bit_cut_outs_are_masks_too(tmp_path):
+    _saved(tmp_path, np.dstack([0 * OBJECT, 255 * OBJECT]))
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+    cv2.imwrite(str(tmp_path / "d.png"), np.dstack([BLACK, 65535 * OBJECT]).astype(np.uint16))
+    np.testing.assert_array_equal(read_mask(tmp_path / "d.png", 6, 7), OBJECT)
+
+
+@pytest.mark.parametrize("opacity", [255, 128, 0])
+def test_colours_decide_where_opacity_tells_nothing(tmp_path, opacity):
+    _saved(tmp_path, np.dstack([BLACK + 255 * OBJECT[..., None], np.full((6, 7), opacity)]))
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+
+
+@pytest.mark.parametrize("transparent", [0, bytes([0, 255]), None])
+def test_palettes_are_taken_by_their_transparency_and_else_by_their_colours(tmp_path, transparent):
+    indexed = Image.fromarray(OBJECT.astype(np.uint8), "L")
+    indexed.putpalette([0, 0, 0, 255, 255, 255] if transparent is None else [255, 255, 255, 0, 0, 0])
+    indexed.save(tmp_path / "m.png", **({} if transparent is None else {"transparency": transparent}))
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+
+
+def test_a_grey_that_stands_for_transparent_is_no_object(tmp_path):
+    Image.fromarray(np.where(OBJECT, 0, 255).astype(np.uint8)).save(tmp_path / "m.png", transparency=255)
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+
+
+def test_masks_of_one_bit_and_with_ringing_are_read(tmp_path):
+    Image.fromarray(OBJECT).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+    Image.fromarray((255 * OBJECT).astype(np.uint8)).save(tmp_path / "m.jpg", quality=80)
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.jpg", 6, 7), OBJECT)
+
+
+def _saved(folder, samples):
+    Image.fromarray(samples.astype(np.uint8)).save(folder / "m.png")
 
 
 def test_unfit_masks_are_refused(tmp_path):
@@ -123,6 +86,11 @@ def test_unfit_masks_are_refused(tmp_path):
     path.write_bytes(b"x")
     with pytest.raises(MaskError, match="cannot be read"):
         read_mask(path, 6, 7)
+    with pytest.raises(MaskError, match="no such file"):
+        read_mask(tmp_path / "other.png", 6, 7)
+    Image.fromarray(OBJECT.astype(np.float32)).save(tmp_path / "m.tif")
+    with pytest.raises(MaskError, match="without a largest one"):
+        read_mask(tmp_path / "m.tif", 6, 7)
 
 
 @given(st.floats(0, 1))

@@ -95,7 +95,7 @@ def test_bad_raw_folders_are_refused(
     [
         (folders.poisoned(np.nan), r"0003\.exr: 1 of \d+ values are NaN, the first at x 7, y 5"),
         (folders.poisoned(np.inf), r"0003\.exr: 1 of \d+ values are Inf"),
-        (folders.poisoned(-0.5), r"0003\.exr: 1 of \d+ values are negative"),
+        (folders.poisoned(-5.0), r"0003\.exr: 1 of \d+ values are negative"),
         (folders.other_image, r"0005\.exr: two sizes are mixed"),
         (folders.cut_image, r"0002\.exr: "),
     ],
