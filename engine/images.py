@@ -68,7 +68,9 @@ def _painted(path: Path) -> Bool[np.ndarray, "h w"]:
     except FileNotFoundError as fault:
         raise MaskError(f"{path}: no such file; check the path") from fault
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as fault:
-        raise MaskError(f"{path}: cannot be read as an image; save the mask as PNG") from fault
+        raise MaskError(
+            f"{path}: cannot be read as a picture of 8 or 16 bits; save the mask as PNG"
+        ) from fault
     if image.has_transparency_data:
         opaque = np.asarray(image.convert("RGBA"))[..., 3] > 127
         if opaque.any() and not opaque.all():
@@ -76,7 +78,7 @@ def _painted(path: Path) -> Bool[np.ndarray, "h w"]:
     if image.mode.startswith("I;16"):
         return np.asarray(image) > 32767
     if image.mode in ("I", "F"):
-        raise MaskError(f"{path}: has numbers without a largest one for white; save the mask as PNG")
+        raise MaskError(f"{path}: holds numbers without a largest one to be white; save the mask as PNG")
     return np.asarray(image.convert("RGB")).max(axis=-1) > 127
 
 

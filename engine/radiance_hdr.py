@@ -21,8 +21,9 @@ from engine.exr import check_square
 HEADER = re.compile(rb"#\?[^\n]*\n((?:[^\n]*\n)*?)\r?\n([^\n]*)\n")
 ORDER = re.compile(r"([+-])([XY])\s+(\d{1,9})\s+([+-])(?!\2)([XY])\s+(\d{1,9})\s*")
 RGBE, XYZE = "32-bit_rle_rgbe", "32-bit_rle_xyze"
+LEAST = 1e-20  # factor that a picture may have been multiplied by
 LONGEST_RUN = 127  # pixels in one run of a run-length code, two bytes
-OLD_RUN = b"\1\1\1"  # no pixel, but a run of the code of before 1991
+OLD_RUN = (1, 1, 1)  # red, green, blue: no pixel, but a run of the code of before 1991
 
 Line = tuple[str, str]  # name, value
 
@@ -53,7 +54,7 @@ def read_hdr(path: Path) -> Float32[np.ndarray, "h w 3"]:
     scale = _product(path, lines, "EXPOSURE", 1) * _product(path, lines, "COLORCORR", 3)
     told = _numbers(path, lines, "PRIMARIES", 8)
     primaries = told[-1] if told else CIE_XYZ if code == XYZE else REC709
-    if code == XYZE:  # there a line of primaries can tell but the white
+    if code == XYZE:  # a line of primaries can only tell the white of what has none
         x, y = primaries[6:]
         primaries, scale = (*CIE_XYZ[:6], x, y), scale * np.array([x, y, 1 - x - y]) / (y or np.nan)
     stored = _decoded(path, int(order[3]), int(order[6]), content[header.end() :])
@@ -66,9 +67,9 @@ def read_hdr(path: Path) -> Float32[np.ndarray, "h w 3"]:
 def _product(path: Path, lines: Sequence[Line], name: str, count: int) -> Float64[np.ndarray, " count"]:
     """Of all lines of a name: each program that had the picture in hand added its own."""
     factors = _numbers(path, lines, name, count)
-    product = np.prod([np.ones(count), *factors], axis=0)
-    if not ((product > 0) & np.isfinite(product)).all():
-        raise RawError(f"{path}: its {name} lines make {product.tolist()}, no positive number; correct them")
+    product = np.prod(np.array([[1.0] * count, *factors]), axis=0)
+    if not ((product > LEAST) & (product < 1 / LEAST)).all():
+        raise RawError(f"{path}: its {name} lines make {product.tolist()}, no scale of light; correct them")
     return product
 
 
@@ -91,13 +92,14 @@ def _decoded(path: Path, rows: int, columns: int, pixels: bytes) -> Float32[np.n
     """Red, green and blue as they are stored."""
     coded = pixels[:4] == bytes([2, 2, columns >> 8 & 255, columns & 255]) and 8 <= columns < 1 << 15
     least = rows * (4 + 8 * math.ceil(columns / LONGEST_RUN) if coded else 4 * columns)
-    if not coded and OLD_RUN in {pixels[i : i + 3] for i in range(0, min(len(pixels), least), 4)}:
-        raise RawError(f"{path}: has the run-length code of before 1991, which is not read; save it anew")
     image = None
     if 0 < least <= len(pixels):
         plain = f"#?RADIANCE\nFORMAT={RGBE}\n\n-Y {rows} +X {columns}\n".encode() + pixels
         image = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
+        quads = np.frombuffer(pixels[: len(pixels) // 4 * 4], np.uint8).reshape(-1, 4)
+        if not coded and (quads[:, :3] == OLD_RUN).all(axis=1).any():
+            raise RawError(f"{path}: has the run-length code of before 1991, which is not read; save it anew")
         raise RawError(
             f"{path}: its {len(pixels)} bytes of pixels do not make {columns} x {rows}, it may be cut off;"
             " export it again"

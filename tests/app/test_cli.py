@@ -68,6 +68,14 @@ def test_import_then_plan(session: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert all("never ran" in line for line in lines)
 
 
+def test_what_import_has_to_say_is_printed(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_exr(folder / "0003.exr", scene(3) - 0.2)
+    assert main(["import", str(folder), str(tmp_path / "b.session")]) == 0
+    assert "1 of 8 pictures hold negative values, most 0003.exr: " in capsys.readouterr().out
+
+
 def test_process_runs_until_the_stage_asked_and_plan_says_what_a_change_costs(
     session: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

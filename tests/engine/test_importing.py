@@ -9,6 +9,7 @@ import pytest
 from engine import importing
 from engine import session as sessions
 from engine.errors import RoomlightError
+from engine.progress import Progress
 from tests.engine import folders
 
 
@@ -44,6 +45,15 @@ def test_linear_images_poses_and_mask_are_kept_as_given(linear: Path, tmp_path: 
     assert set(kept["views"]) == {f"{i:04d}" for i in range(folders.VIEWS)}
     # OpenGL's identity looks along -z with y up: turned half about x in our camera frame.
     np.testing.assert_allclose(np.array(kept["views"]["0000"])[:, :3], np.diag([1, -1, -1]))
+
+
+def test_negative_values_that_are_kept_are_counted_aloud(linear: Path, tmp_path: Path) -> None:
+    said: list[str] = []
+    folders.poisoned(-0.01)(linear)
+    importing.make_session(linear, tmp_path / "new.session", progress=Progress(say=said.append))
+    values = 3 * folders.WIDTH * folders.HEIGHT
+    assert len(said) == 1
+    assert f"1 of {folders.VIEWS} pictures hold negative values, most 0003.exr: 1 of {values}" in said[0]
 
 
 def test_images_in_a_folder_below_are_found_and_matched_to_their_poses(linear: Path, tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_xyz_is_converted_from_its_own_white(tmp_path):
     ("made", "message"),
     [
         ({"lines": ("FORMAT=Radiance_spectra",)}, "is of format Radiance_spectra"),
-        ({"lines": (RGBE, "EXPOSURE=0")}, r"EXPOSURE lines make \[0.0\], no positive number"),
+        ({"lines": (RGBE, "EXPOSURE=0")}, r"EXPOSURE lines make \[0.0\], no scale of light"),
         ({"lines": (RGBE, "EXPOSURE=bright")}, "line EXPOSURE=bright does not hold 1 number"),
         ({"lines": (RGBE, "PRIMARIES=0.64 0.33")}, "does not hold 8 number"),
         ({"lines": (RGBE, "PRIMARIES=0 0 0 0 0 0 0 0")}, "span no colours"),
@@ -85,7 +85,7 @@ def test_xyz_is_converted_from_its_own_white(tmp_path):
         ({"size": "-Y 12 +Y 16"}, "tells its size by '-Y 12 .Y 16'"),
         ({"size": "-Y 13 +X 16"}, "do not make 16 x 13, it may be cut off"),
         ({"size": "-Y 0 +X 16"}, "do not make 16 x 0"),
-        ({"stored": np.full_like(IMAGE, 1 / 128)}, "before 1991"),
+        ({"stored": np.full((2, 16, 3), np.float32(1 / 128))}, "before 1991"),
     ],
 )
 def test_what_is_not_read_is_refused_for_its_own_reason(tmp_path, made, message):
