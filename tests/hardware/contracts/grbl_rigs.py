@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles
+from hardware.virtual.grbl.dialects import FLUIDNC
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
 from hardware.virtual.wire import Wire
@@ -47,7 +48,7 @@ def endless() -> contextlib.AbstractContextManager[Made]:
 def fluidnc() -> contextlib.AbstractContextManager[Made]:
     """A FluidNC controller."""
     mechanics = Mechanics((-185.0, None, None), (185.0, None, None), start=(-182.0, 0, 0))
-    firmware = GrblFirmware(SWITCHED, mechanics, fluidnc=True, homes=(0,))
+    firmware = GrblFirmware(SWITCHED, mechanics, dialect=FLUIDNC, homes=(0,))
     facts = {"home_deg": (-184.0, 0.0)}
     return _made(firmware, facts, Angles(-170.0), Angles(150.0), (Angles(180.1), Angles(-180.1)))
 
