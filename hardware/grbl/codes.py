@@ -89,7 +89,7 @@ _SHARED_ERRORS: Mapping[int, Code] = {
     4: Code("negative value where only a positive one can be", _RETRY),
     5: Code(
         "homing is switched off",
-        "switch it on with $22=1 if the rig has limit switches; otherwise configure the rig with homing=none",
+        "switch it on with $22=1 if the rig has limit switches; otherwise say homing=none in the device URL",
     ),
     6: Code("step pulse below 3 microseconds", "set $0 to 3 or more"),
     7: Code(
@@ -143,7 +143,7 @@ ERRORS: Mapping[str, Mapping[int, Code]] = {
         50: Code("emergency stop", "release the stop button, then home the rig"),
         51: Code("motor fault", "check the motor drivers and their supply, then home the rig"),
         52: Code("setting out of range", "choose another value"),
-        53: Code("switched off by its settings", "switch homing on with $22=1, or configure the rig with homing=none"),
+        53: Code("switched off by its settings", "switch homing on with $22=1, or say homing=none in the device URL"),
         55: Code("bad homing configuration", "correct $44 and $45, which say the axes that home"),
         56: Code("the work coordinate system is locked", "unlock G54 in the controller's settings"),
         58: Code("an auxiliary port is not available", "correct the controller's settings"),
@@ -151,7 +151,7 @@ ERRORS: Mapping[str, Mapping[int, Code]] = {
     },
     FLUIDNC: {
         **_SHARED_ERRORS,
-        18: Code("no homing cycle is configured", "give the axes a homing section, or configure homing=none"),
+        18: Code("no homing cycle is configured", "give the axes a homing section, or say homing=none in the device URL"),
         19: Code("homing of a single axis is not allowed", "allow it in the axis' homing section"),
         39: Code("parameter number too high", _OURS),
         40: Code("an input pin is active", "release stop button, door and reset, then try again"),

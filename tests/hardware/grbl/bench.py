@@ -58,6 +58,10 @@ def let_greet(wire: Wire) -> None:
     line.close()
 
 
+def fast() -> float:
+    return HURRY * time.monotonic()
+
+
 @contextlib.contextmanager
 def powered(firmware: GrblFirmware, hurry: float = HURRY) -> Iterator[tuple[Wire, Heard, Faulty]]:
     faults = Faulty(firmware)

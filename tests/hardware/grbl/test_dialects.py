@@ -12,7 +12,7 @@ from hardware.virtual.grbl.dialects import FLUIDNC, GRBL, GRBLHAL, Dialect
 from hardware.virtual.grbl.firmware import GrblFirmware
 from tests.hardware.contracts.grbl_rigs import QUICK, SWITCHED
 from tests.hardware.contracts.orders import wait
-from tests.hardware.grbl.bench import BARE, SWITCHES, bare, let_greet, powered, switched, with_switches
+from tests.hardware.grbl.bench import BARE, SWITCHES, bare, fast, let_greet, powered, switched, with_switches
 
 TALKATIVE = replace(GRBLHAL, axes=8, fields="|SP1:0,,|FW:grblHAL|AR")
 GREETINGS = [
@@ -68,6 +68,29 @@ def test_an_alarm_that_a_report_tells_by_number_is_told_by_name():
         with pytest.raises(PositionLostError, match="ALARM:1, hard limit"):
             b.rig.move(Angles(0.0))
         assert b.rig.home() == Angles(-184.0)
+
+
+class Booting(GrblFirmware):
+    """Looks for its network for so long, and tells only of that."""
+
+    until_s = 0.0
+
+    def receive(self, data: bytes, now: float) -> None:
+        if now > self.until_s:
+            super().receive(data, now)
+
+    def advance(self, now: float) -> bytes:
+        return super().advance(now) if now > self.until_s else b"[MSG:INFO: Connecting to WiFi]\r\n"
+
+
+def test_opening_waits_for_a_controller_that_tells_of_its_start():
+    firmware = Booting(QUICK, dialect=FLUIDNC)
+    firmware.until_s = fast() + 12.0
+    with powered(firmware) as (wire, heard, _):
+        rig = open_grbl(GrblConfig(wire.port, **BARE), fast)
+        assert rig.name.startswith("FluidNC v3.7.8")
+        assert b"\x18" not in heard.bytes
+        rig.close()
 
 
 class Unasked(GrblFirmware):

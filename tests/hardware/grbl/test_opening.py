@@ -22,7 +22,7 @@ from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.wire import Wire
 from tests.hardware.contracts.grbl_rigs import QUICK, SWITCHED
 from tests.hardware.contracts.orders import Order, wait
-from tests.hardware.grbl.bench import BARE, bare, bench, let_greet, powered, switched
+from tests.hardware.grbl.bench import BARE, bare, bench, fast, let_greet, powered, switched
 
 
 class Says:
@@ -37,10 +37,6 @@ class Says:
     def advance(self, now: float) -> bytes:
         due, self._due = self._due, b""
         return due
-
-
-def fast() -> float:
-    return 20 * time.monotonic()
 
 
 # -- opening
