@@ -156,11 +156,7 @@ def _add_capture(capture: argparse.ArgumentParser) -> None:
     capture.add_argument(
         "--geometry", type=Path, metavar="FILE", help="TOML that says where the rig's axes are"
     )
-    capture.add_argument(
-        "--at-zero",
-        action="store_true",
-        help="on --resume: a rig that cannot find its zero was put there by hand",
-    )
+    _add_at_zero(capture, "on --resume: ")
     capture.add_argument(
         "--any-format", action="store_true", help="keep photographs that process cannot use, as JPEG"
     )
@@ -170,6 +166,12 @@ def _add_capture(capture: argparse.ArgumentParser) -> None:
         help="take next what shows most of the room that no shot has shown; else in the plan's order",
     )
     capture.set_defaults(run=commands.run_capture)
+
+
+def _add_at_zero(order: argparse.ArgumentParser, when: str = "") -> None:
+    order.add_argument(
+        "--at-zero", action="store_true", help=f"{when}a rig that cannot find its zero was put there by hand"
+    )
 
 
 def _add_rig(rig: argparse.ArgumentParser) -> None:
@@ -187,6 +189,7 @@ def _add_rig(rig: argparse.ArgumentParser) -> None:
         if name == "move":
             order.add_argument("--pan", type=float, metavar="DEG", help="stays as it is if left out")
             order.add_argument("--tilt", type=float, metavar="DEG", help="stays as it is if left out")
+            _add_at_zero(order)
 
 
 def _add_bench(bench: argparse.ArgumentParser) -> None:

@@ -10,6 +10,7 @@ from types import FrameType
 from hardware import find
 from hardware.errors import AbsentError, HardwareError
 from hardware.interfaces import Angles, Axis, Camera, Motion, MotionStatus, State
+from hardware.rig import find_zero
 
 
 def run(args: Namespace) -> int:
@@ -28,21 +29,25 @@ def run(args: Namespace) -> int:
             case "status":
                 _tell(motion)
             case "home":
-                print(f"{motion.name}: stands at {_angles(_ordered(motion, motion.home))}")
+                stands = _angles(_ordered(motion, motion.home))
+                print(
+                    f"{motion.name}: {'stands at' if motion.features.homes else 'takes where it stands for'} {stands}"
+                )
             case "move":
-                _move(motion, args.pan, args.tilt)
+                _move(motion, args.pan, args.tilt, args.at_zero)
             case _:
                 motion.stop()
                 print(f"{motion.name}: stopped; {_state(motion.status())}")
     return 0
 
 
-def _move(motion: Motion, pan: float | None, tilt: float | None) -> None:
+def _move(motion: Motion, pan: float | None, tilt: float | None, at_zero: bool) -> None:
     """What is left out stays as it is. Opening its port makes many a rig forget where it stands: it homes first then."""
-    status = motion.status()
-    if status.state is State.UNHOMED and motion.features.homes:
-        print(f"{motion.name}: does not know where it stands; homing first")
-        _ordered(motion, motion.home)
+    status, homes = motion.status(), motion.features.homes
+    if status.state in (State.UNHOMED, State.FAULT) or (at_zero and not homes):
+        if homes:
+            print(f"{motion.name}: does not know where it stands; homing first")
+        _ordered(motion, lambda: find_zero(motion, at_zero, "move"))
         status = motion.status()
     now = status.angles or Angles(0.0)
     axes = {axis.name: axis for axis in motion.features.axes}

@@ -55,6 +55,10 @@ class StoppedError(HardwareError):
     """Somebody pressed stop while the rig moved; it stands where it stopped."""
 
 
+class NoZeroError(HardwareError):
+    """The rig does not know where it stands and cannot find out: a person must turn it to its zero and say so."""
+
+
 class PositionLostError(HardwareError):
     """Alarm, stall, reset or stop in motion: home the rig before it moves again."""
 

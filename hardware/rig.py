@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from hardware.errors import ExposureError, HardwareError, StoppedError
+from hardware.errors import ExposureError, HardwareError, NoZeroError, StoppedError
 from hardware.interfaces import Angles, Bracket, Camera, Frame, Geometry, Motion, Taken
 
 AGAINS, AGAIN_S = 50, 0.1  # a stop is repeated so often, as long as the order it was to end goes on
@@ -31,6 +31,26 @@ class Shot:
 
     frames: tuple[Frame, ...]
     angles: Angles | None  # None: nobody can tell
+
+
+def find_zero(motion: Motion, at_zero: bool, order: str, home: Callable[[], Angles] | None = None) -> Angles:
+    """Home a rig that does not know where it stands; one that cannot find its zero must have been turned there.
+
+    Args:
+        at_zero: a person says that it stands at its zero.
+        order: what to give again with `--at-zero`, for the message.
+        home: homes it; `motion.home` if None.
+
+    Raises:
+        NoZeroError: it cannot find its zero, and nobody says that it stands there; nothing moved.
+        HardwareError: as `Motion.home` says.
+    """
+    if not motion.features.homes and not at_zero:
+        raise NoZeroError(
+            f"{motion.name}: does not know its position and cannot find its zero by itself; turn it there by"
+            f" hand, then {order} with --at-zero"
+        )
+    return (home or motion.home)()
 
 
 class _Order:

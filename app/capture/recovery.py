@@ -7,12 +7,13 @@ moved while the rig still turns. Every loop here ends: with a rig that is ready,
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from app.capture.control import Control
 from app.capture.status import Phase
 from hardware.errors import DisconnectedError, ExposureError, HardwareError, PositionLostError
 from hardware.interfaces import State
-from hardware.rig import Rig
+from hardware.rig import Rig, find_zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,13 +123,9 @@ class Recovery:
         features = rig.motion.features
         if not features.axes or not features.automatic:
             return  # a person turns it and knows where it stands
-        if not features.homes and not self._zero_here:
-            raise _CannotHomeError(
-                f"{rig.motion.name}: does not know its position and cannot find its zero by itself; turn it there by"
-                " hand, then resume with --at-zero"
-            )
-        self._zero_here = False
-        angles = rig.home(lambda: self._enter(Phase.HOMING, "finding the rig's zero"))
+        at_zero, self._zero_here = self._zero_here, False
+        enter = partial(self._enter, Phase.HOMING, "finding the rig's zero")
+        angles = find_zero(rig.motion, at_zero, "resume", lambda: rig.home(enter))
         self._note("homed", pan_deg=angles.pan_deg, tilt_deg=angles.tilt_deg)
 
     def _camera_ready(self, rig: Rig) -> None:
@@ -143,7 +140,3 @@ class Recovery:
             f"{rig.camera.name}: not ready after {self._patience.ready_s:g} s"
             f" ({status.message or 'it does not say why'}); check battery, card and focus switch"
         )
-
-
-class _CannotHomeError(HardwareError):
-    """Another try cannot help: a person must turn the rig."""

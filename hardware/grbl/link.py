@@ -5,6 +5,7 @@ Source: GRBL 1.1 documentation, "Interface", section "Streaming: character-count
 by any. What an answer means for the rig is decided by the `judge` that the caller hands in.
 """
 
+import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -24,7 +25,8 @@ BANNER_S = 1.0  # after a soft reset
 QUIET_S = 0.5  # after the first of several start-up messages
 RESETS = 3  # GRBL overhears one for 0.5 s after a limit alarm, and an Arduino boots for 2 s
 IDLE_S = 1.0  # idle for longer with a line unanswered: its answer was lost
-HOLD, HOME, RESET, QUERY = b"!", "$H", b"\x18", b"?"
+HOLD, RESET, QUERY = b"!", b"\x18", b"?"
+HOME, MODES = "$H", "$G"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,7 @@ class GrblLink:
     def __init__(self, line: Line, clock: Callable[[], float], axes: int):
         self.line, self.port = line, line.port
         self._clock, self._axes = clock, axes
+        self.firmware = grbl_codes.GRBL  # whose alarms and errors it tells
         self.unit = 1.0  # mm of one unit in reports; 25.4 with $13=1
         self.report: Report | None = None
         self.offset: tuple[float, ...] | None = None  # WCO, as last told
@@ -129,8 +132,7 @@ class GrblLink:
                 return Noise(said)
             self.answered = self.waiting.popleft()
         elif isinstance(reply, Banner):
-            self.waiting.clear()
-            self.offset = self.report = self._queried_s = None
+            self._forget()
             if self.resets_due:
                 self.resets_due -= 1
                 return Restarted()
@@ -140,6 +142,11 @@ class GrblLink:
             self.report, self._queried_s = reply, None
             self.offset = reply.offset or self.offset
         return reply
+
+    def _forget(self) -> None:
+        """It starts again: nothing that was asked before will be answered."""
+        self.waiting.clear()
+        self.offset = self.report = self._queried_s = None
 
     def place(self, report: Report) -> tuple[float, ...] | None:
         """Work position, mm; None as long as the controller has not told its offset."""
@@ -176,7 +183,7 @@ class GrblLink:
             elif reply is not None:
                 idle_since = None
             if isinstance(reply, Refusal):
-                refused = refused or grbl_codes.error(reply.code, self.answered, self.port)
+                refused = refused or grbl_codes.error(reply.code, self.answered, self.port, self.firmware)
             elif reply is not None:
                 heard.append(reply)
             if self.waiting and (now >= end or (idle_since is not None and now - idle_since > IDLE_S)):
@@ -235,7 +242,7 @@ class GrblLink:
         """Soft reset: after its start-up message nothing comes that was asked before it.
 
         Raises:
-            ReplyError: no start-up message came.
+            ReplyError: neither a start-up message nor a state as after one came.
         """
         for _ in range(RESETS):
             self.abort()
@@ -253,4 +260,20 @@ class GrblLink:
                 break
             greeted = greeted or isinstance(reply, Restarted)
             judge(reply)
-        return greeted
+        return greeted or self._at_rest(judge)
+
+    def _at_rest(self, judge: Judge) -> bool:
+        """Does it stand, and take lines? What it greets with may be any text (FluidNC, `$Start/Message`), or nothing."""
+        self._forget()  # what was asked before was answered while one waited for a greeting, or never will be
+        with contextlib.suppress(ReplyError):
+            if self.look(judge).state in ("Idle", "Alarm"):
+                with self.gate:
+                    self.waiting.append(MODES)
+                    self.line.write(MODES.encode("ascii") + b"\n")
+                end = self._clock() + LOOK_S
+                while self.waiting and self._clock() < end:
+                    judge(self.read(end))
+                answered = not self.waiting
+                self.waiting.clear()
+                return answered
+        return False

@@ -1,8 +1,9 @@
-"""Open a rig on a GRBL 1.1 or FluidNC controller: is it one, which version, and is it set up as configured?
+"""Open a rig on a GRBL 1.1, grblHAL or FluidNC controller: is it one, which version, is it set up as configured?
 
 Source: GRBL 1.1 documentation, "Interface" (start-up message, `$I`, `$$`); FluidNC wiki, "GRBL compatibility" (not
-every `$` setting is told). An Arduino may be reset by opening the port and then boots for 2 s; otherwise it does not
-greet, but answers `?`. After a limit alarm it keeps silent until it is reset.
+every `$` setting is told); grblHAL, report.c (`$I`). What greets may be any text or none, so a controller is known by
+its state and by `$I`. An Arduino may be reset by opening the port and then boots for 2 s, an ESP32 for longer, telling
+of it; otherwise it is silent, but answers `?`. After a limit alarm GRBL keeps silent until it is reset.
 """
 
 import contextlib
@@ -11,21 +12,24 @@ import time
 from collections.abc import Callable
 
 from hardware.errors import HardwareError, ReplyError, SettingsError, WrongDeviceError
+from hardware.grbl import codes as grbl_codes
 from hardware.grbl.config import GrblConfig
 from hardware.grbl.link import POLL_S, QUERY, GrblLink, Reply
 from hardware.grbl.rig import Grbl
-from hardware.grbl.status import Banner, Feedback, Noise, Setting, heard
+from hardware.grbl.status import Alarm, Banner, Feedback, Noise, Report, Setting, heard, parse
 from hardware.grbl.travel import NAMES, Found
 from hardware.interfaces import Motion
 from hardware.line import Line
 
 __all__ = ["GrblConfig", "open_grbl"]
 
-OPEN_S = 6.0
+OPEN_S = 6.0  # nothing more heard of it
+BOOT_S = 30.0  # an ESP32 looks for its network first
 ASK_S = 0.25  # between two `?`
 WAKE_S = 3.0  # nothing heard for so long: reset it
 _FEED_100 = b"\x90"  # ends a feed override set at the machine
-_NEITHER = "give the port of a GRBL 1.1 or FluidNC controller, and its baud rate"
+_NEITHER = "give the port of a GRBL 1.1, grblHAL or FluidNC controller, and its baud rate"
+_GRBLHAL = {"FIRMWARE", "DRIVER", "NEWOPT", "AXS"}  # only grblHAL tells of these in `$I`
 
 
 def open_grbl(config: GrblConfig, clock: Callable[[], float] = time.monotonic) -> Motion:
@@ -33,8 +37,8 @@ def open_grbl(config: GrblConfig, clock: Callable[[], float] = time.monotonic) -
 
     Raises:
         AbsentError, AccessError, BusyError: as `Line` says.
-        WrongDeviceError: no GRBL 1.1 or FluidNC answers; the message says what does.
-        SettingsError: its steps per degree are not those configured.
+        WrongDeviceError: no GRBL 1.1, grblHAL or FluidNC answers; the message says what does.
+        SettingsError: its axes or steps per degree are not those configured.
         HardwareError: it stopped answering.
     """
     line = Line(config.port, config.baud, clock)
@@ -48,23 +52,26 @@ def open_grbl(config: GrblConfig, clock: Callable[[], float] = time.monotonic) -
 
 
 def _acquainted(link: GrblLink, clock: Callable[[], float]) -> str:
-    """Wait until it greets or reports; returns its name and version."""
-    begin = clock()
-    ask, woken, noise = begin, False, b""
-    while (now := clock()) < begin + OPEN_S:
+    """Wait until it tells its state or an alarm; returns its name and version."""
+    ask = begin = since = clock()  # `since`: last heard of it
+    woken, noise = False, b""
+    while (now := clock()) < min(since + OPEN_S, begin + BOOT_S):
         if now >= ask:
             link.request(QUERY)
             ask = now + ASK_S
-        if now >= begin + WAKE_S and not noise and not woken:
+        if now >= since + WAKE_S and not noise and not woken:
             link.resets_due, woken = 1, True
             link.request(b"\x18")
-        reply = link.read(min(ask, begin + OPEN_S))
+        reply = link.read(ask)
         if isinstance(reply, Banner):
             _must_be_known(reply.version, reply.protocol, link.port)
-        if isinstance(reply, Noise) and reply.data:
-            noise += reply.data + b" "
-        elif reply is not None and not isinstance(reply, Noise):
+        if isinstance(reply, Report | Alarm):
             return _introduced(link, clock)
+        if isinstance(reply, Noise):
+            _must_have_axes(reply, link)
+            noise += reply.data and reply.data + b" "
+        elif reply is not None:
+            since = now
     noise += link.line.unfinished
     said = f"heard {heard(noise)}" if noise else "nothing answers; is it powered?"
     raise WrongDeviceError(f"{link.port}: this is no GRBL: {said}; {_NEITHER}")
@@ -79,6 +86,15 @@ def _must_be_known(name: str, protocol: str, port: str) -> None:
         )
 
 
+def _must_have_axes(noise: Noise, link: GrblLink) -> None:
+    """A report that `read` takes for noise lacks axes that the rig has."""
+    if isinstance(report := parse(noise.data), Report):
+        raise SettingsError(
+            f"{link.port}: the controller has {len(report.place)} axis, axes= in the device URL names more;"
+            " correct it, or configure the axis in the controller"
+        )
+
+
 def _listen(reply: Reply | None) -> None:
     """Nothing is known yet that could be lost."""
 
@@ -87,13 +103,21 @@ def _introduced(link: GrblLink, clock: Callable[[], float]) -> str:
     """Name and version as `$I` tells them, of a controller that moves nothing."""
     for _ in range(3):  # it may greet meanwhile, and then has forgotten what it was asked
         _calm(link, clock)
-        told = [reply for reply in link.exchange(["$I"], 3.0, _listen) if isinstance(reply, Feedback)]
+        try:
+            told = [reply for reply in link.exchange(["$I"], 3.0, _listen) if isinstance(reply, Feedback)]
+        except ReplyError:
+            # In an alarm that wants a reset FluidNC and grblHAL tell their state, but take no lines.
+            link.reset(_listen)
+            continue
         for reply in told:
             found = re.match(r"v?(\d+\.\d+\w?)(?:\.\d+)?(?: (FluidNC v?[\w.+-]+))?", reply.text)
             if reply.kind == "VER" and found:
-                name = found[2] or found[1]
-                _must_be_known(name, found[1], link.port)
-                return name if found[2] else f"GRBL {name}"
+                _must_be_known(found[2] or found[1], found[1], link.port)
+                if found[2]:
+                    link.firmware = grbl_codes.FLUIDNC
+                elif _GRBLHAL & {reply.kind for reply in told}:
+                    link.firmware = grbl_codes.GRBLHAL
+                return found[2] or f"{link.firmware} {found[1]}"
     raise WrongDeviceError(f"{link.port}: does not tell its version ($I); {_NEITHER}")
 
 
@@ -106,7 +130,7 @@ def _calm(link: GrblLink, clock: Callable[[], float]) -> None:
         end = clock() + OPEN_S
         while clock() < end:
             report = link.look(_listen)
-            if report.state not in ("Run", "Jog", "Home") and report.sub != 1:
+            if not report.moving:
                 break
             link.listen(POLL_S, _listen)
     link.reset(_listen)

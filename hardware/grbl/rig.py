@@ -1,4 +1,4 @@
-"""A rig on a GRBL 1.1 or FluidNC controller: homed, moved, held, stopped, and not believed once it may be lost.
+"""A rig on a GRBL 1.1, grblHAL or FluidNC controller: homed, moved, held, stopped, and not believed once it may be lost.
 
 Source: GRBL 1.1 documentation, "Interface", "Real-time Commands", "Jogging".
 
@@ -24,10 +24,10 @@ from hardware.errors import (
 )
 from hardware.grbl import codes as grbl_codes
 from hardware.grbl.config import GrblConfig
-from hardware.grbl.link import HOME, POLL_S, GrblLink, Reply, Restarted
+from hardware.grbl.link import HOME, MODES, POLL_S, GrblLink, Reply, Restarted
 from hardware.grbl.path import Place, Way, travel_s
 from hardware.grbl.place import Whereabouts
-from hardware.grbl.status import Alarm, Banner, Report
+from hardware.grbl.status import LOCKED, Alarm, Banner, Report
 from hardware.grbl.travel import Found, Travel
 from hardware.interfaces import Angles, Motion, MotionFeatures, MotionStatus, State
 
@@ -229,8 +229,8 @@ class Grbl(Motion):
             report = self._rest()
         if report.state != "Idle":
             raise RefusedError(
-                f"{self._link.port}: the controller is in state {report.state}; end the hold, door or check mode"
-                " that was begun at the machine, then try again"
+                f"{self._link.port}: the controller is in state {report.state}; end the hold, door, check mode or"
+                " tool change that was begun at the machine, then try again"
             )
         if self._link.offset is None:
             self._placed()
@@ -257,7 +257,7 @@ class Grbl(Motion):
         end = self._clock() + REST_S + feed / acceleration
         while True:
             report = self._link.look(self._notice)
-            if report.state in ("Door", "Check") or (report.state == "Hold" and report.sub != 1):
+            if not report.moving and report.state != "Idle":
                 break
             if self._clock() >= end:
                 raise ReplyError(
@@ -283,8 +283,8 @@ class Grbl(Motion):
             stops = self._link.stops
             try:
                 self._link.reset(self._tolerate)
-                self._link.look(self._obey)
-                self._link.exchange(["$G"], MARGIN_S, self._obey)
+                self._link.look(self._obey_locked)
+                self._link.exchange([MODES], MARGIN_S, self._obey_locked)
             except PositionLostError:  # it was starting already: that message came first
                 if attempt == 2:
                     raise
@@ -320,12 +320,14 @@ class Grbl(Motion):
     def _notice(self, reply: Reply | None) -> None:
         """Take note of reports; alarms and resets that we did not ask for lose the position."""
         if isinstance(reply, Alarm):
-            raise self._where.lose_by(grbl_codes.alarm(reply.code, self._link.port))
+            raise self._where.lose_by(self._alarm(reply.code))
         if isinstance(reply, Banner):
             raise self._where.lose("the controller was reset or lost power; check its supply")
         if not isinstance(reply, Report):
             return
-        if reply.state in ("Alarm", "Sleep") and self._doing is not State.HOMING and not self._where.lost:
+        if reply.state in LOCKED and self._doing is not State.HOMING and not self._where.lost:
+            if reply.sub:
+                raise self._where.lose_by(self._alarm(reply.sub))
             raise self._where.lose(f"the controller is in state {reply.state}")
         if (place := self._link.place(reply)) is not None:
             self._where.seen(place)
@@ -341,10 +343,18 @@ class Grbl(Motion):
             raise StoppedError(f"{self._link.port}: stopped on request; move again to go on")
         self._notice(reply)
 
+    def _obey_locked(self, reply: Reply | None) -> None:
+        """grblHAL tells after every start which alarm still stands; homing ends it, or says why it cannot."""
+        if not isinstance(reply, Alarm):
+            self._obey(reply)
+
     def _tolerate(self, reply: Reply | None) -> None:
         """Before homing nothing that is heard matters, but a stop does."""
         if self._link.stopped and not isinstance(reply, Restarted):
             raise StoppedError(f"{self._link.port}: stopped on request; home the rig to go on")
+
+    def _alarm(self, number: int) -> PositionLostError:
+        return grbl_codes.alarm(number, self._link.port, self._link.firmware)
 
     # -- places
 

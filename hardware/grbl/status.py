@@ -1,26 +1,29 @@
 """What a GRBL controller says, line by line: `parse` makes a reply of any bytes and never fails.
 
 Source: GRBL 1.1 documentation, "Interface": response, push and feedback messages, real-time status reports (fields in
-any order after state and position; MPos or WPos by $10; WCO only now and then). Alarms and start-up messages are found
+any order after state and position; MPos or WPos by $10; WCO only now and then); grblHAL, report.c and the wiki's page
+on status reports (sub-states of every state, up to 8 axes, fields without a value); FluidNC, its boot log. Alarms and start-up messages are found
 even in a damaged line, because overlooking one costs more than imagining one; `ok` and `error` must be exact.
 """
 
 import re
 from dataclasses import dataclass
 
-STATES = ("Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep")
+LOCKED = ("Alarm", "Sleep", "ConfigAlarm", "Critical")  # wants a reset or `$X`; the position may be lost
+STATES = ("Idle", "Run", "Hold", "Jog", "Door", "Check", "Home", "Tool", *LOCKED)
 
 _ERROR = re.compile(rb"error:(\d{1,3})")
 _ALARM = re.compile(rb"ALARM:(\d{1,3})")
 _BANNER = re.compile(rb"Grbl(?:HAL)? (\d+\.\d+\w?)(?: \[(FluidNC v?[\w.+-]+))?", re.IGNORECASE)
+_BOOT = re.compile(rb"\[MSG:INFO: (FluidNC v(\d+\.\d+)[\w.+-]*)")  # its greeting may be any text
 _SETTING = re.compile(rb"\$(\d{1,3})=(-?\d{1,9}(?:\.\d{1,9})?)(?: .*)?")
-_FEEDBACK = re.compile(rb"\[(\w{2,4}):(.*)\]", re.DOTALL)
+_FEEDBACK = re.compile(rb"\[([\w ]{2,20}):(.*)\]", re.DOTALL)
 _NUMBER = r"-?\d{1,9}\.\d{3,4}"  # mm, or inches
 _REPORT = re.compile(
-    rf"<(?P<state>{'|'.join(STATES)})(?::(?P<sub>\d))?"
-    rf"\|(?P<kind>[MW])Pos:(?P<place>{_NUMBER}(?:,{_NUMBER}){{0,5}})(?P<rest>(?:\|[A-Za-z]+:[^|<>]*)*)>"
+    rf"<(?P<state>{'|'.join(STATES)})(?::(?P<sub>\d{{1,3}}))?"
+    rf"\|(?P<kind>[MW])Pos:(?P<place>{_NUMBER}(?:,{_NUMBER}){{0,7}})(?P<rest>(?:\|[A-Za-z]\w*(?::[^|<>]*)?)*)>"
 )
-_OFFSET = re.compile(rf"\|WCO:({_NUMBER}(?:,{_NUMBER}){{0,5}})(?=\||$)")
+_OFFSET = re.compile(rf"\|WCO:({_NUMBER}(?:,{_NUMBER}){{0,7}})(?=\||$)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class Report:
     """One status report, in the units it reports in (mm, or inches by $13)."""
 
     state: str
-    sub: int | None
+    sub: int | None  # of an alarm its number, where the controller tells that
     machine: bool  # is `place` MPos, or WPos?
     place: tuple[float, ...]
     offset: tuple[float, ...] | None  # WCO, when it was told
@@ -64,6 +67,13 @@ class Report:
         return (self.state == "Hold" and self.sub in (None, 0)) or (
             self.state == "Door" and self.sub in (0, 1)
         )
+
+    @property
+    def moving(self) -> bool:
+        """In motion, or coming to rest."""
+        if self.state == "Hold":
+            return self.sub == 1
+        return self.state in ("Run", "Jog", "Home") or (self.state == "Door" and (self.sub or 0) > 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +110,8 @@ def parse(line: bytes) -> Reply:
         report = _report(line)
         if report is not None:
             return report
+    if found := _BOOT.match(line):
+        return Banner(found[1].decode("ascii"), found[2].decode("ascii"))
     if found := _FEEDBACK.fullmatch(line):  # before alarms: FluidNC tells of each once more in [MSG:...]
         return Feedback(found[1].decode("ascii", "replace"), found[2].decode("ascii", "replace"))
     if found := _ALARM.search(line):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from hardware.errors import RefusedError, ReplyError, SettingsError, WrongDeviceError
 from hardware.interfaces import Motion
 from hardware.line import Line
-from hardware.urls import Word, pair, read_words, span, whole
+from hardware.urls import Word, one_of, pair, read_words, span, whole
 from hardware.zaber import messages
 from hardware.zaber.link import Link
 from hardware.zaber.rig import Stage, Zaber, count
@@ -50,6 +50,7 @@ class ZaberConfig:
     pan: ZaberAxis = ZaberAxis()
     tilt: ZaberAxis | None = None
     serial: int | None = None
+    homing: str = "sensors"  # "none": the place where the rig is homed becomes zero
     reply_s: float = 0.5  # longest wait for an answer
     home_s: float = 180.0  # longest time that homing may take
 
@@ -69,8 +70,9 @@ class ZaberConfig:
             axes.append(ZaberAxis(address, number, steps, zero or 0.0, lowest, highest))
         if "tilt" in read and len(axes) < 2:
             raise SettingsError("zaber: tilt= was given but only one axis; write it like axes=1.1,1.2")
-        baud, serial = read.get("baud", BAUD), read.get("serial")
-        return cls(port, baud, axes[0], axes[1] if len(axes) > 1 else None, serial)
+        tilt = axes[1] if len(axes) > 1 else None
+        homing = read.get("homing", "sensors")
+        return cls(port, read.get("baud", BAUD), axes[0], tilt, read.get("serial"), homing)
 
 
 def _axes(text: str) -> tuple[tuple[int, int], ...]:
@@ -93,6 +95,7 @@ def _steps(text: str) -> tuple[float, float]:
 WORDS = {
     "axes": Word(_axes, "1.1,1.2 (device.axis of pan, of tilt)"),
     "baud": Word(whole(1, 10_000_000), "115200"),
+    "homing": Word(one_of("sensors", "none"), "sensors or homing=none"),
     "pan": Word(span, "-180..180"),
     "serial": Word(whole(1, 2**32), "81234 (as printed on the device)"),
     "steps": Word(
@@ -123,9 +126,8 @@ def open_zaber(
         addresses = tuple(dict.fromkeys(axis.address for _, axis in wanted))
         name = _greet(config, link, addresses)
         _demand_checksums(link, addresses)
-        return Zaber(
-            name, link, [_found(name, axis, link) for name, axis in wanted], config.home_s, clock, sleep
-        )
+        stages = [_found(name, axis, link) for name, axis in wanted]
+        return Zaber(name, link, stages, config.homing == "sensors", config.home_s, clock, sleep)
     except BaseException:
         line.close()
         raise

@@ -55,9 +55,10 @@ class Stage:
 class Zaber(Motion):
     """See `hardware.zaber.opening.open_zaber`; `stages` are the axes as they were found."""
 
-    def __init__(self, name: str, link: Link, stages: Sequence[Stage], home_s: float,
+    def __init__(self, name: str, link: Link, stages: Sequence[Stage], homes: bool, home_s: float,
                  clock: Callable[[], float], sleep: Callable[[float], None]):  # fmt: skip
-        self._name, self._link, self._stages, self._home_s = name, link, tuple(stages), home_s
+        self._name, self._link, self._stages = name, link, tuple(stages)
+        self._homes, self._home_s = homes, home_s
         self._clock, self._sleep = clock, sleep
         self._addresses = tuple(dict.fromkeys(stage.address for stage in stages))
         self._stops = 0  # how often `stop` was called
@@ -77,7 +78,9 @@ class Zaber(Motion):
             endless = stage.highest_deg - stage.lowest_deg > ENDLESS_DEG
             ends = (None, None) if endless else (stage.lowest_deg, stage.highest_deg)
             axes.append(Axis(stage.name, *ends, 1 / abs(stage.steps_per_deg), stage.fastest_deg_s))
-        return MotionFeatures(tuple(axes), automatic=True, homes=True, holds=False, reports_angles=True)
+        return MotionFeatures(
+            tuple(axes), automatic=True, homes=self._homes, holds=False, reports_angles=True
+        )
 
     def status(self) -> MotionStatus:
         doing, last = self._doing, self._last
@@ -101,7 +104,7 @@ class Zaber(Motion):
             for stage in self._stages:
                 self._prepare(stage)
             for stage in self._stages:
-                self._start(stage, "home", began)
+                self._start(stage, "home" if self._homes else f"set pos {stage.steps(0.0)}", began)
             self._settle(began, self._home_s)
             for stage in self._stages:
                 self._must_be_sure(stage)

@@ -77,7 +77,7 @@ class Jog(Section):
             steps.addWidget(chosen)
         self.pan, self.tilt = _angle(self.tr("Pan to")), _angle(self.tr("Tilt to"))
         self.go = button(self.tr("&Go"), self.tr("Turn to these angles"))
-        self.home = button(self.tr("Hom&e"), self.tr("Find the zero of every axis"))
+        self.home = button("")
         self.go.clicked.connect(lambda: self.move_wanted.emit(self.pan.value(), self.tilt.value()))
         self.home.clicked.connect(self.home_wanted)
         aside = QVBoxLayout()
@@ -99,13 +99,15 @@ class Jog(Section):
         self.body.addLayout(to_angles)
         self.show_able(frozenset(), homes=False, turns=False)
 
-    def show_able(self, axes: frozenset[str], homes: bool, turns: bool) -> None:
+    def show_able(self, axes: frozenset[str], homes: bool, turns: bool, finds_zero: bool = True) -> None:
         """
         Args:
             axes: those there are, "pan" and "tilt".
             homes: it may be homed now.
             turns: it may be turned now.
+            finds_zero: homing does; else a person turns it there first.
         """
+        self._finds_zero = finds_zero
         self._axes, self._turns = axes, turns
         self.setVisible(bool(axes))
         for key, arrow in self.arrows.items():
@@ -115,10 +117,18 @@ class Jog(Section):
         self.pan.setEnabled(turns and "pan" in axes)
         self.tilt.setEnabled(turns and "tilt" in axes)
         self.home.setEnabled(homes)
+        text, tip = self.tr("Hom&e"), self.tr("Find the zero of every axis")
+        if not finds_zero:
+            text = self.tr("At z&ero")
+            tip = self.tr("The rig cannot find its zero by itself, and was turned there by hand")
+        self.home.setText(text)
+        self.home.setAccessibleName(text.replace("&", ""))
+        self.home.setToolTip(tip)
 
     def show_where(self, pan_deg: float | None, tilt_deg: float | None) -> None:
         if pan_deg is None and self.home.isEnabled():
-            self.where.setText(self.tr("Home it first"))
+            first = self.tr("Home it first") if self._finds_zero else self.tr("Turn it to its zero first")
+            self.where.setText(first)
             return
         parts = [self.tr("pan {0}").format(told_angle(pan_deg))]
         if "tilt" in self._axes:

@@ -112,8 +112,8 @@ class CaptureSetup(QFrame):
         free = state.open and not state.order
         if state.capturing:
             axes = frozenset()
-        lost = rig is not None and rig.homes and state.where.pan_deg is None
-        self.jog.show_able(axes, free and rig is not None and rig.homes, free and not lost)
+        homes, lost = rig is None or rig.homes, rig is not None and state.where.pan_deg is None
+        self.jog.show_able(axes, free and rig is not None, free and not lost, homes)
         self.jog.show_where(state.where.pan_deg, state.where.tilt_deg)
         if camera is not None:
             offered = Offered(camera.shutters_s, camera.isos, camera.apertures, camera.sets_exposure)

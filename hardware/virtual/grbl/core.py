@@ -6,9 +6,10 @@ them is a generator that yields the time when it wants to be woken, or None for 
 """
 
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import TypeVar
 
+from hardware.virtual.grbl.dialects import Dialect
 from hardware.virtual.grbl.gcode import Parser
 from hardware.virtual.grbl.motion import BLOCKS, Stepper
 from hardware.virtual.grbl.settings import AXES, LETTERS, Memory, placed
@@ -20,6 +21,7 @@ IDLE, RUN, HOLD, JOG, HOME, ALARM, CHECK, DOOR, SLEEP = (
     "Idle", "Run", "Hold", "Jog", "Home", "Alarm", "Check", "Door", "Sleep",
 )  # fmt: skip
 HARD_LIMIT, SOFT_LIMIT, ABORTED, HOMING_RESET, HOMING_PULLOFF, HOMING_APPROACH = 1, 2, 3, 6, 8, 9
+HOMING_REQUIRED = 11  # grblHAL
 
 RX_BYTES = 128
 ALARM_S = 0.5  # the controller does nothing else that long after telling of an alarm
@@ -34,17 +36,16 @@ class Reset(Exception):
 class Core:
     """State that every part of the program shares."""
 
-    def __init__(self, memory: Memory, stepper: Stepper, version: str, homes: tuple[int, ...]):
-        """`version` is that of GRBL, "" for FluidNC."""
-        self.memory, self.stepper, self.version, self.homes = memory, stepper, version, homes
-        self.fluidnc = not version
+    def __init__(self, memory: Memory, stepper: Stepper, dialect: Dialect, homes: tuple[int, ...]):
+        self.memory, self.stepper, self.dialect, self.homes = memory, stepper, dialect, homes
         self.parser = Parser(memory)
         self.now = 0.0
         self.out = bytearray()
         self.state = IDLE
         self.rx: deque[int] = deque()
         self.flags: set[str] = set()  # status, start, hold, cancel, door, sleep, stop, reset
-        self.alarm = 0
+        self.alarm = self.stands = 0  # to be told; told, and the reason why it is locked
+        self.homed = False
         self.restart()
 
     def restart(self) -> None:
@@ -66,7 +67,7 @@ class Core:
         self.out += line.encode("latin-1") + b"\r\n"
 
     def message(self, text: str) -> None:
-        self.say(f"[MSG:INFO: {text}]" if self.fluidnc else f"[MSG:{text}]")
+        self.say(self.dialect.message.format(text))
 
     def answer(self, code: int) -> None:
         self.say(f"error:{code}" if code else "ok")
@@ -90,7 +91,10 @@ class Core:
         elif state == DOOR:
             open_ = "ajar" in self.suspend
             state = f"Door:{(1 if open_ else 0) if 'retracted' in self.suspend else 2}"
+        elif state == ALARM and self.dialect.homing_required and self.stands:
+            state = f"Alarm:{self.stands}"
         inches, offset, place = self.memory.flag(13), self.parser.work_offset(), self.placed()
+        offset, place = self._all_axes(offset), self._all_axes(place)
         mask = int(self.memory.settings[10])
         if mask & 1:
             fields = [state, f"MPos:{placed(place, inches)}"]
@@ -119,7 +123,10 @@ class Core:
             running += "F" if self.parser.modes.coolant == "M8" else ""
             if running:
                 fields.append(f"A:{running}")
-        self.say(f"<{'|'.join(fields)}>")
+        self.say(f"<{'|'.join(fields)}{self.dialect.fields}>")
+
+    def _all_axes(self, place: Sequence[float]) -> tuple[float, ...]:
+        return (*place, *[0.0] * self.dialect.axes)[: self.dialect.axes]
 
     # -- real-time requests
 
@@ -177,13 +184,14 @@ class Core:
 
     def _alarm(self) -> Steps[None]:
         code, self.state = self.alarm, ALARM
+        self.stands = code
         self.say(f"ALARM:{code}")
         yield from self.delay(ALARM_S)
         if code in (HARD_LIMIT, SOFT_LIMIT):
             self.message("Reset to continue")
             self.flags.discard("reset")
             while "reset" not in self.flags:
-                if self.fluidnc and "status" in self.flags:  # GRBL itself leaves `?` unanswered here
+                if self.dialect.tells_in_alarm and "status" in self.flags:
                     self.flags.discard("status")
                     self.report()
                 yield None

@@ -14,6 +14,7 @@ from hardware.virtual.grbl.core import (
     HOME,
     HOMING_APPROACH,
     HOMING_PULLOFF,
+    HOMING_REQUIRED,
     IDLE,
     JOG,
     RUN,
@@ -25,7 +26,7 @@ from hardware.virtual.grbl.settings import AXES, LETTERS, STARTUP_LINES, SYSTEMS
 from hardware.virtual.grbl.words import Modes, Refused
 
 LOCKED = 9
-_NOT_IDLE, _DISABLED, _INVALID, _NUMBER, _TRAVEL = 8, 5, 3, 2, 15
+_NOT_IDLE, _DISABLED, _INVALID, _NUMBER, _TRAVEL, _UNHOMED = 8, 5, 3, 2, 15, 46
 _SETTING = re.compile(r"(N?)([+-]?(?:\d+\.?\d*|\.\d+))=(.*)")
 _FLOAT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _SEARCH, _LOCATE = 1.5, 5.0  # of the travel, of the pull-off
@@ -79,6 +80,8 @@ def _any_state(core: Core, letter: str) -> int:
         else:
             core.state = CHECK
             core.message("Enabled")
+    elif core.state == ALARM and core.stands == HOMING_REQUIRED:
+        return _UNHOMED
     elif core.state == ALARM:
         core.message("Caution: Unlocked")
         core.state = IDLE
@@ -152,12 +155,8 @@ def _parameters(core: Core) -> None:
 
 
 def _build(core: Core) -> None:
-    if core.fluidnc:
-        core.say(f"[VER:3.7 FluidNC v3.7.8:{core.memory.build}]")
-        core.say("[OPT:PHS]")
-    else:
-        core.say(f"[VER:{core.version}.20190825:{core.memory.build}]")
-        core.say("[OPT:V,15,128]")
+    for told in core.dialect.build:
+        core.say(told.format(core.memory.build))
 
 
 # -- homing
@@ -167,13 +166,13 @@ def _home_command(core: Core, rest: str) -> Steps[int]:
     if not core.memory.flag(22):
         return _DISABLED
     axes = core.homes if rest == "H" else tuple(a for a, letter in enumerate(LETTERS) if rest == f"H{letter}")
-    if not axes or (rest != "H" and not core.fluidnc):
+    if not axes or (rest != "H" and not core.dialect.homes_each):
         return _INVALID
     core.state = HOME
     yield from _go_home(core, axes)
     yield from core.checkpoint()
     core.parser.position = core.placed()
-    core.state = IDLE
+    core.state, core.homed = IDLE, True
     if rest == "H":
         yield from startup(core)
     return 0
@@ -224,7 +223,7 @@ def _follow(core: Core, axes: tuple[int, ...], approach: bool) -> Steps[None]:
             core.abort()
         if "reset" in core.flags:
             yield from core.checkpoint()
-        if core.fluidnc and "status" in core.flags:
+        if core.dialect.tells_homing and "status" in core.flags:
             core.flags.discard("status")
             core.report()
         yield None
@@ -325,4 +324,4 @@ def _flow(core: Core, flow: str) -> Steps[None]:
     kept = core.parser.modes
     core.parser.modes = Modes("G1", inches=kept.inches, feed=kept.feed, speed=kept.speed, tool=kept.tool)
     core.refresh_offset()
-    core.message("Program End" if core.fluidnc else "Pgm End")
+    core.message(core.dialect.program_end)

@@ -1,8 +1,8 @@
-"""A GRBL 1.1h or FluidNC controller as a `Firmware`: bytes in, bytes out, with motors that take their time.
+"""A GRBL 1.1h, grblHAL or FluidNC controller as a `Firmware`: bytes in, bytes out, with motors that take their time.
 
 Source: GRBL 1.1 documentation, "Interface" (start-up message, 128-byte receive buffer, 80-character lines), "Real-time
-Commands" (characters picked out of the stream before lines are made of it); FluidNC wiki, "GRBL compatibility" and
-"Startup message". Three axes in mm, of which a rig uses X as pan and Y as tilt, degrees.
+Commands" (characters picked out of the stream before lines are made of it); the others: see
+`dialects`. Three axes in mm, of which a rig uses X as pan and Y as tilt, degrees.
 """
 
 import math
@@ -14,6 +14,7 @@ from hardware.virtual.grbl.core import (
     ALARM,
     HARD_LIMIT,
     HOME,
+    HOMING_REQUIRED,
     IDLE,
     JOG,
     RX_BYTES,
@@ -22,13 +23,13 @@ from hardware.virtual.grbl.core import (
     Reset,
     Steps,
 )
+from hardware.virtual.grbl.dialects import GRBL, Dialect
 from hardware.virtual.grbl.execute import line, startup
 from hardware.virtual.grbl.motion import Mechanics, Stepper
 from hardware.virtual.grbl.settings import Memory
 
 BOOT_S = 1.6  # an Arduino's boot loader waits that long before GRBL runs
 OVERFLOW = 11
-_LINE, _LINE_FLUIDNC = 79, 254  # characters
 _SOFT_RESET, _DOOR, _JOG_CANCEL = 0x18, 0x84, 0x85
 _REQUESTS = {ord("?"): "status", ord("~"): "start", ord("!"): "hold", _DOOR: "door"}
 _ENDS = b"\r\n"
@@ -41,21 +42,19 @@ class GrblFirmware:
         self,
         settings: Mapping[int, float] | None = None,
         mechanics: Mechanics | None = None,
-        fluidnc: bool = False,
+        dialect: Dialect = GRBL,
         homes: tuple[int, ...] = (0, 1),
         step_rate_hz: float | None = None,
-        version: str = "1.1h",
     ):
         """
         Args:
             settings: `$` numbers and values that differ from GRBL's own defaults.
             homes: axes that `$H` homes, as compiled in; 0 is X.
             step_rate_hz: fastest steps, where the firmware was compiled to check that.
-            version: of a GRBL that is not FluidNC.
         """
         self.memory = Memory(settings, step_rate_hz)
         self._stepper = Stepper(self.memory, mechanics or Mechanics())
-        self._core = Core(self.memory, self._stepper, "" if fluidnc else version, homes)
+        self._core = Core(self.memory, self._stepper, dialect, homes)
         self._lock = threading.RLock()
         self._text = bytearray()
         self._comment, self._too_long = "", False
@@ -182,6 +181,9 @@ class GrblFirmware:
         core = self._core
         while core.now < self._boots_at:
             yield self._boots_at
+        for told in core.dialect.boot:
+            core.say(told)
+        core.homed = False
         core.state = ALARM if self.memory.flag(22) else IDLE
         while True:
             core.restart()
@@ -196,17 +198,19 @@ class GrblFirmware:
     def _greet(self) -> None:
         core = self._core
         core.say("")
-        if core.fluidnc:
-            core.say("Grbl 3.7 [FluidNC v3.7.8 (wifi) '$' for help]")
-        else:
-            core.say(f"Grbl {core.version} ['$' for help]")
+        core.say(core.dialect.greeting)
 
     def _loop(self) -> Steps[None]:
         core = self._core
         if self.memory.flag(21) and self._stepper.pressed():
             core.state = ALARM
             core.message("Check Limits")
-        if core.state in (ALARM, SLEEP):
+        core.stands = 0
+        if core.dialect.homing_required and self.memory.flag(22) and not core.homed:
+            core.state, core.stands = ALARM, HOMING_REQUIRED
+            core.say(f"ALARM:{HOMING_REQUIRED}")
+            core.message("Homing cycle required")
+        elif core.state in (ALARM, SLEEP):
             core.state = ALARM
             core.unlock_message()
         else:
@@ -233,7 +237,7 @@ class GrblFirmware:
             pass
         elif character in "(;":
             self._comment = character
-        elif len(self._text) >= (_LINE_FLUIDNC if self._core.fluidnc else _LINE):
+        elif len(self._text) >= self._core.dialect.line_characters:
             self._too_long = True
         else:
             self._text += character.upper().encode()

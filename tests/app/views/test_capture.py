@@ -173,6 +173,20 @@ def test_an_axis_that_is_not_there_and_a_rig_that_is_busy_or_lost_are_not_turned
     assert desk.commands[-1] == "home"
 
 
+def test_a_rig_that_cannot_find_its_zero_is_said_to_stand_there(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot
+) -> None:
+    desk.open(homes=False)
+    desk.say("where", state="not homed", pan=None, tilt=None, message="")
+    jog = page.setup.jog
+    until(qtbot, lambda: jog.where.text() == "Turn it to its zero first")
+    assert (jog.home.text().replace("&", ""), jog.go.isEnabled()) == ("At zero", False)
+    jog.home.click()
+    assert desk.commands[-1] == "home"
+    desk.say("where", state="idle", pan=0.0, tilt=0.0, message="")
+    until(qtbot, lambda: jog.go.isEnabled())
+
+
 def test_start_asks_for_what_stands_on_the_page(
     page: CapturePage, desk: PlayedDesk, qtbot: QtBot, tmp_path: Path
 ) -> None:

@@ -3,9 +3,11 @@
 import contextlib
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles
+from hardware.virtual.grbl.dialects import FLUIDNC, GRBLHAL, Dialect
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
 from hardware.virtual.wire import Wire
@@ -46,8 +48,17 @@ def endless() -> contextlib.AbstractContextManager[Made]:
 
 def fluidnc() -> contextlib.AbstractContextManager[Made]:
     """A FluidNC controller."""
+    return _between_switches(FLUIDNC)
+
+
+def grblhal() -> contextlib.AbstractContextManager[Made]:
+    """A grblHAL controller of eight axes that tells all it can."""
+    return _between_switches(replace(GRBLHAL, axes=8, fields="|SP1:0,,|FW:grblHAL|AR"))
+
+
+def _between_switches(dialect: Dialect) -> contextlib.AbstractContextManager[Made]:
     mechanics = Mechanics((-185.0, None, None), (185.0, None, None), start=(-182.0, 0, 0))
-    firmware = GrblFirmware(SWITCHED, mechanics, fluidnc=True, homes=(0,))
+    firmware = GrblFirmware(SWITCHED, mechanics, dialect=dialect, homes=(0,))
     facts = {"home_deg": (-184.0, 0.0)}
     return _made(firmware, facts, Angles(-170.0), Angles(150.0), (Angles(180.1), Angles(-180.1)))
 

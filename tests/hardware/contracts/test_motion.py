@@ -11,7 +11,7 @@ from tests.hardware.contracts import grbl_rigs, manual_rigs, zaber_rigs
 from tests.hardware.contracts.motion import Made, MotionPromises
 
 MAKERS = [
-    grbl_rigs.turntable, grbl_rigs.gimbal, grbl_rigs.endless, grbl_rigs.fluidnc,
+    grbl_rigs.turntable, grbl_rigs.gimbal, grbl_rigs.endless, grbl_rigs.fluidnc, grbl_rigs.grblhal,
     zaber_rigs.zaber_turntable, zaber_rigs.zaber_ended, zaber_rigs.zaber_gimbal, zaber_rigs.zaber_chain,
     manual_rigs.manual, manual_rigs.manual_tilting,
 ]  # fmt: skip

@@ -8,7 +8,9 @@ from typing import Any
 
 from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles, Motion
+from hardware.line import Line
 from hardware.virtual.faults import Faulty
+from hardware.virtual.grbl.dialects import GRBL, Dialect
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
 from hardware.virtual.wire import Wire
@@ -47,6 +49,19 @@ def switched(start: float = -182.0, play: float = 0.0) -> Mechanics:
     return Mechanics((-185.0, None, None), (185.0, None, None), (play, 0.0, 0.0), (start, 0.0, 0.0))
 
 
+def let_greet(wire: Wire) -> None:
+    """Take its greeting away: from here on it has nothing to greet for."""
+    line = Line(wire.port, 115200)
+    line.write(b"?")
+    while not line.read_line(time.monotonic() + 10).startswith(b"<"):
+        pass
+    line.close()
+
+
+def fast() -> float:
+    return HURRY * time.monotonic()
+
+
 @contextlib.contextmanager
 def powered(firmware: GrblFirmware, hurry: float = HURRY) -> Iterator[tuple[Wire, Heard, Faulty]]:
     faults = Faulty(firmware)
@@ -63,12 +78,12 @@ def bench(
     settings: Mapping[int, float] = QUICK,
     mechanics: Mechanics | None = None,
     hurry: float = HURRY,
-    fluidnc: bool = False,
+    dialect: Dialect = GRBL,
     clock: Callable[[], float] = time.monotonic,
     **facts: Any,
 ) -> Iterator[Bench]:
     """`facts` go into the configuration."""
-    firmware = GrblFirmware(settings, mechanics, fluidnc=fluidnc, homes=(0,))
+    firmware = GrblFirmware(settings, mechanics, dialect=dialect, homes=(0,))
     with powered(firmware, hurry) as (wire, heard, faults):
         rig = open_grbl(GrblConfig(wire.port, **{"feed_deg_min": 3600.0, **facts}), clock)
         try:

@@ -122,4 +122,4 @@ def test_a_reset_that_is_not_answered_is_told():
     link, line = linked()
     with pytest.raises(ReplyError, match="start again"):
         link.reset(ignore)
-    assert line.sent == [b"\x18"] * 3
+    assert [sent for sent in line.sent if sent != b"?"] == [b"\x18"] * 3

@@ -1,6 +1,7 @@
 """The GRBL driver on the emulator, through a real pseudo-terminal: opening, homing, moving, stopping."""
 
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -16,11 +17,12 @@ from hardware.errors import (
 from hardware.grbl.opening import GrblConfig, open_grbl
 from hardware.interfaces import Angles, State
 from hardware.line import Line
+from hardware.virtual.grbl.dialects import FLUIDNC, GRBL
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.wire import Wire
 from tests.hardware.contracts.grbl_rigs import QUICK, SWITCHED
 from tests.hardware.contracts.orders import Order, wait
-from tests.hardware.grbl.bench import BARE, bare, bench, powered, switched
+from tests.hardware.grbl.bench import BARE, bare, bench, fast, let_greet, powered, switched
 
 
 class Says:
@@ -37,19 +39,6 @@ class Says:
         return due
 
 
-def let_greet(wire: Wire) -> None:
-    """Take its greeting away: from here on it has nothing to greet for."""
-    line = Line(wire.port, 115200)
-    line.write(b"?")
-    while not line.read_line(time.monotonic() + 10).startswith(b"<"):
-        pass
-    line.close()
-
-
-def fast() -> float:
-    return 20 * time.monotonic()
-
-
 # -- opening
 
 
@@ -57,7 +46,7 @@ def test_it_tells_its_firmware_and_port():
     with bare() as b:
         assert b.rig.name == f"GRBL 1.1h on {b.wire.port}"
         assert b.rig.status().state is State.UNHOMED
-    with bare(fluidnc=True) as b:
+    with bare(dialect=FLUIDNC) as b:
         assert b.rig.name.startswith("FluidNC v3.7.8 on ")
 
 
@@ -77,17 +66,6 @@ def test_opening_waits_for_a_controller_that_boots():
         firmware.brown_out()
         rig = open_grbl(GrblConfig(wire.port))
         assert rig.name.startswith("GRBL 1.1h")
-        rig.close()
-
-
-def test_opening_wakes_a_controller_that_a_limit_silenced():
-    firmware = GrblFirmware(QUICK)
-    with powered(firmware) as (wire, _, _):
-        let_greet(wire)
-        firmware.hit_limit()
-        rig = open_grbl(GrblConfig(wire.port, **BARE))
-        rig.home()
-        assert rig.status().state is State.IDLE
         rig.close()
 
 
@@ -122,8 +100,9 @@ def test_silence_is_told():
 
 
 def test_an_old_grbl_is_told_by_its_version():
+    old = replace(GRBL, greeting="Grbl 0.9j ['$' for help]", build=("[VER:0.9j.20160316:{}]",))
     with (
-        powered(GrblFirmware(version="0.9j")) as (wire, _, _),
+        powered(GrblFirmware(dialect=old)) as (wire, _, _),
         pytest.raises(WrongDeviceError, match=r"0\.9j"),
     ):
         open_grbl(GrblConfig(wire.port))

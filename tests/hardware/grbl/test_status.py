@@ -28,6 +28,9 @@ from hardware.grbl.status import (
         (b"$110=3600.000", Setting(110, 3600.0)),
         (b"[VER:1.1h.20190825:Grbl 1.1 of mine]", Feedback("VER", "1.1h.20190825:Grbl 1.1 of mine")),
         (b"[MSG:INFO: ALARM:1 told again]", Feedback("MSG", "INFO: ALARM:1 told again")),
+        (b"[MSG:INFO: FluidNC v3.9.1 https://github.com/bdring/FluidNC]", Banner("FluidNC v3.9.1", "3.9")),
+        (b"[FIRMWARE:grblHAL]", Feedback("FIRMWARE", "grblHAL")),
+        (b"[echo: G1X0]", Feedback("echo", " G1X0")),
         (b">G54:ok", Noise(b">G54:ok")),
         (b"", Noise(b"")),
     ],
@@ -45,6 +48,18 @@ def test_reports_are_read_with_whatever_fields_they_have():
     assert full == Report("Hold", 1, False, (-2.5, 0.0, 11.0), (0.0, 1.551, 5.664))
     fluidnc = parse(b"<Run|MPos:1.000|FS:0,0|SD:12.5,/sd/a b.nc>")
     assert fluidnc == Report("Run", None, True, (1.0,), None)
+    places = ",".join(f"{axis}.000" for axis in range(8))
+    hal = parse(f"<Alarm:11|WPos:{places}|SP1:0,,S1|FW:grblHAL|AR|WCO:{places}|D1:>".encode())
+    assert hal == Report("Alarm", 11, False, tuple(map(float, range(8))), tuple(map(float, range(8))))
+
+
+def test_what_is_in_motion_is_told_from_what_stands():
+    states = (
+        "Idle", "Run", "Run:1", "Run:2", "Hold:0", "Hold:1", "Jog", "Alarm", "Alarm:1", "Door:0", "Door:1", "Door:2",
+        "Door:3", "Door:4", "Check", "Home", "Sleep", "Tool",
+    )  # fmt: skip
+    moving = [state for state in states if parse(f"<{state}|MPos:0.000|FS:0,0>".encode()).moving]  # type: ignore[union-attr]
+    assert moving == ["Run", "Run:1", "Run:2", "Hold:1", "Jog", "Door:2", "Door:3", "Door:4", "Home"]
 
 
 @pytest.mark.parametrize(

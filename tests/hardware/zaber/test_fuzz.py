@@ -104,7 +104,7 @@ def test_noise_for_answers_sets_nothing_in_motion(seed: int, checked: bool):
         Stage("pan", 1, 1, 1000.0, 0.0, -400.0, 400.0, 10.0),
         Stage("tilt", 1, 2, 1000.0, 0.0, -60.0, 60.0, 10.0),
     ]
-    rig = Zaber("noise", link, stages, 5.0, noise.clock, lambda seconds: None)
+    rig = Zaber("noise", link, stages, True, 5.0, noise.clock, lambda seconds: None)
     orders = 0
     while noise._lines:
         rig.status()

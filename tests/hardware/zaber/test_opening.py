@@ -187,5 +187,5 @@ def test_a_word_that_cannot_be_meant_is_told_with_an_example(query: dict[str, st
 
 
 def test_an_unknown_word_lists_those_there_are():
-    with pytest.raises(SettingsError, match=r"'speed'.*axes, baud, pan, serial, steps, tilt, zero"):
+    with pytest.raises(SettingsError, match=r"'speed'.*axes, baud, homing, pan, serial, steps, tilt, zero"):
         ZaberConfig.from_query("/dev/x", {"speed": "5"})

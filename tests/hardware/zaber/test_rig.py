@@ -332,3 +332,26 @@ def test_a_stop_between_the_check_and_the_order_still_ends_it(bench: Bench):
     with pytest.raises(StoppedError):
         rig.move(FAR)
     assert bench.device.angles().pan_deg < FAR.pan_deg - 100
+
+
+# ---- without a home sensor
+
+
+def test_without_a_sensor_the_present_place_becomes_zero_and_is_kept_until_power_is_lost(bench: Bench):
+    rig = bench.open(homing="none", pan=ZaberAxis(1, 1, zero_deg=10.0))
+    assert not rig.features.homes
+    assert rig.status().state is State.UNHOMED
+    stood = bench.device.angles()
+    assert rig.home().pan_deg == pytest.approx(0.0, abs=1e-3)
+    assert bench.device.angles() == stood
+    assert b" home" not in bench.heard.orders()
+    rig.move(Angles(30.0))
+    assert bench.device.angles().pan_deg == pytest.approx(stood.pan_deg + 30.0, abs=0.01)
+    rig.close()
+    again = bench.open(homing="none", pan=ZaberAxis(1, 1, zero_deg=10.0))
+    angles = again.status().angles
+    assert angles is not None
+    assert angles.pan_deg == pytest.approx(30.0, abs=1e-3)
+    bench.device.brown_out()
+    with pytest.raises(PositionLostError):
+        again.move(Angles(0.0))

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from hardware.interfaces import Angles
+from hardware.virtual.grbl.dialects import FLUIDNC
 from hardware.virtual.grbl.firmware import GrblFirmware
 from hardware.virtual.grbl.motion import Mechanics
 
@@ -55,7 +56,7 @@ def test_with_homing_it_starts_locked():
 
 
 def test_fluidnc_greets_in_its_own_words():
-    device = Device(GrblFirmware(HOMED, ENDS, fluidnc=True))
+    device = Device(GrblFirmware(HOMED, ENDS, dialect=FLUIDNC))
     assert device.tell(b"") == [
         "", "Grbl 3.7 [FluidNC v3.7.8 (wifi) '$' for help]", "[MSG:INFO: '$H'|'$X' to unlock]",
     ]  # fmt: skip
@@ -456,7 +457,7 @@ def test_a_limit_switch_in_motion_is_alarm_1_and_silence_until_reset():
 
 
 def test_fluidnc_tells_its_state_after_a_limit():
-    device = booted(GrblFirmware({**RIG, 21: 1}, ENDS, fluidnc=True))
+    device = booted(GrblFirmware({**RIG, 21: 1}, ENDS, dialect=FLUIDNC))
     device.tell(b"G1X300F3600\n", 60.0)
     assert device.report()["state"] == "Alarm"
 
