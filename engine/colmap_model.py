@@ -68,15 +68,19 @@ def quaternion_of(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]
     return vector if vector[0] >= 0 else -vector
 
 
+def _unsupported(path: Path, model: str) -> PoseError:
+    return PoseError(
+        f"{path}: camera model {model} is not supported (only {', '.join(_MODELS)}); run COLMAP with one of"
+        " these, or undistort the images"
+    )
+
+
 def _camera(lenses: Mapping[int, _Lens], number: int, path: Path) -> Camera:
     if number not in lenses:
         raise ValueError(f"no camera has the number {number}")
     model, width, height, words = lenses[number]
     if model not in _MODELS:
-        raise PoseError(
-            f"{path}: camera model {model} is not supported (only {', '.join(_MODELS)}); run COLMAP with one"
-            " of these, or undistort the images"
-        )
+        raise _unsupported(path, model)
     values, terms = [float(word) for word in words], _MODELS[model][1]
     if len(values) != len(terms):
         raise ValueError(f"{model} has {len(terms)} parameters, found {len(values)}")
@@ -103,15 +107,15 @@ def _lines(path: Path) -> Iterator[str]:
     return (line for line in lines if not line.startswith("#"))
 
 
-# A feature is x, y and the number of its point: so no image's line looks, but of a name made of numbers.
-_FEATURES = re.compile(r"([-+.\deE]+\s+[-+.\deE]+\s+-?\d+(\s+|$))*")
+# A feature is x, y and the number of its point; four of them tell. No image's line looks so, but of a name of numbers.
+_FEATURES = re.compile(r"F{4}|F{0,3}$".replace("F", r"([-+.\deE]+\s+[-+.\deE]+\s+-?\d+(\s+|$))"))
 
 
 def _images(lines: Iterator[str]) -> Iterator[_Found]:
     """An image's line is followed by one of its features, which may be empty; some programs leave that out."""
     after_image = False
     for line in lines:
-        if after_image and _FEATURES.fullmatch(line):
+        if after_image and _FEATURES.match(line):
             after_image = False
         elif line:
             words = line.split(maxsplit=9)
@@ -160,7 +164,7 @@ def _read_binary(folder: Path) -> _Contents:
     for _ in range(source.take("Q")[0]):
         number, model, width, height = source.take("IiQQ")
         if model not in _BY_NUMBER:
-            raise ValueError(f"camera model number {model} is not known")
+            raise _unsupported(folder, f"number {model}")  # how long its entry is, nobody here knows
         name, count = _BY_NUMBER[model]
         lenses[number] = name, width, height, source.take(f"{count}d")
     source = _Bytes(folder / "images.bin")

@@ -244,7 +244,7 @@ def encode_poses(given: GivenPoses, names: Sequence[str]) -> bytes:
     return json.dumps(content).encode()
 
 
-def told_poses(session: Session) -> str:
+def describe_poses(session: Session) -> str:
     """How many views were given a pose, which have none, and what was converted, in one line."""
     if "poses.json" not in sessions.edits(session):
         return "poses: none given; `process` finds them"

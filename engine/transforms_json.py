@@ -34,8 +34,8 @@ def _intrinsics(table: Mapping[str, Any], size: tuple[int, int], path: Path) -> 
     def get(key: str, default: float) -> float:
         return _number(table, key, default, path)
 
-    model = table.get("camera_model", "OPENCV")
-    if model not in MODELS or table.get("is_fisheye"):
+    model = "fisheye" if table.get("is_fisheye") else table.get("camera_model", "OPENCV")
+    if model not in MODELS:
         raise PoseError(f"{path}: camera model {model} is not supported; undistort to a pinhole first")
     width, height = round(get("w", float(size[0]))), round(get("h", float(size[1])))
 

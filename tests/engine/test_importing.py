@@ -69,14 +69,14 @@ def test_poses_may_name_any_exposure_of_the_bracket(raw: Path, tmp_path: Path) -
 def test_how_many_views_were_given_a_pose_is_told_and_kept(linear: Path, tmp_path: Path) -> None:
     poses = folders.write_poses(tmp_path / "transforms.json", count=7)
     session = importing.make_session(linear, tmp_path / "new.session", poses)
-    assert importing.told_poses(session) == (
+    assert importing.describe_poses(session) == (
         "poses: 7 of 8 views have one; no pose for 1 of 8 photographs: 0007.exr"
     )
     kept = json.loads((session.folder / "edits" / "poses.json").read_text())
     assert kept["notes"] == ["no pose for 1 of 8 photographs: 0007.exr"]
     assert kept["views"]["0007"] is None
     without = importing.make_session(linear, tmp_path / "none.session")
-    assert importing.told_poses(without) == "poses: none given; `process` finds them"
+    assert importing.describe_poses(without) == "poses: none given; `process` finds them"
 
 
 @pytest.mark.parametrize(
