@@ -150,4 +150,6 @@ def _facts(folder: Path) -> Mapping[str, Any]:
 def _exported(step: Step) -> tuple[str, ...]:
     if not step.done:
         return ()
-    return tuple(artefacts.load_value(step.folder / "export.json", "files"))
+    names = artefacts.load_value(step.folder / "export.json", "files")
+    top = (f"{name.split('/')[0]}/" if "/" in name else name for name in names)
+    return tuple(dict.fromkeys(top))

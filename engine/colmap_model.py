@@ -1,21 +1,25 @@
-"""COLMAP's sparse model on disk: reads text and binary, writes text.
+"""COLMAP's sparse model on disk: reads text and binary, writes binary.
 
 Source: COLMAP's documented output format (https://colmap.github.io/format.html). Its frames and pixel
 centres are ours: cam_from_world with x right, y down, z forward, first pixel centred on (0.5, 0.5).
-pycolmap is not used to read: it ends the process on a damaged file, and we owe a message.
+pycolmap is not used to read: it ends the process on a damaged file, and we owe a message. Text is not written:
+COLMAP reads a name from it only up to the first space.
 """
 
+import re
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from engine.errors import PoseError
+from engine.poselist import Image, Listed, text_of
 from engine.types import Camera
 
+UNREADABLE = "the COLMAP model cannot be read ({}); export it again"
 FILES = ("cameras.txt", "images.txt", "points3D.txt", "cameras.bin", "images.bin", "points3D.bin")
 
 # Model name, COLMAP's number of it, and what its parameters are in order.
@@ -26,23 +30,23 @@ _MODELS = {
     "RADIAL": (3, ("f", "cx", "cy", "k1", "k2")),
     "OPENCV": (4, ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")),
 }
-_BY_NUMBER = {number: name for name, (number, _) in _MODELS.items()}
+# Those that `Camera` cannot express, with how many parameters stand in the binary file.
+_OTHERS = {
+    5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 7: ("FOV", 5), 8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12), 11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    12: ("SIMPLE_DIVISION", 4), 13: ("DIVISION", 5), 14: ("SIMPLE_FISHEYE", 3), 15: ("FISHEYE", 4),
+    16: ("EUCM", 6), 17: ("EQUIRECTANGULAR", 2),
+}  # fmt: skip
+_BY_NUMBER = {number: (name, len(terms)) for name, (number, terms) in _MODELS.items()} | _OTHERS
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """One camera, the registered images by name, and the sparse points."""
-
-    camera: Camera
-    poses: Mapping[str, Float[np.ndarray, "3 4"]]
-    points: Float[np.ndarray, "m 3"]
-
-
-_Contents = tuple[dict[int, Camera], dict[str, tuple[int, np.ndarray]], list[list[float]]]
+_Lens = tuple[str, int, int, Sequence[float | str]]  # model, width, height, parameters
+_Found = tuple[str, int, Sequence[float | str]]  # name, its camera's number, quaternion and shift
+_Contents = tuple[dict[int, _Lens], list[_Found], list[list[float]]]
 
 
 def rotation_of(wxyz: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation matrix of a quaternion, which need not be of unit length."""
+    """Rotation matrix of a quaternion of any length but zero."""
+    wxyz = wxyz / np.abs(wxyz).max()  # whose squares might not be numbers
     w, x, y, z = wxyz / np.linalg.norm(wxyz)
     return np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -64,13 +68,20 @@ def quaternion_of(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]
     return vector if vector[0] >= 0 else -vector
 
 
-def _camera(model: str, width: int, height: int, values: list[float], path: Path) -> Camera:
+def _unsupported(path: Path, model: str) -> PoseError:
+    return PoseError(
+        f"{path}: camera model {model} is not supported (only {', '.join(_MODELS)}); run COLMAP with one of"
+        " these, or undistort the images"
+    )
+
+
+def _camera(lenses: Mapping[int, _Lens], number: int, path: Path) -> Camera:
+    if number not in lenses:
+        raise ValueError(f"no camera has the number {number}")
+    model, width, height, words = lenses[number]
     if model not in _MODELS:
-        raise PoseError(
-            f"{path}: camera model {model} is not supported (only {', '.join(_MODELS)}); run COLMAP with one"
-            " of these, or undistort the images"
-        )
-    terms = _MODELS[model][1]
+        raise _unsupported(path, model)
+    values, terms = [float(word) for word in words], _MODELS[model][1]
     if len(values) != len(terms):
         raise ValueError(f"{model} has {len(terms)} parameters, found {len(values)}")
     if not np.isfinite(values).all():
@@ -84,74 +95,83 @@ def _camera(model: str, width: int, height: int, values: list[float], path: Path
     return Camera(width, height, **named)
 
 
-def _pose(values: list[float], name: str) -> Float[np.ndarray, "3 4"]:
-    wxyz, shift = np.array(values[:4]), np.array(values[4:7])
-    if not np.isfinite(values).all() or abs(np.linalg.norm(wxyz) - 1) > 1e-3:
-        raise ValueError(f"the quaternion of {name} is not of unit length, or not finite")
-    return np.column_stack([rotation_of(wxyz), shift])
+def _pose(words: Sequence[float | str], name: str) -> Float[np.ndarray, "3 4"]:
+    values = np.array([float(word) for word in words])
+    if not np.isfinite(values).all() or not values[:4].any():
+        raise ValueError(f"the quaternion of {name} is zero, or its pose is not finite")
+    return np.column_stack([rotation_of(values[:4]), values[4:]])
 
 
 def _lines(path: Path) -> Iterator[str]:
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#"):
-            yield line.strip()
+    lines = (line.strip() for line in text_of(path).split("\n"))
+    return (line for line in lines if not line.startswith("#"))
+
+
+# A feature is x, y and the number of its point; four of them tell. No image's line looks so, but of a name of numbers.
+_FEATURES = re.compile(r"F{4}|F{0,3}$".replace("F", r"([-+.\deE]+\s+[-+.\deE]+\s+-?\d+(\s+|$))"))
+
+
+def _images(lines: Iterator[str]) -> Iterator[_Found]:
+    """An image's line is followed by one of its features, which may be empty; some programs leave that out."""
+    after_image = False
+    for line in lines:
+        if after_image and _FEATURES.match(line):
+            after_image = False
+        elif line:
+            words = line.split(maxsplit=9)
+            if len(words) < 10:
+                raise ValueError(f"images.txt has a line that is no image's: {line[:40]}")
+            yield words[9], int(words[8]), words[1:8]
+            after_image = True
 
 
 def _read_text(folder: Path) -> _Contents:
-    cameras = {}
+    lenses: dict[int, _Lens] = {}
     for line in filter(None, _lines(folder / "cameras.txt")):
         number, model, width, height, *values = line.split()
-        cameras[int(number)] = _camera(model, int(width), int(height), [float(v) for v in values], folder)
-    images = {}
-    # Two lines an image; the second lists its features and may be empty, so empty lines count.
-    lines = list(_lines(folder / "images.txt"))
-    while lines and not lines[0]:
-        lines.pop(0)
-    for line in lines[::2]:
-        if line:
-            _, *values, camera, name = line.split(maxsplit=9)
-            images[name] = (int(camera), _pose([float(v) for v in values], name))
+        lenses[int(number)] = model, int(width), int(height), values
     points = folder / "points3D.txt"
     kept = filter(None, _lines(points)) if points.exists() else ()
-    return cameras, images, [[float(v) for v in line.split()[1:4]] for line in kept]
+    images = list(_images(_lines(folder / "images.txt")))
+    return lenses, images, [[float(v) for v in line.split(maxsplit=4)[1:4]] for line in kept]
 
 
 class _Bytes:
-    """A cursor over a little-endian file; struct.error past the end."""
+    """A cursor over a little-endian file; ValueError past the end."""
 
     def __init__(self, path: Path) -> None:
-        self.data, self.at = path.read_bytes(), 0
+        self.data, self.at, self.name = path.read_bytes(), 0, path.name
 
     def take(self, form: str) -> tuple:
-        values = struct.unpack_from("<" + form, self.data, self.at)
-        self.at += struct.calcsize("<" + form)
-        return values
+        begin = self.at
+        self.skip(struct.calcsize("<" + form))
+        return struct.unpack_from("<" + form, self.data, begin)
 
     def skip(self, count: int) -> None:
         self.at += count
         if self.at > len(self.data):
-            raise ValueError("the file ends too early")
+            raise ValueError(f"{self.name} ends too early")
 
     def text(self) -> str:
-        end = self.data.index(b"\0", self.at)
-        value, self.at = self.data[self.at : end].decode("utf-8"), end + 1
-        return value
+        begin, end = self.at, self.data.find(b"\0", self.at)
+        self.skip(len(self.data) if end < 0 else end + 1 - begin)
+        return self.data[begin:end].decode("utf-8", errors="replace")
 
 
 def _read_binary(folder: Path) -> _Contents:
     source = _Bytes(folder / "cameras.bin")
-    cameras = {}
+    lenses: dict[int, _Lens] = {}
     for _ in range(source.take("Q")[0]):
         number, model, width, height = source.take("IiQQ")
-        name = _BY_NUMBER.get(model, f"number {model}")
-        values = list(source.take(f"{len(_MODELS[name][1])}d")) if name in _MODELS else []
-        cameras[number] = _camera(name, width, height, values, folder)
+        if model not in _BY_NUMBER:
+            raise _unsupported(folder, f"number {model}")  # how long its entry is, nobody here knows
+        name, count = _BY_NUMBER[model]
+        lenses[number] = name, width, height, source.take(f"{count}d")
     source = _Bytes(folder / "images.bin")
-    images = {}
+    images: list[_Found] = []
     for _ in range(source.take("Q")[0]):
         _, *values, camera = source.take("I7dI")
-        name = source.text()
-        images[name] = (camera, _pose(values, name))
+        images.append((source.text(), camera, values))
         source.skip(24 * source.take("Q")[0])
     points: list[list[float]] = []
     if (folder / "points3D.bin").exists():
@@ -159,7 +179,7 @@ def _read_binary(folder: Path) -> _Contents:
         for _ in range(source.take("Q")[0]):
             points.append(list(source.take("Q3d3Bd")[1:4]))
             source.skip(8 * source.take("Q")[0])
-    return cameras, images, points
+    return lenses, images, points
 
 
 def _find(folder: Path) -> tuple[Path, str]:
@@ -173,42 +193,43 @@ def _find(folder: Path) -> tuple[Path, str]:
     )
 
 
-def read(folder: Path) -> Model:
-    """The model in `folder`, or in its sparse/0.
+def read(folder: Path) -> Listed:
+    """The images and points of the model in `folder`, or in its sparse/0.
 
     Raises:
-        PoseError: no model there, a damaged one, an unsupported lens, or more than one camera in use.
+        PoseError: no model there. What a damaged one raises is Python's.
     """
     place, suffix = _find(folder)
-    try:
-        cameras, images, points = _read_binary(place) if suffix == "bin" else _read_text(place)
-        used = {cameras[number] for number, _ in images.values()}
-    except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
-        raise PoseError(
-            f"{place}: the COLMAP model cannot be read ({type(error).__name__}: {error}); export it again"
-        ) from error
-    if len(used) != 1:
-        raise PoseError(
-            f"{place}: {len(used)} cameras are in use; a session is photographed with one: run COLMAP with"
-            " --ImageReader.single_camera 1"
-        )
-    return Model(used.pop(), {k: pose for k, (_, pose) in images.items()}, np.array(points).reshape(-1, 3))
-
-
-def write(folder: Path, model: Model) -> None:
-    """Text files that COLMAP, pycolmap and the programs reading its models open; points have no tracks."""
-    folder.mkdir(parents=True, exist_ok=True)
-    camera = model.camera
-    terms = " ".join(repr(float(getattr(camera, term))) for term in _MODELS["OPENCV"][1])
-    (folder / "cameras.txt").write_text(
-        f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n1 OPENCV {camera.width} {camera.height} {terms}\n"
+    lenses, images, points = _read_binary(place) if suffix == "bin" else _read_text(place)
+    cloud = np.array(points, dtype=np.float64).reshape(-1, 3)
+    if not np.isfinite(cloud).all():
+        raise ValueError("a point is not finite")
+    listed = (
+        Image(name, partial(_camera, lenses, number, place), partial(_pose, values, name))
+        for name, number, values in images
     )
-    with (folder / "images.txt").open("w", encoding="utf-8") as out:
-        out.write("# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of features\n")
-        for number, (name, pose) in enumerate(model.poses.items(), start=1):
-            values = [*quaternion_of(pose[:, :3]), *pose[:, 3]]
-            out.write(f"{number} {' '.join(repr(float(v)) for v in values)} 1 {name}\n\n")
-    with (folder / "points3D.txt").open("w", encoding="utf-8") as out:
-        out.write("# POINT3D_ID X Y Z R G B ERROR TRACK\n")
-        for number, point in enumerate(model.points, start=1):
-            out.write(f"{number} {' '.join(repr(float(v)) for v in point)} 128 128 128 0\n")
+    return Listed(tuple(listed), cloud, "given")
+
+
+def write(
+    folder: Path,
+    camera: Camera,
+    poses: Mapping[str, Float[np.ndarray, "3 4"]],
+    points: Float[np.ndarray, "m 3"],
+) -> None:
+    """Files that COLMAP, pycolmap and the programs reading its models open; points have no tracks."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number, terms = _MODELS["OPENCV"]
+    values = [float(getattr(camera, term)) for term in terms]
+    (folder / "cameras.bin").write_bytes(
+        struct.pack("<QIiQQ8d", 1, 1, number, camera.width, camera.height, *values)
+    )
+    images = [
+        struct.pack("<I7dI", i, *quaternion_of(pose[:, :3]), *pose[:, 3], 1) + name.encode() + bytes(9)
+        for i, (name, pose) in enumerate(poses.items(), start=1)
+    ]  # after the name its end, and no features
+    (folder / "images.bin").write_bytes(struct.pack("<Q", len(images)) + b"".join(images))
+    cloud = [
+        struct.pack("<Q3d3BdQ", i, *point, *[128] * 3, 0.0, 0) for i, point in enumerate(points, start=1)
+    ]
+    (folder / "points3D.bin").write_bytes(struct.pack("<Q", len(cloud)) + b"".join(cloud))

@@ -28,6 +28,7 @@ from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Sur
 
 INDEX = "export.json"
 GREEN = {"opengl": "up", "directx": "down"}
+VIEWS = "images"  # the folder that COLMAP's and NeRF tools take pictures from unless told otherwise
 UNITS = {"rig": "metre", "board": "metre", "given": "that of the given poses"}
 
 
@@ -60,7 +61,7 @@ def write(
     names: Sequence[str],
     panorama: Panorama,
     grounds: Grounds,
-    photograph: Float[np.ndarray, "h w 3"],
+    photographs: Float[np.ndarray, "n h w 3"],
     params: ExportParams,
     progress: Progress,
 ) -> None:
@@ -72,7 +73,7 @@ def write(
 
     def fill(folder: Path) -> None:
         write_files(
-            folder, surface, gaussians, lamps, poses, names, panorama, grounds, photograph, params, progress
+            folder, surface, gaussians, lamps, poses, names, panorama, grounds, photographs, params, progress
         )
 
     place(to, fill)
@@ -158,7 +159,7 @@ def write_files(
     names: Sequence[str],
     panorama: Panorama,
     grounds: Grounds,
-    photograph: Float[np.ndarray, "h w 3"],
+    photographs: Float[np.ndarray, "n h w 3"],
     params: ExportParams,
     progress: Progress,
 ) -> None:
@@ -175,7 +176,8 @@ def write_files(
         (folder / "coverage.png").write_bytes(pictures.coverage(grounds))
         progress.step(0.2, "PNG maps")
         green = GREEN[params.normal_png]
-        drawn, facts = pictures.draw(surface, photograph, green, unit)
+        shown = np.asarray(photographs[names.index(panorama.view)])
+        drawn, facts = pictures.draw(surface, shown, green, unit)
         for name, data in drawn.items():
             (folder / name).write_bytes(data)
         progress.step(0.4, "meshes")
@@ -190,9 +192,11 @@ def write_files(
         progress.step(0.8, "light.ply")
         (folder / "light.ply").write_bytes(ply.splat_ply(to_3dgs(gaussians)))
         (folder / "lamps.json").write_bytes(lampfile.lamps_json(lamps, unit))
-        progress.step(0.9, "poses")
-        write_colmap(folder / "colmap", poses, names)
-        write_transforms(folder / "transforms.json", poses, names)
+        progress.step(0.9, "views and poses")
+        files = [f"{name}.jpg" for name in names]
+        _write_views(folder / VIEWS, files, photographs, poses, pictures.white_of(shown))
+        write_colmap(folder / "colmap", poses, files)
+        write_transforms(folder / "transforms.json", poses, [f"{VIEWS}/{file}" for file in files])
         index = {
             "program": f"Roomlight {_version()}",
             "unit_of_length": unit,
@@ -210,6 +214,21 @@ def write_files(
     except OSError as fault:
         raise told(fault, folder) from fault
     progress.step(1.0, "written")
+
+
+def _write_views(
+    folder: Path, files: Sequence[str], photographs: Float[np.ndarray, "n h w 3"], poses: Poses, white: float
+) -> None:
+    """The registered views' pictures, as bright as `photograph.png`; a view's name may hold folders."""
+    for file, photograph, registered in zip(files, photographs, poses.registered, strict=True):
+        if registered:
+            path = folder / file
+            if not path.resolve().is_relative_to(folder.resolve()):
+                raise ExportError(
+                    f"{file}: a view's name leads out of the export; import its photographs again"
+                )
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(pictures.view(np.asarray(photograph), white))
 
 
 FRAME = "camera: x right, y down, z forward; a normal that faces the camera has z < 0"

@@ -17,7 +17,7 @@ from typing import Any
 
 from engine import session as sessions
 from engine.brackets import Taken, group, natural
-from engine.errors import ImportFault, PoseError
+from engine.errors import ImportFault
 from engine.hdr import HdrParams
 from engine.images import read_mask, read_radiance
 from engine.linear import check_values
@@ -25,18 +25,10 @@ from engine.posefiles import GivenPoses, read_poses
 from engine.progress import Progress
 from engine.raw import read_facts, read_mosaic
 from engine.session import Session
+from engine.suffixes import LINEAR_SUFFIXES, RAW_SUFFIXES
 
 FEWEST_VIEWS = 8
 MERGE = HdrParams()  # what its later merge would refuse is refused here
-LINEAR_SUFFIXES = frozenset({".exr", ".hdr"})
-RAW_SUFFIXES = frozenset(
-    f".{suffix}"
-    for line in (
-        "3fr ari arw bay cap cr2 cr3 crw dcr dcs dng drf eip erf fff gpr iiq k25 kdc mdc mef mos",
-        "mrw nef nrw orf pef ptx pxn r3d raf raw rw2 rwl rwz sr2 srf srw x3f",
-    )
-    for suffix in line.split()
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,15 +231,8 @@ def given_poses(path: Path, views: Sequence[View], folder: Path, size: tuple[int
     Raises:
         PoseError: the poses are unreadable, not rigid, or of other photographs.
     """
-    first_fault: PoseError | None = None
-    for exposure in range(len(views[0].files)):
-        names = [view.files[exposure].relative_to(folder).as_posix() for view in views]
-        try:
-            return read_poses(path, names, size)
-        except PoseError as fault:
-            first_fault = first_fault or fault
-    assert first_fault is not None
-    raise first_fault
+    names = [tuple(file.relative_to(folder).as_posix() for file in view.files) for view in views]
+    return read_poses(path, names, size)
 
 
 def encode_poses(given: GivenPoses, names: Sequence[str]) -> bytes:
@@ -264,3 +249,13 @@ def encode_poses(given: GivenPoses, names: Sequence[str]) -> bytes:
         "notes": list(given.notes),
     }
     return json.dumps(content).encode()
+
+
+def describe_poses(session: Session) -> str:
+    """How many views were given a pose, which have none, and what was converted, in one line."""
+    if "poses.json" not in sessions.edits(session):
+        return "poses: none given; `process` finds them"
+    content = json.loads((session.folder / "edits" / "poses.json").read_bytes())
+    views = content["views"].values()
+    placed = f"{sum(pose is not None for pose in views)} of {len(views)} views have one"
+    return "; ".join([f"poses: {placed}", *content["notes"]])

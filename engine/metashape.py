@@ -1,38 +1,66 @@
 """Camera XML of Agisoft Metashape: reads it.
 
 Source: Metashape's manual, "Camera models" appendix, and files it exports. Poses are chunk_from_cam with our
-camera axes, and the chunk has a similarity of its own. The principal point is an offset from the image's
-centre, p1 and p2 are swapped against OpenCV, b1 adds to the focal length along x.
+camera axes, and each component of the chunk has a similarity of its own. The principal point is an offset from
+the image's centre, p1 and p2 are swapped against OpenCV, b1 adds to the focal length along x.
 """
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from jaxtyping import Float
 
 from engine.errors import PoseError
 from engine.geometry import check_rigid, inverse
-from engine.poselist import Listed, folded_lens
+from engine.poselist import Image, Listed, affine, folded_lens
 from engine.types import Camera
 
+UNREADABLE = (
+    "not a Metashape camera file ({}); export one chunk with File > Export > Export Cameras as Agisoft XML"
+)
+_YES, _NO = ("true", "1"), ("false", "0")
 
-def _numbers(element: ElementTree.Element | None, count: int, what: str) -> Float[np.ndarray, " n"]:
+
+def _numbers(element: Element | None, count: int, what: str) -> Float[np.ndarray, " n"]:
     values = np.array([float(word) for word in (element.text or "").split()] if element is not None else [])
     if len(values) != count:
         raise ValueError(f"{what} holds {len(values)} numbers, not {count}")
     return values
 
 
-def _metashape_camera(sensor: ElementTree.Element, path: Path) -> Camera:
-    adjusted = [c for c in sensor.findall("calibration") if c.get("class") == "adjusted"]
-    if not adjusted:
-        raise PoseError(f"{path}: no calibration of class adjusted; align the photographs, then export again")
-    kind = adjusted[0].get("type", sensor.get("type", "frame"))
-    if kind != "frame":
-        raise PoseError(f"{path}: camera type {kind} is not supported; only frame cameras are")
-    terms = {child.tag: float(child.text or "nan") for child in adjusted[0] if child.tag != "resolution"}
-    resolution = adjusted[0].find("resolution")
+def _calibration(sensor: Element, path: Path) -> Element:
+    """The adjusted one; of a sensor whose calibration is fixed, the one it was given."""
+    by_class = {c.get("class"): c for c in sensor.findall("calibration")}
+    fixed = any(p.get("name") == "fixed" and p.get("value") in _YES for p in sensor.findall("property"))
+    found = by_class.get("adjusted", by_class.get("initial") if fixed else None)
+    if found is None:
+        raise PoseError(
+            f"{path}: no calibration of class adjusted, and none that is fixed; align the photographs, then"
+            " export again"
+        )
+    return found
+
+
+def _camera(sensors: Mapping[str | None, Element], number: str | None, path: Path) -> Camera:
+    if number not in sensors:
+        raise ValueError(f"no sensor has the id {number}")
+    sensor = sensors[number]
+    calibration = _calibration(sensor, path)
+    for kind in (sensor.get("type", "frame"), calibration.get("type", "frame")):
+        if kind != "frame":
+            raise PoseError(f"{path}: camera type {kind} is not supported; only frame cameras are")
+    if calibration.find("fx") is not None:
+        raise PoseError(
+            f"{path}: a calibration with fx and fy, as old versions of PhotoScan wrote it, is not supported; export"
+            " from Metashape"
+        )
+    known = {"f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4"}
+    terms = {child.tag: float(child.text or "nan") for child in calibration if child.tag in known}
+    resolution = calibration.find("resolution")
     resolution = sensor.find("resolution") if resolution is None else resolution
     if resolution is None or "f" not in terms:
         raise ValueError("the calibration has no resolution or no f")
@@ -53,43 +81,96 @@ def _metashape_camera(sensor: ElementTree.Element, path: Path) -> Camera:
     return folded_lens(camera, radial, terms.get("b2", 0.0), str(path))
 
 
-def read(path: Path) -> Listed:
-    """World is the chunk's frame after its transform (which has the scale); without one it is arbitrary."""
-    try:
-        chunks = ElementTree.parse(path).getroot().findall("chunk")
-        if len(chunks) != 1:
-            raise ValueError(f"{len(chunks)} chunks")
-        sensors = {s.get("id"): s for s in chunks[0].iter("sensor")}
-        own = [c for c in chunks[0].iter("camera") if c.get("master_id") is None]
-        aligned = [c for c in own if c.find("transform") is not None]
-        used = {c.get("sensor_id") for c in aligned}
-        if len(used) != 1:
-            raise PoseError(
-                f"{path}: {len(used)} sensors have aligned cameras; a session is photographed with one camera"
-            )
-        camera = _metashape_camera(sensors[used.pop()], path)
-        rotation, shift, scale = np.eye(3), np.zeros(3), None
-        # Old versions put the transform on the chunk, newer ones on its component; both never differ.
-        whole = chunks[0].find("transform")
-        whole = chunks[0].find("components/component/transform") if whole is None else whole
-        if whole is not None and whole.find("scale") is not None:
-            rotation = _numbers(whole.find("rotation"), 9, "rotation").reshape(3, 3)
-            shift = _numbers(whole.find("translation"), 3, "translation")
-            scale = float(_numbers(whole.find("scale"), 1, "scale")[0])
-        poses: dict[str, np.ndarray | None] = {str(c.get("label")): None for c in own}
-        if len(poses) < len(own):
-            raise PoseError(f"{path}: two cameras have one label; rename one of the photographs")
-        for element in aligned:
-            label = str(element.get("label"))
-            numbers = _numbers(element.find("transform"), 16, f"transform of {label}")
-            chunk_from_cam = numbers.reshape(4, 4)[:3]
-            check_rigid(chunk_from_cam, f"{path}: {label}")
-            centre = rotation @ chunk_from_cam[:, 3] * (scale or 1.0) + shift
-            poses[label] = inverse(np.column_stack([rotation @ chunk_from_cam[:, :3], centre]))
-    except (OSError, ValueError, KeyError, TypeError, ElementTree.ParseError) as error:
+_Similarity = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float | None]
+
+
+def _world_from_chunk(transform: Element | None, path: Path) -> _Similarity:
+    """Rotation, shift and scale; None where nothing fixes the unit."""
+    if transform is None or transform.find("scale") is None:
+        return np.eye(3), np.zeros(3), None
+    rotation = _numbers(transform.find("rotation"), 9, "rotation").reshape(3, 3)
+    shift = _numbers(transform.find("translation"), 3, "translation")
+    scale = float(_numbers(transform.find("scale"), 1, "scale")[0])
+    check_rigid(np.column_stack([rotation, shift]), f"{path}: the chunk's transform")
+    if not 0 < scale < np.inf:
+        raise ValueError(f"the chunk's scale is {scale:g}")
+    return rotation, shift, scale
+
+
+def _pose(element: Element, world_from_chunk: _Similarity, name: str, path: Path) -> np.ndarray:
+    rotation, shift, scale = world_from_chunk
+    numbers = _numbers(element.find("transform"), 16, f"the transform of {name}")
+    chunk_from_cam = affine(numbers.reshape(4, 4), name)
+    check_rigid(chunk_from_cam, f"{path}: {name}")
+    centre = rotation @ chunk_from_cam[:, 3] * (scale or 1.0) + shift
+    return inverse(np.column_stack([rotation @ chunk_from_cam[:, :3], centre]))
+
+
+def _chunk(root: Element, path: Path) -> Element:
+    """The only chunk, or the active one of several."""
+    chunks = root.findall("chunk") or root.findall("chunks/chunk")
+    active = {holder.get("active_id") for holder in (root, *root.findall("chunks"))} - {None}
+    found = [c for c in chunks if c.get("id") in active] if len(chunks) > 1 else chunks
+    if len(chunks) > 1 and len(found) != 1:
         raise PoseError(
-            f"{path}: not a Metashape camera file ({type(error).__name__}: {error}); export one chunk with"
-            " File > Export > Export Cameras as Agisoft XML"
-        ) from error
-    unit = "unknown" if scale is None else "given"
-    return Listed(camera, poses, True, np.zeros((0, 3)), unit, ())
+            f"{path}: {len(chunks)} chunks, none of them marked as the active one; export one chunk"
+        )
+    if not found:
+        raise ValueError("it has no chunk")
+    return found[0]
+
+
+def _components(chunk: Element, path: Path) -> tuple[Element | None, Mapping[str, str | None]]:
+    """The active component, if there is any, and the component of each camera that a component lists."""
+    components = chunk.findall("components/component")
+    listed = {
+        camera: component.get("id")
+        for component in components
+        for ids in component.iter("camera_ids")
+        for camera in (ids.text or "").split()
+    }
+    holder = chunk.find("components")
+    number = holder.get("active_id") if holder is not None else None
+    active = [c for c in components if c.get("id") == number] if len(components) > 1 else components
+    if components and len(active) != 1:
+        raise PoseError(
+            f"{path}: {len(components)} components, none of them marked as the active one; activate one, or align"
+            " them to each other, and export again"
+        )
+    return (active[0] if active else None), listed
+
+
+def read(path: Path) -> Listed:
+    """World is the frame of the active component after its transform (which has the scale); without one it is
+    arbitrary. Components are not aligned to one another: cameras of the others have no pose."""
+    chunk = _chunk(ElementTree.parse(path).getroot(), path)
+    sensors = {s.get("id"): s for s in chunk.findall("sensors/sensor")}
+    active, component_of = _components(chunk, path)
+    # Old versions put the transform on the chunk, newer ones on its components.
+    transform = active.find("transform") if active is not None else None
+    world_from_chunk = _world_from_chunk(chunk.find("transform") if transform is None else transform, path)
+
+    def unplaced(element: Element) -> str:
+        component = element.get("component_id", component_of.get(element.get("id", "")))
+        if element.find("transform") is None:
+            return "not aligned"
+        if element.get("enabled") in _NO:
+            return "disabled"
+        if active is not None and component not in (None, active.get("id")):
+            return f"component {component} is not the active one"
+        return ""
+
+    images = []
+    for element in chunk.findall("cameras//camera"):
+        name = element.get("label")
+        if name is not None and element.get("master_id") is None:
+            images.append(
+                Image(
+                    name,
+                    partial(_camera, sensors, element.get("sensor_id"), path),
+                    partial(_pose, element, world_from_chunk, name, path),
+                    unplaced(element),
+                )
+            )
+    unit = "unknown" if world_from_chunk[2] is None else "given"
+    return Listed(tuple(images), np.zeros((0, 3)), unit)

@@ -20,6 +20,8 @@ GROUNDS = {
     "guessed": (213, 94, 0),
 }
 
+_SRGB_8 = png.to_8_bit(png.srgb(np.arange(65536) / 65535))
+
 
 def draw(
     surface: Surface, photograph: Float[np.ndarray, "h w 3"], green: str, unit: str
@@ -48,7 +50,7 @@ def draw(
         "Description": "one standard error of the normal = sample / 65535 * full_deg",
         "full_deg": repr(limit),
     }
-    white = float(np.percentile(photograph, 99)) or 1.0
+    white = white_of(photograph)
     pictures = {
         "normal.png": png.encode((normal >> 8).astype(np.uint8), "data", normal_text),
         "normal_16.png": png.encode(normal, "data", normal_text),
@@ -80,6 +82,24 @@ def draw(
         facts["specular_16"] = {"full": 1.0, "normal_reflectance": "0.08 specular where metalness is 0"}
         facts["metalness_16"] = {"full": 1.0, "normal_reflectance": "albedo where metalness is 1"}
     return pictures, facts
+
+
+def white_of(photograph: Float[np.ndarray, "h w 3"]) -> float:
+    """The radiance that pictures of views show as white: few pixels are brighter."""
+    return float(np.percentile(photograph, 99)) or 1.0
+
+
+def view(radiance: Float[np.ndarray, "h w 3"], white: float) -> bytes:
+    """One photograph as JPEG, for programs that take poses together with pictures: sRGB, nothing brighter than `white`."""
+    share = np.clip(radiance * np.float32(65535 / white), 0, 65535).astype(np.uint16)
+    quality = [
+        cv2.IMWRITE_JPEG_QUALITY,
+        95,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]
+    bgr = cv2.cvtColor(np.take(_SRGB_8, share), cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".jpg", bgr, quality)[1].tobytes()
 
 
 def _materials(surface: Surface) -> dict[str, bytes]:

@@ -7,16 +7,19 @@ OpenGL's camera axes; they are turned into cam_from_world with ours here, and ba
 import json
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from engine.errors import PoseError
-from engine.geometry import check_rigid, inverse, opencv_from_opengl
-from engine.poselist import Listed, folded_lens
+from engine.geometry import inverse, opencv_from_opengl
+from engine.poselist import Image, Listed, affine, folded_lens
 from engine.types import Camera, Poses
 
+UNREADABLE = "not a transforms.json ({}); it needs a list `frames` of file_path and transform_matrix (4 x 4)"
 MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 
 
@@ -31,8 +34,8 @@ def _intrinsics(table: Mapping[str, Any], size: tuple[int, int], path: Path) -> 
     def get(key: str, default: float) -> float:
         return _number(table, key, default, path)
 
-    model = table.get("camera_model", "OPENCV")
-    if model not in MODELS or table.get("is_fisheye"):
+    model = "fisheye" if table.get("is_fisheye") else table.get("camera_model", "OPENCV")
+    if model not in MODELS:
         raise PoseError(f"{path}: camera model {model} is not supported; undistort to a pinhole first")
     width, height = round(get("w", float(size[0]))), round(get("h", float(size[1])))
 
@@ -60,43 +63,21 @@ def _intrinsics(table: Mapping[str, Any], size: tuple[int, int], path: Path) -> 
     return folded_lens(camera, [get(f"k{i}", 0.0) for i in (1, 2, 3, 4)], 0.0, str(path))
 
 
-def read(path: Path, size: tuple[int, int]) -> Listed:
-    """Poses and the shared camera; `size` (width, height) stands in where the file gives none.
+def _pose(frame: Mapping[str, Any]) -> Float[np.ndarray, "3 4"]:
+    matrix = affine(frame["transform_matrix"], str(frame["file_path"]))
+    return inverse(np.concatenate([matrix[:, :3] @ opencv_from_opengl, matrix[:, 3:]], axis=1))
 
-    Raises:
-        PoseError: not such a file, a matrix that is not rigid, several cameras, or a lens we cannot express.
-    """
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        frames = {str(frame["file_path"]): frame for frame in table["frames"]}
-        world_from_gl = {
-            name: np.array(frame["transform_matrix"], dtype=np.float64)[:3] for name, frame in frames.items()
-        }
-        if len(frames) < len(table["frames"]):
-            raise ValueError("a file_path is listed twice")
-    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise PoseError(
-            f"{path}: not a transforms.json ({type(error).__name__}: {error}); it needs a list `frames` of"
-            " file_path and transform_matrix (4 x 4)"
-        ) from error
-    poses: dict[str, np.ndarray] = {}
-    for name, matrix in world_from_gl.items():
-        if matrix.shape != (3, 4):
-            raise PoseError(f"{path}: transform_matrix of {name} is not 4 x 4; export the file again")
-        check_rigid(matrix, f"{path}: {name}")
-        poses[name] = inverse(np.concatenate([matrix[:, :3] @ opencv_from_opengl, matrix[:, 3:]], axis=1))
-    # nerfstudio may repeat the intrinsics in each frame; a session has one camera.
-    keys = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "camera_model",
-            "k1", "k2", "k3", "k4", "p1", "p2")  # fmt: skip
-    own = {name: {**table, **{k: frame[k] for k in keys if k in frame}} for name, frame in frames.items()}
-    cameras = {name: _intrinsics(values, size, path) for name, values in own.items()}
-    distinct = set(cameras.values())
-    if len(distinct) != 1:
-        raise PoseError(
-            f"{path}: {'no frames' if not distinct else f'{len(distinct)} different cameras'}; a session is"
-            " photographed with one camera at one zoom: export with shared intrinsics"
-        )
-    return Listed(distinct.pop(), poses, False, np.zeros((0, 3)), "given", ())
+
+def read(path: Path, size: tuple[int, int]) -> Listed:
+    """The frames; `size` (width, height) stands in where the file gives none."""
+    table = json.loads(path.read_bytes())
+    # nerfstudio may repeat the intrinsics in each frame. A frame that names no file belongs to no photograph.
+    images = tuple(
+        Image(str(frame["file_path"]), partial(_intrinsics, {**table, **frame}, size, path), partial(_pose, frame))
+        for frame in table["frames"]
+        if isinstance(frame, dict) and "file_path" in frame
+    )  # fmt: skip
+    return Listed(images, np.zeros((0, 3)), "given")
 
 
 def write(path: Path, poses: Poses, names: Sequence[str]) -> None:

@@ -38,7 +38,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 7, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
+            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip

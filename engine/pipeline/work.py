@@ -217,7 +217,7 @@ def export(work: Work) -> Records:
     grounds = grounds_of(seen, clipped, found.normal[found.mask])
     write_files(
         work.folder, found, whole, emitters.lamps, placed, frames.names, seen, grounds,
-        np.asarray(frames.radiance[view]), work.params, work.progress,
+        frames.radiance, work.params, work.progress,
     )  # fmt: skip
     return {"panorama": seen, "grounds": grounds}
 

@@ -21,12 +21,13 @@ from engine.errors import Cancelled, ExportError
 from engine.export import ExportParams
 from engine.geometry import inverse
 from engine.light.gaussians import from_3dgs
+from engine.posefiles import read_poses
 from engine.progress import Progress
 from engine.types import Gaussians, Grounds, Lamps, Panorama, Poses
 from tests.engine.ball import CAMERA, ball
 from tests.engine.test_metrics import ring
 
-NAMES = ("a.exr", "b.exr", "c.exr", "d.exr")
+NAMES = ("my view", "render.0001", "c", "left/d")
 
 
 def gaussians(count: int = 7) -> Gaussians:
@@ -59,7 +60,7 @@ def poses(scale: str = "rig") -> Poses:
 
 def panorama() -> Panorama:
     radiance = np.linspace(0, 40, 8 * 16 * 3).reshape(8, 16, 3)
-    return Panorama("a.exr", radiance, np.repeat([[1.0], [0.0]], 4, 0) * np.ones((1, 16)))
+    return Panorama("my view", radiance, np.repeat([[1.0], [0.0]], 4, 0) * np.ones((1, 16)))
 
 
 def grounds() -> Grounds:
@@ -75,9 +76,9 @@ def write(
     scale: str = "rig",
     surface=None,
 ):
-    photograph = np.tile(np.linspace(0.01, 3, 64)[:, None], (48, 1, 3))
+    photographs = np.tile(np.linspace(0.01, 3, 64, dtype=np.float32)[:, None], (4, 48, 1, 3))
     export.write(
-        to, surface or ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), grounds(), photograph,
+        to, surface or ball(), gaussians(), lamps(), poses(scale), NAMES, panorama(), grounds(), photographs,
         params or ExportParams(), progress or Progress(),
     )  # fmt: skip
 
@@ -132,7 +133,7 @@ def test_maps_come_back_with_the_named_channels_frame_units_and_camera(exported)
 def test_the_panorama_keeps_high_radiance_and_says_what_was_guessed(exported):
     with OpenEXR.File(str(exported / "light.exr"), separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
-        assert "a.exr" in file.header()["frame"]
+        assert "my view" in file.header()["frame"]
     assert np.stack([channels[c] for c in "RGB"], -1) == pytest.approx(panorama().radiance, abs=1e-5)
     assert channels["seen.Y"] == pytest.approx(panorama().seen)
 
@@ -229,14 +230,43 @@ def test_meshes_poses_and_light_open_in_other_programs(exported):
     assert back.means == pytest.approx(gaussians().means, abs=1e-5)
     assert back.radiance == pytest.approx(gaussians().radiance, abs=1e-4)
     model = pycolmap.Reconstruction(str(exported / "colmap"))
-    assert sorted(image.name for image in model.images.values()) == ["a.exr", "b.exr", "d.exr"]
-    first = next(image for image in model.images.values() if image.name == "a.exr")
+    shown = ["left/d.jpg", "my view.jpg", "render.0001.jpg"]
+    assert sorted(image.name for image in model.images.values()) == shown
+    first = next(image for image in model.images.values() if image.name == "my view.jpg")
     assert first.cam_from_world().matrix() == pytest.approx(poses().cam_from_world[0], abs=1e-9)
     listed = json.loads((exported / "transforms.json").read_text())["frames"]
+    assert sorted(frame["file_path"] for frame in listed) == [f"images/{name}" for name in shown]
+    for name in shown:
+        assert cv2.imread(str(exported / "images" / name)).shape == (CAMERA.height, CAMERA.width, 3)
     world_from_gl = np.array(listed[0]["transform_matrix"])
     assert world_from_gl[:3, :3] @ np.diag([1, -1, -1]) == pytest.approx(
         inverse(poses().cam_from_world[0])[:, :3]
     )
+
+
+def test_exported_poses_are_imported_again_with_the_photographs(exported):
+    for made in ("transforms.json", "colmap"):
+        found = read_poses(exported / made, [f"{name}.dng" for name in NAMES], (CAMERA.width, CAMERA.height))
+        assert found.registered.tolist() == [True, True, False, True]
+        assert found.cam_from_world[found.registered] == pytest.approx(
+            poses().cam_from_world[[0, 1, 3]], abs=1e-9
+        )
+        assert found.camera.fx == CAMERA.fx
+
+
+def test_pictures_of_views_are_all_exposed_alike(exported):
+    pictures = [cv2.imread(str(exported / "images" / f"{NAMES[i]}.jpg")).astype(int) for i in (0, 1, 3)]
+    exposed = cv2.imread(str(exported / "photograph.png")).astype(int)
+    for picture in pictures:
+        assert abs(picture - exposed).max() <= 4  # of JPEG
+    assert pictures[0].max() == 255
+
+
+def test_a_view_whose_name_leads_elsewhere_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "NAMES", ("my view", "../../out of here", "c", "d"))
+    with pytest.raises(ExportError, match=r"out of here\.jpg: a view's name leads out of the export"):
+        write(tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unknown_scale_is_said_so(tmp_path):
@@ -399,13 +429,13 @@ def test_a_copy_with_green_as_it_is_changes_nothing(exported, tmp_path):
 
 
 def test_a_copy_of_some_files_lists_those_and_can_be_replaced(exported, tmp_path):
-    export.copy(exported, tmp_path / "there", files={"normal.png", "colmap/cameras.txt"})
+    export.copy(exported, tmp_path / "there", files={"normal.png", "colmap/cameras.bin"})
     there = {
         str(path.relative_to(tmp_path / "there"))
         for path in (tmp_path / "there").rglob("*")
         if path.is_file()
     }
-    assert there == {"normal.png", "colmap/cameras.txt", "export.json"}
+    assert there == {"normal.png", "colmap/cameras.bin", "export.json"}
     export.copy(exported, tmp_path / "there", files={"albedo.png"})
     assert not (tmp_path / "there" / "normal.png").exists()
 
@@ -435,6 +465,6 @@ def test_a_surface_without_depth_is_refused_before_anything_appears(tmp_path):
     flat = replace(ball(), depth=np.zeros((48, 64)))
     with pytest.raises(ExportError, match="no three neighbouring"):
         export.write(tmp_path / "out", flat, gaussians(), lamps(), poses(), NAMES, panorama(), grounds(),
-                     np.ones((48, 64, 3)), ExportParams(), Progress())  # fmt: skip
+                     np.ones((4, 48, 64, 3)), ExportParams(), Progress())  # fmt: skip
     assert list(tmp_path.iterdir()) == []
     assert not math.isnan(flat.depth.sum())

@@ -76,6 +76,19 @@ def test_poses_may_name_any_exposure_of_the_bracket(raw: Path, tmp_path: Path) -
     assert "poses.json" in sessions.edits(session)
 
 
+def test_how_many_views_were_given_a_pose_is_told_and_kept(linear: Path, tmp_path: Path) -> None:
+    poses = folders.write_poses(tmp_path / "transforms.json", count=7)
+    session = importing.make_session(linear, tmp_path / "new.session", poses)
+    assert importing.describe_poses(session) == (
+        "poses: 7 of 8 views have one; no pose for 1 of 8 photographs: 0007.exr"
+    )
+    kept = json.loads((session.folder / "edits" / "poses.json").read_text())
+    assert kept["notes"] == ["no pose for 1 of 8 photographs: 0007.exr"]
+    assert kept["views"]["0007"] is None
+    without = importing.make_session(linear, tmp_path / "none.session")
+    assert importing.describe_poses(without) == "poses: none given; `process` finds them"
+
+
 @pytest.mark.parametrize(
     ("breaking", "message"),
     [
@@ -122,7 +135,7 @@ def test_bad_linear_folders_are_refused(
     [
         ({"name": "other_{}.exr"}, r"transforms\.json: no pose for"),
         ({"stretch": 1.2}, r"transforms\.json: .*not orthonormal"),
-        ({"count": 5}, r"transforms\.json: no pose for 3 of 8"),
+        ({"count": 4}, r"transforms\.json: no pose for 4 of 8"),
     ],
 )
 def test_bad_poses_are_refused(linear: Path, tmp_path: Path, arguments: dict, message: str) -> None:

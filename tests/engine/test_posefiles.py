@@ -51,11 +51,13 @@ def metashape_xml(poses: Poses, names: list[str], extra: str = "", chunk: str = 
       </sensor></sensors><cameras>{cameras}</cameras>{chunk}</chunk></document>"""
 
 
-def write_binary(folder: Path, poses: Poses, names: list[str]) -> None:
-    text = folder.parent / "text"
-    write_colmap(text, poses, names)
+def rewritten(folder: Path, poses: Poses, names: list[str], binary: bool) -> Path:
+    """The model as COLMAP itself writes it."""
+    write_colmap(folder.parent / "own", poses, names)
     folder.mkdir(parents=True)
-    pycolmap.Reconstruction(str(text)).write_binary(str(folder))
+    theirs = pycolmap.Reconstruction(str(folder.parent / "own"))
+    (theirs.write_binary if binary else theirs.write_text)(str(folder))
+    return folder
 
 
 def check_same(path: Path, poses: Poses, names: list[str]) -> None:
@@ -74,9 +76,10 @@ def test_poses_survive_every_format(tmp_path_factory: pytest.TempPathFactory, se
     names = names_of(poses)
     write_transforms(folder / "transforms.json", poses, names)
     write_colmap(folder / "model", poses, names)
-    write_binary(folder / "scene" / "sparse" / "0", poses, names)
+    rewritten(folder / "scene" / "sparse" / "0", poses, names, binary=True)
+    rewritten(folder / "text", poses, names, binary=False)
     (folder / "cameras.xml").write_text(metashape_xml(poses, names))
-    for given_file in ("transforms.json", "model", "scene", "cameras.xml"):
+    for given_file in ("transforms.json", "model", "scene", "text", "cameras.xml"):
         check_same(folder / given_file, poses, names)
     np.testing.assert_allclose(
         read_poses(folder / "scene", names, (640, 480)).points, poses.points, atol=1e-12
@@ -247,7 +250,7 @@ def test_every_supported_colmap_lens_reads_as_pycolmap_sees_it(
 
 def test_unsupported_lenses_are_named(tmp_path: Path) -> None:
     poses = random_poses(1)
-    write_colmap(tmp_path / "m", poses, names_of(poses))
+    rewritten(tmp_path / "m", poses, names_of(poses), binary=False)
     (tmp_path / "m" / "cameras.txt").write_text("1 OPENCV_FISHEYE 640 480 1 2 3 4 5 6 7 8\n")
     with pytest.raises(PoseError, match="OPENCV_FISHEYE is not supported"):
         read_poses(tmp_path / "m", names_of(poses), (640, 480))
@@ -261,7 +264,7 @@ def test_unsupported_lenses_are_named(tmp_path: Path) -> None:
 def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
     poses = random_poses(1)
     names = names_of(poses)
-    write_binary(tmp_path / "bin", poses, names)
+    write_colmap(tmp_path / "bin", poses, names)
     whole = (tmp_path / "bin" / "images.bin").read_bytes()
     for length in (4, 100, len(whole) - 4):
         (tmp_path / "bin" / "images.bin").write_bytes(whole[:length])
@@ -316,3 +319,299 @@ def test_a_metashape_calibration_of_no_camera_is_refused(
     (tmp_path / "c.xml").write_text(text.replace(*broken))
     with pytest.raises(PoseError, match=r"c\.xml: not a Metashape camera file .*not (positive|finite)"):
         read_poses(tmp_path / "c.xml", names_of(poses), (640, 480))
+
+
+def transforms(path: Path, poses: Poses, names: list[str], spoil=lambda table: None) -> Path:
+    write_transforms(path, poses, names)
+    table = json.loads(path.read_text())
+    spoil(table)
+    path.write_text(json.dumps(table))
+    return path
+
+
+def model_text(folder: Path, lines: list[str], cameras: str = "1 PINHOLE 640 480 500 500 320 240\n") -> Path:
+    folder.mkdir()
+    (folder / "cameras.txt").write_text(cameras)
+    (folder / "images.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def image_lines(poses: Poses, names: list[str], camera: int = 1, length: float = 1.0) -> list[str]:
+    return [
+        " ".join(map(repr, [i, *(length * quaternion_of(m[:, :3])).tolist(), *m[:, 3].tolist(), camera]))
+        + " "
+        + name
+        for i, (name, m) in enumerate(zip(names, poses.cam_from_world, strict=True))
+    ]
+
+
+def test_only_what_belongs_to_the_photographs_is_looked_at(tmp_path: Path) -> None:
+    """A broken matrix, another camera, a lens we lack or a fisheye of an image that is none of ours."""
+    poses = random_poses(4)
+    ours, names = names_of(poses)[:7], [*names_of(poses)[:7], "other/x.jpg", "y.jpg"]
+
+    def spoil(table: dict) -> None:
+        table["frames"][7] |= {"fl_x": 3.0, "camera_model": "OPENCV_FISHEYE"}
+        table["frames"][8] |= {"transform_matrix": [[0, 0, 0]]}
+        table["frames"] += [
+            {"file_path": "z.png"},
+            {"transform_matrix": 1},
+            "nothing",
+            {"file_path": "z.png"},
+        ]
+
+    files = [transforms(tmp_path / "t.json", poses, names, spoil)]
+    lines = image_lines(poses, names)
+    lines[7] = lines[7].replace(" 1 other", " 2 other")
+    lines[8] = "9 0 0 0 0 nan 0 0 3 y.jpg"
+    lenses = "1 PINHOLE 640 480 500 500 320 240\n2 OPENCV_FISHEYE 9 9 1 1 1 1 0 0 0 0\n"
+    files.append(model_text(tmp_path / "m", lines, lenses))
+    text = metashape_xml(poses, names, chunk='<sensors><sensor id="1" type="fisheye"/></sensors>')
+    text = text.replace('sensor_id="0" label="x"', 'sensor_id="1" label="x"')
+    text = text.replace('label="y"><transform>', 'label="y"><transform>nan ')
+    files.append(tmp_path / "c.xml")
+    files[-1].write_text(text)
+    for file in files:
+        found = read_poses(file, ours, (640, 480))
+        np.testing.assert_allclose(found.cam_from_world, poses.cam_from_world[:7], atol=1e-9)
+        with pytest.raises(PoseError, match=file.name):
+            read_poses(file, [*ours, "x.dng"], (640, 480))
+        with pytest.raises(PoseError, match=file.name):
+            read_poses(file, [*ours, "y.dng"], (640, 480))
+
+
+@pytest.mark.parametrize("kind", ["t.json", "m", "c.xml"])
+def test_a_file_may_lack_the_smaller_part_of_the_views_and_they_are_named(tmp_path: Path, kind: str) -> None:
+    full = random_poses(2)
+
+    def made(count: int) -> Path:
+        to = tmp_path / str(count) / kind
+        to.parent.mkdir()
+        kept = Poses(
+            full.camera, full.cam_from_world[:count], full.registered[:count], full.points, "given", 0.0
+        )
+        names = names_of(full)[:count]
+        if kind == "m":
+            write_colmap(to, kept, names)
+        elif kind == "t.json":
+            write_transforms(to, kept, names)
+        else:
+            to.write_text(metashape_xml(kept, names))
+        return to
+
+    found = read_poses(made(5), names_of(full), (640, 480))
+    assert found.registered.tolist() == [True] * 5 + [False] * 4
+    assert found.notes == ("no pose for 4 of 9 photographs: 0005.exr, 0006.exr, 0007.exr, ...",)
+    with pytest.raises(PoseError, match=r"no pose for 5 of 9 photographs \(0004\.exr, 0005\.exr"):
+        read_poses(made(4), names_of(full), (640, 480))
+
+
+@pytest.mark.parametrize(
+    ("theirs", "photograph"),
+    [
+        ("./images/render.0001", "render.0001.exr"),
+        ("render.0001.PNG", "render.0001.exr"),
+        ("render.0001", "RENDER.0001.EXR"),
+        ("C:\\shots\\left\\my view 1.jpg", "left/my view 1.dng"),
+        ("images/caf\u00e9.jpg", "cafe\u0301.NEF"),
+        ("IMG_1.dng.jpg", "IMG_1.dng"),
+        ("scan.v2", "scan.v2.dng"),
+        ("a%20b.png", "a%20b.dng"),
+    ],
+)  # fmt: skip
+def test_names_agree_whatever_their_suffix_folder_and_case(
+    tmp_path: Path, theirs: str, photograph: str
+) -> None:
+    poses = random_poses(1, 3)
+    # Others that are alike: no photograph of ours is meant by them.
+    path = transforms(tmp_path / "t.json", poses, [theirs, "render.0002", "right/my view 1.5.jpg"])
+    found = read_poses(path, [photograph], (640, 480))
+    np.testing.assert_allclose(found.cam_from_world[0], poses.cam_from_world[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "photographs", "cause"),
+    [
+        (["a.png", "a.jpg"], ["a.dng"], "a.dng could be any of a.png, a.jpg"),
+        (["a.png", "a.png"], ["a.dng"], "a.dng could be any of a.png, a.png"),
+        (["a.png"], ["left/a.dng", "right/a.dng"], "a.png could be left/a.dng or right/a.dng"),
+        (["render.png"], ["render.0001.exr", "render.0002.exr"], "no pose for 2 of 2"),
+        (["render.0001", "render.0002"], ["render.exr"], "no pose for 1 of 1"),
+    ],
+)
+def test_a_name_that_fits_two_is_never_guessed(
+    tmp_path: Path, theirs: list[str], photographs: list[str], cause: str
+) -> None:
+    path = transforms(tmp_path / "t.json", random_poses(1, len(theirs)), theirs)
+    with pytest.raises(PoseError, match=cause):
+        read_poses(path, photographs, (640, 480))
+
+
+def test_folders_tell_like_names_apart_even_where_one_is_missing(tmp_path: Path) -> None:
+    poses = random_poses(1, 5)
+    theirs = [
+        "images/right/a.png",
+        "images/left/b.png",
+        "images/right/b.png",
+        "images/left/c.png",
+        "images/right/c.png",
+    ]
+    path = transforms(tmp_path / "t.json", poses, theirs)
+    ours = [f"{side}/{name}.dng" for name in "abc" for side in ("left", "right")]
+    found = read_poses(path, ours, (640, 480))
+    np.testing.assert_allclose(found.cam_from_world[1:], poses.cam_from_world, atol=1e-9)
+    assert found.notes == ("no pose for 1 of 6 photographs: left/a.dng",)
+
+
+def test_a_view_is_known_by_any_of_its_exposures_and_the_first_with_a_pose_counts(tmp_path: Path) -> None:
+    poses = random_poses(1, 3)
+    path = transforms(tmp_path / "t.json", poses, ["IMG_2.jpg", "IMG_3.jpg", "IMG_4.jpg"])
+    found = read_poses(path, [("IMG_1.dng", "IMG_2.dng"), ("IMG_3.dng", "IMG_4.dng")], (640, 480))
+    np.testing.assert_allclose(found.cam_from_world, poses.cam_from_world[:2], atol=1e-9)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_byte_order_mark_is_read_in_every_text_format(tmp_path: Path, encoding: str) -> None:
+    poses = random_poses(1)
+    write_transforms(tmp_path / "t.json", poses, names_of(poses))
+    text = metashape_xml(poses, names_of(poses)).replace(
+        'version="1.0"', f'version="1.0" encoding="{encoding[:6]}"'
+    )
+    (tmp_path / "c.xml").write_text(text.replace('"utf-8-"', '"utf-8"'))
+    rewritten(tmp_path / "m", poses, names_of(poses), binary=False)
+    for file in (tmp_path / "t.json", tmp_path / "c.xml", *(tmp_path / "m").glob("*.txt")):
+        file.write_text(file.read_text(), encoding=encoding)
+    for file in ("t.json", "c.xml", "m"):
+        check_same(tmp_path / file, poses, names_of(poses))
+
+
+LAYOUTS = {
+    "empty lines": lambda i, line: [line, ""],
+    "features": lambda i, line: [line, "12.5 3.25 -1 1e2 -4E-1 7 0 0 12"],
+    "no second line": lambda i, line: [line],
+    "features of some": lambda i, line: [line] + [["1.5 2.5 3"], []][i % 2],
+    "comments and carriage returns": lambda i, line: ["# an image", line + "\r", "\r"],
+    "blank lines between": lambda i, line: [line, "", "", ""],
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("name", ["view {}.jpg", "my view {} of 9", "{}.jpg"])
+def test_colmap_text_is_read_in_any_layout(tmp_path: Path, layout: str, name: str) -> None:
+    poses = random_poses(6)
+    poses.cam_from_world[0] = np.eye(3, 4)  # "1 0 0 0 0 0 0", all of whole numbers
+    names = [name.format(i) for i in range(9)]
+    lines = [
+        x for i, line in enumerate(image_lines(poses, names, length=4.9)) for x in LAYOUTS[layout](i, line)
+    ]
+    found = read_poses(model_text(tmp_path / "m", lines), names, (640, 480))
+    np.testing.assert_allclose(found.cam_from_world, poses.cam_from_world, atol=1e-9)
+
+
+@pytest.mark.parametrize(("length", "right"), [(1e-200, True), (1e200, True), (-3.0, True), (0.0, False)])
+def test_quaternions_of_any_length_but_zero_are_turned_to_unit_length(
+    tmp_path: Path, length: float, right: bool
+) -> None:
+    poses = random_poses(6)
+    folder = model_text(tmp_path / "m", image_lines(poses, names_of(poses), length=length))
+    if right:
+        found = read_poses(folder, names_of(poses), (640, 480))
+        np.testing.assert_allclose(found.cam_from_world, poses.cam_from_world, atol=1e-9)
+        return
+    with pytest.raises(PoseError, match=r"quaternion of 0000\.exr is zero"):
+        read_poses(folder, names_of(poses), (640, 480))
+
+
+def test_names_with_spaces_and_dots_are_the_same_to_colmap_and_to_us(tmp_path: Path) -> None:
+    poses, names = random_poses(3), [f"left/my view.{i:04d}" for i in range(9)]
+    write_colmap(tmp_path, poses, [f"{name}.jpg" for name in names])
+    theirs = {image.name: image for image in pycolmap.Reconstruction(str(tmp_path)).images.values()}
+    assert sorted(theirs) == [f"{name}.jpg" for name in names]
+    check_same(tmp_path, poses, [f"{name}.exr" for name in names])
+
+
+def test_a_binary_model_with_a_false_count_is_refused_at_once(tmp_path: Path) -> None:
+    poses, names = random_poses(1), names_of(random_poses(1))
+    for file, at in (("cameras.bin", 0), ("images.bin", 0), ("points3D.bin", 0), ("images.bin", 8 + 64 + 9)):
+        write_colmap(tmp_path / "m", poses, names)
+        data = bytearray((tmp_path / "m" / file).read_bytes())
+        data[at : at + 8] = (2**62).to_bytes(8, "little")
+        (tmp_path / "m" / file).write_bytes(data)
+        with pytest.raises(PoseError, match=r"m: the COLMAP model cannot be read"):
+            read_poses(tmp_path / "m", names, (640, 480))
+
+
+def component(number: int, shift: str, scale: float, cameras: str = "") -> str:
+    return (
+        f'<component id="{number}"><transform><rotation>0 -1 0 1 0 0 0 0 1</rotation><translation>{shift}'
+        f"</translation><scale>{scale}</scale></transform><partition><camera_ids>{cameras}</camera_ids></partition>"
+        "</component>"
+    )
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_metashape_places_the_active_component_and_names_cameras_of_others(
+    tmp_path: Path, listed: bool
+) -> None:
+    poses = random_poses(5)
+    other, active = ("7 8", "0 1 2 3 4 5 6") if listed else ("", "")
+    chunk = f'<components active_id="4">{component(0, "9 9 9", 7, other)}{component(4, "1 2 3", 2.5, active)}</components>'
+    text = metashape_xml(poses, names_of(poses), chunk=chunk)
+    if not listed:
+        for i in range(9):
+            text = text.replace(f'<camera id="{i}"', f'<camera id="{i}" component_id="{0 if i > 6 else 4}"')
+    (tmp_path / "c.xml").write_text(text)
+    found = read_poses(tmp_path / "c.xml", names_of(poses), (640, 480))
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    centres = 2.5 * inverse(poses.cam_from_world)[:7, :, 3] @ turn.T + [1, 2, 3]
+    np.testing.assert_allclose(inverse(found.cam_from_world[:7])[..., 3], centres, atol=1e-9)
+    assert found.registered.tolist() == [True] * 7 + [False] * 2
+    assert "0007.exr (component 0 is not the active one)" in found.notes[0]
+    (tmp_path / "c.xml").write_text(text.replace(' active_id="4"', ""))
+    with pytest.raises(PoseError, match="2 components, none of them marked as the active one"):
+        read_poses(tmp_path / "c.xml", names_of(poses), (640, 480))
+
+
+def test_metashape_fixed_calibrations_groups_chunks_and_disabled_cameras(tmp_path: Path) -> None:
+    poses, names = random_poses(5), names_of(random_poses(5))
+    text = metashape_xml(poses, names)
+    fixed = text.replace('class="initial"', 'class="old"').replace('class="adjusted"', 'class="initial"')
+    fixed = fixed.replace('type="frame"><res', 'type="frame"><property name="fixed" value="true"/><res', 1)
+    grouped = text.replace("<cameras>", '<cameras><group id="0" label="card">').replace(
+        "</cameras>", "</group></cameras>"
+    )
+    empty = '<chunk id="3"><cameras/></chunk>'
+    several = text.replace('<document version="2.0.0">', f'<document active_id="5">{empty}')
+    several = several.replace('<chunk label="a"', '<chunk id="5" label="a"')
+    for said in (fixed, grouped, several):
+        (tmp_path / "c.xml").write_text(said)
+        check_same(tmp_path / "c.xml", poses, names)
+    (tmp_path / "c.xml").write_text(several.replace(' active_id="5"', ""))
+    with pytest.raises(PoseError, match="2 chunks, none of them marked as the active one"):
+        read_poses(tmp_path / "c.xml", names, (640, 480))
+    (tmp_path / "c.xml").write_text(text.replace('<camera id="4"', '<camera id="4" enabled="false"'))
+    found = read_poses(tmp_path / "c.xml", names, (640, 480))
+    assert found.registered.tolist() == [i != 4 for i in range(9)]
+    assert found.notes == ("no pose for 1 of 9 photographs: 0004.exr (disabled)",)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '{"frames": ' + "[" * 100_000,
+        "[1, 2]",
+        '{"frames": 3}',
+        '{"fl_x": ' + "9" * 400 + ', "frames": [{"file_path": "0000", "transform_matrix": [[1]]}]}',
+        '{"fl_x": 1, "frames": [{"file_path": "0000", "transform_matrix": [[' + "9" * 400 + "]]}]}",
+        '{"fl_x": 1e-300, "k3": 1, "frames": [{"file_path": "0000", "transform_matrix": [[1]]}]}',
+        '{"fl_x": 9, "frames": [{"file_path": "0000", "transform_matrix": {"a": 1}}]}',
+        '{"fl_x": 9, "frames": [{"file_path": "0000", "transform_matrix": '
+        "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [5, 6, 7, 1]]}]}",
+    ],
+)
+def test_a_transforms_json_of_anything_else_is_one_line(tmp_path: Path, content: str) -> None:
+    (tmp_path / "t.json").write_text(content)
+    with pytest.raises(PoseError, match=r"t\.json: ") as fault:
+        read_poses(tmp_path / "t.json", ["0000.exr"], (640, 480))
+    assert "\n" not in str(fault.value)
+    assert len(str(fault.value)) < 600

@@ -75,7 +75,7 @@ def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, 
 
 def test_every_format_is_offered_with_frame_units_and_size(page: ExportPage) -> None:
     lines = [page.table.topLevelItem(row) for row in range(page.table.topLevelItemCount())]
-    assert len(lines) == len(page.keys()) == 16
+    assert len(lines) == len(page.keys()) == 17
     # This object is all of paint: its export has no maps of materials.
     (absent,) = [line for line in lines if line.isDisabled()]
     assert "metalness" in absent.text(0).lower() + absent.text(1).lower() + absent.toolTip(0)
