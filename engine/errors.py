@@ -4,6 +4,8 @@ The command line turns any `RoomlightError` into one line on stderr and exit cod
 escapes is a bug and keeps its traceback.
 """
 
+LONGEST_REASON = 160  # characters
+
 
 class RoomlightError(Exception):
     """Base of every error a person can do something about."""
@@ -55,3 +57,11 @@ class TruthError(RoomlightError):
 
 class Cancelled(RoomlightError):
     """The person asked for a stop; what was finished stays finished."""
+
+
+def reason(fault: BaseException) -> str:
+    """What a library said, on one line and no longer than a person reads."""
+    text = " ".join(str(fault).split())
+    text = text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 3]}..."
+    # A KeyError says the key and nothing else, some say nothing at all.
+    return f"{type(fault).__name__} {text}".rstrip() if isinstance(fault, KeyError) or not text else text

@@ -9,7 +9,6 @@ and z towards the camera (z > 0), which most networks write, SDM-UniPS and LINO-
 found out by the sign of z.
 """
 
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,7 +17,8 @@ import numpy as np
 import OpenEXR
 from jaxtyping import Bool, Float
 
-from engine.errors import ImportFault
+from engine.arrays import UNREADABLE
+from engine.errors import ImportFault, reason
 from engine.geometry import opencv_from_opengl
 from engine.images import srgb_decode
 
@@ -96,7 +96,7 @@ def holds(path: Path, kind: str) -> bool:
     try:
         with np.load(path, allow_pickle=False) as held:
             return kind in held.files
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    except UNREADABLE:
         return False  # what is wrong with it is told as its normals are read
 
 
@@ -135,9 +135,8 @@ def _exr(path: Path, kind: str) -> np.ndarray:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, OSError) as fault:
-        reason = " ".join(str(fault).split())
         raise ImportFault(
-            f"{path}: cannot be read as OpenEXR, it may be cut off ({reason}); write it again"
+            f"{path}: cannot be read as OpenEXR, it may be cut off ({reason(fault)}); write it again"
         ) from fault
     for names in ("RGB", "XYZ"):
         if set(names) <= set(channels):
@@ -158,9 +157,9 @@ def _numpy(path: Path, kind: str) -> np.ndarray:
             if kind in held.files:
                 return held[kind]
             found = ", ".join(held.files)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as fault:
+    except UNREADABLE as fault:
         raise ImportFault(
-            f"{path}: cannot be read as NumPy's ({fault}); write it again with numpy.save"
+            f"{path}: cannot be read as NumPy's ({reason(fault)}); write it again with numpy.save"
         ) from fault
     raise ImportFault(f"{path}: lacks the key {kind}, it holds {found}; write it again with numpy.savez")
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import tomli_w
 
-from engine.errors import BusyError, SessionError
+from engine.errors import BusyError, SessionError, reason
 
 SCHEMA = 1
 
@@ -174,7 +174,7 @@ def open_session(folder: Path) -> Session:
         raise SessionError(f"{path}: no permission to read it; change the file's permissions") from None
     except (ValueError, KeyError, TypeError) as error:
         raise SessionError(
-            f"{path}: damaged ({error}); restore it from a copy or import the photographs again"
+            f"{path}: damaged ({reason(error)}); restore it from a copy or import the photographs again"
         ) from None
     if not isinstance(schema, int) or schema > SCHEMA:
         raise SessionError(
@@ -281,7 +281,7 @@ def read_shot(path: Path) -> Shot:
         )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SessionError(
-            f"{path}: damaged ({error!r}); restore it or import the photographs again"
+            f"{path}: damaged ({reason(error)}); restore it or import the photographs again"
         ) from None
     for file, size in zip(files, sizes, strict=True):
         if not file.is_file():

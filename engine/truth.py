@@ -5,14 +5,14 @@ unit of the truth's poses, albedo and roughness in [0, 1]. No stage of the pipel
 """
 
 import json
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from engine.errors import TruthError
+from engine.arrays import UNREADABLE
+from engine.errors import TruthError, reason
 from engine.types import Camera
 
 REQUIRED = ("normal", "albedo", "roughness", "depth", "mask")
@@ -45,9 +45,9 @@ def read_truth(path: Path) -> Truth:
     try:
         with np.load(file, allow_pickle=False) as archive:
             data = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as fault:
+    except UNREADABLE as fault:
         raise TruthError(
-            f"{file}: not a readable .npz ({fault}); write the truth again with numpy.savez"
+            f"{file}: not a readable .npz ({reason(fault)}); write the truth again with numpy.savez"
         ) from fault
     missing = [key for key in REQUIRED if key not in data]
     if missing:

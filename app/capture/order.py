@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from engine.errors import RoomlightError, SessionError
+from engine.errors import RoomlightError, SessionError, reason
 from engine.session import write_atomic
 from hardware.interfaces import Angles, Bracket, Exposure, Geometry
 from hardware.plan import Place, Plan, fitted
@@ -125,7 +125,7 @@ def read(session: Path) -> Order:
             " URL --camera URL --poses N SESSION`"
         ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SessionError(f"{path}: damaged ({error!r}); restore it from a copy") from None
+        raise SessionError(f"{path}: damaged ({reason(error)}); restore it from a copy") from None
 
 
 def _order(content: Mapping[str, Any]) -> Order:

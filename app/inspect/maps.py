@@ -15,6 +15,7 @@ from app.inspect import falsecolour
 from app.inspect.falsecolour import Scale
 from app.inspect.runs import Run
 from app.words import QT_TRANSLATE_NOOP
+from engine.arrays import UNREADABLE
 from engine.errors import SessionError
 from engine.pipeline import artefacts
 from engine.radiance import relative_error
@@ -195,7 +196,7 @@ def rendering(maps: Maps, view: int) -> Float[np.ndarray, "h w 3"] | None:
         return maps.renders.radiance[maps.renders.views.index(view)]
     try:
         flat = np.load(maps.rerendered / f"{view:04d}.npy", allow_pickle=False)
-    except (OSError, ValueError):
+    except UNREADABLE:
         return None
     if flat.shape != (int(maps.surface.mask.sum()), 3):
         return None

@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float, Int
 
 from app.inspect.runs import Run
 from app.relight.relit import Light, Transfer
-from engine.errors import SessionError
+from engine.arrays import UNREADABLE
+from engine.errors import SessionError, reason
 from engine.session import told
 
 FORMAT = 1  # of the files; raised when what is written means something else
@@ -145,5 +146,5 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (OSError, ValueError, KeyError) as error:
-        raise SessionError(f"{path}: cannot be read ({error}); remove it, it is made again") from None
+    except UNREADABLE as error:
+        raise SessionError(f"{path}: cannot be read ({reason(error)}); remove it, it is made again") from None

@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from app.inspect import falsecolour
 from app.inspect.runs import Run
-from engine.errors import SessionError
+from engine.arrays import UNREADABLE
+from engine.errors import SessionError, reason
 from engine.radiance import luminance
 
 HATCH_PX = 8
@@ -73,5 +74,5 @@ def load(run: Run) -> Light | None:
     try:
         with np.load(path, allow_pickle=False) as file:
             return Light(str(file["view"]), file["radiance"], file["seen"], file["clipped"].astype(bool))
-    except (OSError, ValueError, KeyError) as error:
-        raise SessionError(f"{path}: damaged ({error}); remove it, it is made again") from None
+    except UNREADABLE as error:
+        raise SessionError(f"{path}: damaged ({reason(error)}); remove it, it is made again") from None

@@ -19,7 +19,8 @@ from app.viewer import protocol
 from app.viewer.canvas import Canvas, NoGraphics
 from app.viewer.drawing import Drawing
 from app.viewer.frames import FrameWriter
-from engine.errors import RoomlightError
+from engine.arrays import UNREADABLE
+from engine.errors import RoomlightError, reason
 
 NICE = 8
 RENDERERS = ("auto", "opengl", "filament")
@@ -135,8 +136,10 @@ class Service:
             return
         try:
             radiance = np.load(path, allow_pickle=False)
-        except (OSError, ValueError) as error:
-            self.say(protocol.Note(f"{path}: cannot be read ({error}); the layer {name} stays as it was"))
+        except UNREADABLE as error:
+            self.say(
+                protocol.Note(f"{path}: cannot be read ({reason(error)}); the layer {name} stays as it was")
+            )
             return
         shape = parts.scene.layers["shaded"].colours.shape
         if radiance.shape != shape:

@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from engine.errors import SessionError
+from engine.arrays import UNREADABLE
+from engine.errors import SessionError, reason
 from engine.session import told
 
 Record = TypeVar("Record")
@@ -65,7 +66,7 @@ def load(folder: Path, name: str, kind: type[Record]) -> Record:
         values = {key: revive(value, hints[key]) for key, value in content["values"].items()}
         records = {key: load(folder, f"{name}.{key}", hints[key]) for key in content.get("records", ())}
         return kind(**arrays, **values, **records)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except UNREADABLE as error:
         raise _damaged(path, error) from error
 
 
@@ -77,13 +78,13 @@ def load_value(path: Path, key: str) -> Any:
     """
     try:
         return json.loads(path.read_bytes())[key]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except UNREADABLE as error:
         raise _damaged(path, error) from error
 
 
 def _damaged(path: Path, error: Exception) -> SessionError:
     return SessionError(
-        f"{path}: cannot be read back ({error}); remove the folder {path.parent} and process again"
+        f"{path}: cannot be read back ({reason(error)}); remove the folder {path.parent} and process again"
     )
 
 
