@@ -32,7 +32,7 @@ logging.getLogger("tifffile").setLevel(logging.CRITICAL)
 def read_tags(path: Path) -> tuple[dict[str, Any], int]:
     """(tags by their names, end): the first header to have a tag is believed.
 
-    `end` is the byte after the last strip of pixels that a header at the file's very beginning lists; 0 without one.
+    `end` is the byte after the last strip or tile of pixels that a header at the file's very beginning lists; 0 without one.
 
     Raises:
         OSError: it is not there or cannot be read.
@@ -102,7 +102,9 @@ def _tags(source: BinaryIO | Path) -> dict[str, Any]:
 
 
 def _data_end(tags: dict[str, Any]) -> int:
-    offsets, lengths = (tags.get(name, ()) for name in ("StripOffsets", "StripByteCounts"))
-    if not (isinstance(offsets, tuple) and isinstance(lengths, tuple)):
-        return 0
-    return max((at + length for at, length in zip(offsets, lengths, strict=False)), default=0)
+    ends = [0]
+    for kind in ("Strip", "Tile"):
+        offsets, lengths = tags.get(f"{kind}Offsets"), tags.get(f"{kind}ByteCounts")
+        if isinstance(offsets, tuple) and isinstance(lengths, tuple):
+            ends += [at + length for at, length in zip(offsets, lengths, strict=False)]
+    return max(ends)

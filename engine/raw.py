@@ -23,8 +23,10 @@ from engine.errors import RawError
 LIBRAW = "LibRaw " + ".".join(map(str, rawpy.libraw_version[:2]))
 NOT_SUPPORTED = (rawpy.LibRawFileUnsupportedError, rawpy.LibRawNotImplementedError)
 TOO_LARGE = (rawpy.LibRawUnsufficientMemoryError, rawpy.LibRawTooBigError, rawpy.LibRawMemPoolOverflowError)
-DECODED = (1, 7)  # compressions of a DNG's mosaic: none, lossless JPEG
-OTHERS = {5: "LZW", 8: "deflate", 9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL"}
+DECODED = {"counts": (1, 7), "floats in strips": (1, 8), "floats in tiles": (8,)}  # none, lossless JPEG, deflate
+COMPRESSIONS = {
+    1: "uncompressed", 5: "LZW", 7: "lossless JPEG", 8: "deflate", 9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL",
+}  # fmt: skip
 SQUARE = 0.02  # how far from square a pixel may be
 # IEC 61966-2-1; white is that of daylight, D65.
 XYZ_FROM_REC709 = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
@@ -194,13 +196,16 @@ def _refuse_dng(path: Path, fault: Exception) -> None:
             pages = [tiff.pages.first, *(tiff.pages.first.pages or ())]
             largest = max(pages, key=lambda page: page.imagewidth * page.imagelength)
             bits, stored = largest.bitspersample, int(largest.compression)
+            kind = "counts"
+            if largest.sampleformat == float_dng.FLOATS:
+                kind = "floats in tiles" if largest.is_tiled else "floats in strips"
             if "DNGVersion" not in tiff.pages.first.tags:
                 return
     except (tifffile.TiffFileError, OSError, ValueError, KeyError, IndexError, TypeError, AttributeError):
         return
-    if isinstance(fault, NOT_SUPPORTED) or stored not in DECODED:
+    if isinstance(fault, NOT_SUPPORTED) or stored not in DECODED[kind]:
         raise RawError(
-            f"{path}: {LIBRAW} does not support this kind of DNG ({bits} bits, compression {OTHERS.get(stored, stored)});"
+            f"{path}: {LIBRAW} does not support this kind of DNG ({kind} of {bits} bits, {COMPRESSIONS.get(stored, stored)});"
             " convert it with Adobe DNG Converter (compatible with Camera Raw 7.1, not lossy), or import the camera's own"
             " RAW files"
         ) from fault
