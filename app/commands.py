@@ -14,7 +14,7 @@ from engine.pipeline import settings as asked
 def run_import(args: Namespace) -> int:
     from engine import importing, session
 
-    with terminal.job("import") as progress:
+    with terminal.quiet(), terminal.job("import") as progress:
         made = importing.make_session(
             args.folder, args.session, args.poses, args.mask, args.bracket, progress
         )

@@ -1,6 +1,7 @@
 """Show work in the terminal: a bar with the time left for each stage, or plain lines without a screen."""
 
 import contextlib
+import os
 import signal
 import sys
 import time
@@ -92,6 +93,24 @@ def job(name: str, console: Console | None = None) -> Iterator[Progress]:
         display.begin(name)
         yield Progress(display.move, cancelled)
         display.end(time.monotonic() - start)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """What libraries in C write to stderr (LibRaw and OpenCV of damaged files) goes nowhere; what Python writes is shown.
+
+    Not for work that starts processes: their last words would be lost.
+    """
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        with open(kept, "w", closefd=False) as shown, contextlib.redirect_stderr(shown):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 @contextlib.contextmanager

@@ -105,7 +105,9 @@ def group(taken: Sequence[Taken], size: int | None) -> Grouping:
     return Grouping(brackets, _left_out(files, best))
 
 
-def _check_only_way(files: Sequence[Taken], phases: Sequence[_Phase], best: _Phase, gaps: "_Gaps | None") -> None:
+def _check_only_way(
+    files: Sequence[Taken], phases: Sequence[_Phase], best: _Phase, gaps: "_Gaps | None"
+) -> None:
     """Where times do not tell the brackets: nothing else may fit as well, nor may times speak against them."""
     remedy = "remove what is left of incomplete brackets and import again"
     for other in phases:
@@ -195,10 +197,7 @@ def _around(gaps: Float64[np.ndarray, " g"], phase: _Phase) -> Float64[np.ndarra
     """Of each bracket: the longest gap inside, the shortest beside it."""
     padded = np.concatenate([[np.inf], gaps, [np.inf]])  # file i lies between padded[i] and padded[i + 1]
     return np.array(
-        [
-            (padded[i + 1 : i + phase.size].max(), min(padded[i], padded[i + phase.size]))
-            for i in phase.starts
-        ]
+        [(padded[i + 1 : i + phase.size].max(), min(padded[i], padded[i + phase.size])) for i in phase.starts]
     )
 
 

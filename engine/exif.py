@@ -11,7 +11,7 @@ import math
 import re
 import struct
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import tifffile
 
@@ -87,7 +87,7 @@ def clock_s(tags: dict[str, Any]) -> float:
     return moment.replace(tzinfo=datetime.UTC).timestamp() + part_s
 
 
-def _tags(source: BinaryIO | Path) -> dict[str, Any]:
+def _tags(source: io.BytesIO | Path) -> dict[str, Any]:
     """Tags of the first directory, and over them those of its Exif directory."""
     tags: dict[str, Any] = {}
     try:

@@ -16,7 +16,11 @@ from engine.errors import RawError
 
 FLOATS, MOSAIC = 3, 32803  # SampleFormat, PhotometricInterpretation
 PLAIN, DEFLATE = (1,), (8, 32946)
-SPREAD = {3: 1, 34894: 2, 34895: 4}  # how many samples apart are those of which a predictor took the difference
+SPREAD = {
+    3: 1,
+    34894: 2,
+    34895: 4,
+}  # how many samples apart are those of which a predictor took the difference
 FULL = 16383.0  # what white becomes: of the size of a camera's own counts
 
 Levels = tuple[float, float, float, float]
@@ -49,8 +53,7 @@ def read(
     bad = int(mosaic.size - np.isfinite(mosaic).sum())
     if bad:
         raise RawError(f"{path}: {bad} of {mosaic.size} values are no numbers; export it again")
-    factor = FULL / white
-    return mosaic * np.float32(factor), tuple(level * factor for level in black), (FULL,) * 4
+    return mosaic * np.float32(FULL / white), black, (FULL, FULL, FULL, FULL)
 
 
 def _check_kind(path: Path, page: tifffile.TiffPage) -> None:
@@ -62,9 +65,7 @@ def _check_kind(path: Path, page: tifffile.TiffPage) -> None:
         )
 
 
-def _pixels(
-    page: tifffile.TiffPage, byteorder: str, height: int, width: int
-) -> Float32[np.ndarray, "h w"]:
+def _pixels(page: tifffile.TiffPage, byteorder: str, height: int, width: int) -> Float32[np.ndarray, "h w"]:
     """The strips or tiles put together; those at the edges are whole, or as short as the picture."""
     rows, columns = page.chunks
     size = page.bitspersample // 8
@@ -80,7 +81,9 @@ def _pixels(
         if page.predictor in SPREAD:
             steps = samples.reshape(high, -1, SPREAD[page.predictor])
             planes = np.cumsum(steps, axis=1, dtype=np.uint8).reshape(high, size, columns)
-            samples = planes.transpose(0, 2, 1)  # the planes have each sample's highest byte first, whatever the file has
+            samples = planes.transpose(
+                0, 2, 1
+            )  # the planes have each sample's highest byte first, whatever the file has
         else:
             samples = samples.reshape(high, columns, size)[..., :: 1 if byteorder == ">" else -1]
         tile = _floats(np.ascontiguousarray(samples))
@@ -98,20 +101,23 @@ def _floats(samples: UInt8[np.ndarray, "h w b"]) -> Float32[np.ndarray, "h w"]:
 
 
 def _levels(path: Path, page: tifffile.TiffPage, pattern: Int[np.ndarray, "2 2"]) -> tuple[Levels, float]:
-    """(black of each channel, white); white is 1 where it is not told, as the standard has it."""
+    """(black of each channel in units that put white at `FULL`, white as the file has it: 1 where it does not tell)."""
     cell = np.zeros((2, 2))
     if "BlackLevel" in page.tags:
         dims = page.tags["BlackLevelRepeatDim"].value if "BlackLevelRepeatDim" in page.tags else (1, 1)
         blacks = np.asarray(_numbers(page.tags["BlackLevel"])).reshape(dims)
         if 2 % dims[0] or 2 % dims[1]:
-            raise RawError(f"{path}: black levels of a pattern of {dims[0]} x {dims[1]} are not supported; export linear EXR")
+            raise RawError(
+                f"{path}: black levels of a pattern of {dims[0]} x {dims[1]} are not supported; export linear EXR"
+            )
         cell = np.tile(blacks, (2 // dims[0], 2 // dims[1]))
     white = _numbers(page.tags["WhiteLevel"])[0] if "WhiteLevel" in page.tags else 1.0
     black = np.zeros(4)
     black[pattern] = cell
     if not white > black.max():
         raise RawError(f"{path}: white level {white:g} is not above black {black.max():g}; export it again")
-    return (float(black[0]), float(black[1]), float(black[2]), float(black[3])), float(white)
+    black *= FULL / white
+    return (float(black[0]), float(black[1]), float(black[2]), float(black[3])), white
 
 
 def _numbers(tag: tifffile.TiffTag) -> list[float]:

@@ -80,7 +80,9 @@ def make_session(
     if len(views) < FEWEST_VIEWS:
         raise ImportFault(
             f"{folder}: {len(views)} view{'s' if len(views) != 1 else ''} of {len(files)} files; at least"
-            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more. {' '.join(notes)}".rstrip(". ")
+            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more. {' '.join(notes)}".rstrip(
+                ". "
+            )
         )
     size = (camera["width"], camera["height"])
     given = given_poses(poses, views, folder, size) if poses is not None else None

@@ -1,8 +1,9 @@
 """Read RAW files: the mosaic as the sensor counted it, and the facts of its exposure.
 
 Source: LibRaw through rawpy, its table of cameras included; DNG 1.4 and Exif 2.3 for what LibRaw does not pass on
-(camera name, fractions of a second, floating-point pixels). Mosaics stay in the sensor's own orientation whatever the orientation tag says: camera and
-object are rigid to one another, so the object must not turn in the image when the camera is tilted.
+(camera name, fractions of a second, floating-point pixels). Mosaics stay in the sensor's own orientation
+whatever the orientation tag says: camera and object are rigid to one another, so the object must not turn in the
+image when the camera is tilted.
 """
 
 import datetime
@@ -23,7 +24,11 @@ from engine.errors import RawError
 LIBRAW = "LibRaw " + ".".join(map(str, rawpy.libraw_version[:2]))
 NOT_SUPPORTED = (rawpy.LibRawFileUnsupportedError, rawpy.LibRawNotImplementedError)
 TOO_LARGE = (rawpy.LibRawUnsufficientMemoryError, rawpy.LibRawTooBigError, rawpy.LibRawMemPoolOverflowError)
-DECODED = {"counts": (1, 7), "floats in strips": (1, 8), "floats in tiles": (8,)}  # none, lossless JPEG, deflate
+DECODED = {
+    "counts": (1, 7),
+    "floats in strips": (1, 8),
+    "floats in tiles": (8,),
+}  # none, lossless JPEG, deflate
 COMPRESSIONS = {
     1: "uncompressed", 5: "LZW", 7: "lossless JPEG", 8: "deflate", 9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL",
 }  # fmt: skip
@@ -137,7 +142,9 @@ def _rec709_from_camera(path: Path, raw: rawpy.RawPy, camera: str) -> Float[np.n
         # Only DNG brings a matrix of its own. That of the table is camera from XYZ, of any scale in each row.
         camera_from_rec709 = np.asarray(raw.rgb_xyz_matrix, np.float64)[:3] @ XYZ_FROM_REC709
         daylight = 1 / np.where((white := camera_from_rec709.sum(axis=1)) > 0, white, np.inf)
-        if (daylight > 0).all() and abs(np.linalg.det(balanced := camera_from_rec709 * daylight[:, None])) > 1e-6:
+        if (daylight > 0).all() and abs(
+            np.linalg.det(balanced := camera_from_rec709 * daylight[:, None])
+        ) > 1e-6:
             matrix = np.linalg.inv(balanced)
     if not (np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-6 and (daylight > 0).all()):
         raise RawError(
@@ -212,7 +219,11 @@ def _refuse_dng(path: Path, fault: Exception) -> None:
 
 
 def _facts(path: Path, raw: rawpy.RawPy, tags: dict[str, Any]) -> Facts:
-    shutter_s, iso, aperture = exif.number(tags.get("ExposureTime")), exif.iso(tags), exif.number(tags.get("FNumber"))
+    shutter_s, iso, aperture = (
+        exif.number(tags.get("ExposureTime")),
+        exif.iso(tags),
+        exif.number(tags.get("FNumber")),
+    )
     time_s = exif.clock_s(tags)
     if not (shutter_s > 0 and iso > 0):
         # LibRaw knows makers' private notes too, but rawpy decodes the pixels before it tells.

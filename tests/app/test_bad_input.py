@@ -37,7 +37,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("raw", folders.filled(b""), ("IMG_0004.DNG", "cut off", "copy the file again")),
         ("raw", folders.other_camera, ("IMG_0012.DNG", "two cameras are mixed", "of one camera")),
         ("raw", folders.other_size, ("IMG_0024.DNG", "two sizes are mixed", "at one size")),
-        ("raw", folders.incomplete, ("IMG_0009.DNG", "incomplete bracket", "add the missing exposure")),
+        ("raw", folders.incomplete, ("IMG_0009.DNG", "no whole bracket", "photograph more")),
         ("raw", folders.clipped, ("IMG_0024.DNG", "100% of the pixels are clipped", "a shorter one")),
         ("raw", folders.few, ("card", "5 views of 15 files", "photograph more")),
         ("linear", folders.poisoned(np.nan), ("0003.exr", f"are NaN, {THERE}", "fix the export")),

@@ -31,7 +31,9 @@ def poses_of(grouping: Grouping, size: int) -> list[set[int]]:
 
 
 def clock(count: int, size: int, inside_s: float = 1.0, between_s: float = 20.0) -> list[float]:
-    return [1000.25 + (i // size) * (between_s + inside_s * size) + inside_s * (i % size) for i in range(count)]
+    return [
+        1000.25 + (i // size) * (between_s + inside_s * size) + inside_s * (i % size) for i in range(count)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +70,9 @@ def test_img_9_comes_before_img_10_without_times() -> None:
 
 
 @pytest.mark.parametrize("size", [None, 3])
-@pytest.mark.parametrize("missing", [(0,), (1,), (2,), (13,), (29,), (0, 28, 29), (13, 15), (13, 14, 15), (0, 1, 14)])
+@pytest.mark.parametrize(
+    "missing", [(0,), (1,), (2,), (13,), (29,), (0, 28, 29), (13, 15), (13, 14, 15), (0, 1, 14)]
+)
 @pytest.mark.parametrize("order", [(-3, 0, 3), (0, -3, 3), (0, 3, -3), (3, 0, -3)])
 def test_where_exposures_are_lost_times_keep_poses_apart(
     order: tuple[int, ...], missing: tuple[int, ...], size: int | None
@@ -92,7 +96,9 @@ def test_a_clock_of_whole_seconds_and_five_exposures_are_told_apart_as_well() ->
 def test_brackets_that_times_speak_against_are_refused() -> None:
     """Times and shutters contradict one another: these exposures take longer than lies between the files."""
     files = taken([0, 2, 4] * 10, clock(30, 3, 0.4, 6.0))
-    with pytest.raises(ImportFault, match="by their exposures IMG_1.CR3, IMG_2.CR3 and IMG_3.CR3 are one bracket"):
+    with pytest.raises(
+        ImportFault, match=r"by their exposures IMG_1\.CR3, IMG_2\.CR3 and IMG_3\.CR3 are one"
+    ):
         group(files[1:-2], None)
 
 
@@ -109,12 +115,16 @@ def test_long_exposures_count_as_exposures_and_not_as_pauses() -> None:
     assert poses_of(group(files[1:-2], None), 3) == [{pose} for pose in range(1, 9)]
 
 
-@pytest.mark.parametrize("times", [None, [1000.0 + 5 * i for i in range(30)]], ids=["no times", "interval timer"])
+@pytest.mark.parametrize(
+    "times", [None, [1000.0 + 5 * i for i in range(30)]], ids=["no times", "interval timer"]
+)
 @pytest.mark.parametrize("missing", [0, 29])
 def test_two_ways_to_fit_are_refused_where_times_do_not_tell(missing: int, times: list[float] | None) -> None:
     files = taken([-3.0, 0.0, 3.0] * 10, times)
     del files[missing]
-    with pytest.raises(ImportFault, match=r"fit in two ways.*either IMG_.* belong to no whole bracket, or IMG_.*; remove"):
+    with pytest.raises(
+        ImportFault, match=r"fit in two ways.*either IMG_.* belong to no whole bracket, or IMG_.*; remove"
+    ):
         group(files, None)
 
 
