@@ -58,10 +58,76 @@ def write(
     return path
 
 
-def write_maker(path: Path, make: str, model: str, mosaic: np.ndarray | None = None, exif: Tags = ()) -> Path:
+def write_maker(
+    path: Path,
+    make: str,
+    model: str,
+    mosaic: np.ndarray | None = None,
+    exif: Tags = (),
+    changed: Tags = (),
+    pixels: Sequence[bytes] | None = None,
+) -> Path:
     """As a maker's own file: a TIFF without one tag of DNG, which LibRaw opens by the names in it."""
     own = [tag[0] for tag in dng._image(_any_photograph(), 0, 0) if tag[0] >= FIRST_OF_DNG]
-    return write(path, counts() if mosaic is None else mosaic, make=make, model=model, exif=exif, without=own)
+    mosaic = counts() if mosaic is None else mosaic
+    return write(path, mosaic, pixels, make, model, changed, exif, own)
+
+
+def nikon_note(black: int) -> list[dng.Tag]:
+    """Nikon's own notes in Exif, as far as they tell the black level: a TIFF behind a mark."""
+    notes = dng._directory([(0x1, dng.UNDEFINED, list(b"0211")), (0x3D, dng.SHORT, [black] * 4)], 8)
+    return [(37500, dng.UNDEFINED, list(b"Nikon\0\2\x10\0\0" + struct.pack("<2sHI", b"II", 42, 8) + notes))]
+
+
+def write_orf(path: Path, model: str, mosaic: np.ndarray) -> Path:
+    """As Olympus cameras wrote them: a mark of their own, 12 bits packed in little-endian words of 32."""
+    bits = np.unpackbits(mosaic.astype(">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 4:]
+    words = np.packbits(bits.ravel()).reshape(-1, 4)[:, ::-1]
+    depth = [(258, dng.SHORT, [12])]
+    write_maker(path, "OLYMPUS CORPORATION", model, mosaic, changed=depth, pixels=[words.tobytes()])
+    path.write_bytes(b"IIRO" + path.read_bytes()[4:])
+    return path
+
+
+def write_raf(path: Path, model: str, mosaic: np.ndarray, black: int) -> Path:
+    """As Fujifilm's cameras do: a container with a JPEG that has the Exif tags, a list of sizes, and a TIFF of pixels."""
+    height, width = mosaic.shape
+    header = struct.pack("<2sHI", b"II", 42, 8)
+    exif = dng._exif(_any_photograph())
+
+    def names(at: int) -> bytes:
+        return dng._directory(
+            [
+                (271, dng.ASCII, dng._text("FUJIFILM")),
+                (272, dng.ASCII, dng._text(model)),
+                (34665, dng.LONG, [at]),
+            ],
+            8,
+        )
+
+    exif_at = 8 + len(names(0))
+    body = b"Exif\0\0" + header + names(exif_at) + dng._directory(exif, exif_at)
+    jpeg = b"\xff\xd8\xff\xe1" + struct.pack(">H", len(body) + 2) + body + b"\xff\xd9"
+    sizes = struct.pack(">I", 2) + b"".join(
+        struct.pack(">HHHH", tag, 4, height, width) for tag in (0x100, 0x121)
+    )
+    data = mosaic.astype("<u2").tobytes()
+    inner_at = 8 + 2 + 12 + 4
+
+    def inner(at: int) -> bytes:
+        told = {0xF001: width, 0xF002: height, 0xF003: 16, 0xF007: at, 0xF008: len(data)}
+        tags = [(tag, dng.LONG, [value]) for tag, value in told.items()]
+        return dng._directory([*tags, (0xF00A, dng.LONG, [black] * 4)], inner_at)
+
+    cfa = header + dng._directory([(0xF000, dng.LONG, [inner_at])], 8)
+    cfa += inner(inner_at + len(inner(0))) + data
+    parts, places, at = (jpeg, sizes, cfa), [], 160
+    for part in parts:
+        places += [at, len(part)]
+        at += len(part)
+    begin = b"FUJIFILMCCD-RAW 0201FF393101" + model.encode().ljust(32, b"\0") + b"0100" + bytes(20)
+    path.write_bytes((begin + struct.pack(">6I", *places)).ljust(160, b"\0") + b"".join(parts))
+    return path
 
 
 def write_floats(

@@ -153,6 +153,43 @@ def test_a_makers_own_file_has_the_colour_that_a_dng_of_it_has(tmp_path, make, m
     assert np.abs(own.rec709_from_camera - by_dng).max() < 0.007 * np.abs(by_dng).max()
 
 
+def test_levels_are_those_of_the_makers_own_tags(tmp_path):
+    depth = (258, dng.SHORT, [14])
+    sony = foreign_raw.write_maker(
+        tmp_path / "a.ARW", "SONY", "ILCE-7M3", changed=[depth, (0x7310, dng.SHORT, [512] * 4)]
+    )
+    mosaic = read_mosaic(sony)
+    assert (mosaic.black, mosaic.white) == ((512,) * 4, (16383,) * 4)
+    nikon = foreign_raw.write_maker(
+        tmp_path / "a.NEF",
+        "NIKON CORPORATION",
+        "NIKON D850",
+        exif=foreign_raw.nikon_note(400),
+        changed=[depth],
+    )
+    mosaic = read_mosaic(nikon)
+    # LibRaw knows up to where a Nikon is linear.
+    assert (mosaic.black, mosaic.white) == ((400,) * 4, (15311,) * 4)
+
+
+def test_fujis_container_is_read(tmp_path):
+    mosaic = foreign_raw.counts(96, 128)
+    path = foreign_raw.write_raf(tmp_path / "a.RAF", "GFX 50S", mosaic, 1022)
+    read = read_mosaic(path)
+    np.testing.assert_array_equal(read.counts, mosaic)
+    assert (read.black, read.white) == ((1022,) * 4, (15872,) * 4)
+    assert (read.facts.camera, read.facts.shutter_s, read.facts.iso) == ("FUJIFILM GFX 50S", 0.01, 100)
+    assert math.isfinite(read.facts.time_s)
+
+
+def test_olympus_files_are_read(tmp_path):
+    mosaic = foreign_raw.counts(96, 128) % 4096
+    read = read_mosaic(foreign_raw.write_orf(tmp_path / "a.ORF", "E-M1MarkII", mosaic))
+    np.testing.assert_array_equal(read.counts, mosaic)
+    assert read.white == (4095,) * 4
+    assert (read.facts.camera, read.facts.shutter_s) == ("OLYMPUS CORPORATION E-M1MarkII", 0.01)
+
+
 def test_a_model_in_no_table_is_refused_with_a_remedy(tmp_path):
     path = foreign_raw.write_maker(tmp_path / "own.NEF", "Acme", "Acme One")
     with pytest.raises(
