@@ -14,7 +14,7 @@ from engine.pipeline import settings as asked
 def run_import(args: Namespace) -> int:
     from engine import importing, session
 
-    with terminal.job("import") as progress:
+    with terminal.quiet(), terminal.job("import") as progress:
         made = importing.make_session(
             args.folder, args.session, args.poses, args.mask, args.bracket, progress
         )
@@ -23,6 +23,8 @@ def run_import(args: Namespace) -> int:
         f"{args.session}: {len(views)} views of {len(views[0].files)} exposure(s),"
         f" {made.facts['camera']['width']} x {made.facts['camera']['height']}"
     )
+    for line in made.notes:
+        print(f"careful: {line}")
     print(importing.describe_poses(made))
     print(f"next: roomlight process {args.session}")
     return 0

@@ -79,6 +79,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
             title=called(folder.resolve()),
             when=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
             names=tuple(shot.name for shot in sessions.shots(session)),
+            notes=session.notes,
             photograph=None if frames is None else np.asarray(frames.radiance[view]),
             surface=there("surface", "surface", Surface),
             renders=renders,
@@ -116,11 +117,13 @@ def cautions(folder: Path) -> tuple[str, ...]:
     """What to be careful about in the results that are there, in sentences."""
     steps = steps_of(folder)
     there = _there(steps)
+    session = sessions.open_session(folder)
     return report.cautions(
         report.Contents(
             title="",
             when="",
-            names=tuple(shot.name for shot in sessions.shots(sessions.open_session(folder))),
+            names=tuple(shot.name for shot in sessions.shots(session)),
+            notes=session.notes,
             poses=there("poses", "poses", Poses),
             panorama=there("export", "panorama", Panorama),
             grounds=there("export", "grounds", Grounds),

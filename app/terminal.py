@@ -1,6 +1,7 @@
 """Show work in the terminal: a bar with the time left for each stage, or plain lines without a screen."""
 
 import contextlib
+import os
 import signal
 import sys
 import time
@@ -90,8 +91,30 @@ def job(name: str, console: Console | None = None) -> Iterator[Progress]:
     with stoppable() as cancelled, Display(console or Console()) as display:
         start = time.monotonic()
         display.begin(name)
-        yield Progress(display.move, cancelled, say=display.say)
+        yield Progress(display.move, cancelled)
         display.end(time.monotonic() - start)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """What libraries in C print (LibRaw, OpenCV and OpenEXR of damaged files) goes nowhere; what Python writes is shown.
+
+    Not for work that starts processes: their last words would be lost.
+    """
+    with contextlib.ExitStack() as stack:
+        nowhere = stack.enter_context(open(os.devnull, "w"))
+        for stream, number, redirect in (
+            (sys.stdout, 1, contextlib.redirect_stdout), (sys.stderr, 2, contextlib.redirect_stderr),
+        ):  # fmt: skip
+            stream.flush()
+            kept = os.dup(number)
+            stack.callback(os.close, kept)
+            stack.callback(os.dup2, kept, number)
+            os.dup2(nowhere.fileno(), number)
+            # Under a test's capture the stream is no file of the system's, and goes where it went.
+            if stream in (sys.__stdout__, sys.__stderr__):
+                stack.enter_context(redirect(stack.enter_context(open(kept, "w", closefd=False))))
+        yield
 
 
 @contextlib.contextmanager

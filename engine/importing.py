@@ -5,18 +5,19 @@ each. Everything is read and checked before the session appears, and it appears 
 nothing behind.
 """
 
+import filecmp
 import json
 import math
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from engine import session as sessions
-from engine.brackets import Taken, group, natural
+from engine.brackets import Taken, group, natural, note
 from engine.errors import ImportFault
 from engine.hdr import HdrParams
 from engine.images import read_mask, read_radiance
@@ -63,11 +64,16 @@ def make_session(
         raise ImportFault(f"{to}: exists already; choose another name for the session or remove it first")
     kind, files = find_photographs(folder)
     reading = progress.part(0.0, 0.6)
-    views, camera = _raw_views(files, bracket, reading) if kind == "raw" else _linear_views(files, reading)
+    if kind == "raw":
+        views, camera, notes = _raw_views(files, bracket, reading)
+    else:
+        views, camera, notes = _linear_views(files, reading)
     if len(views) < FEWEST_VIEWS:
         raise ImportFault(
             f"{folder}: {len(views)} view{'s' if len(views) != 1 else ''} of {len(files)} files; at least"
-            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more"
+            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more. {' '.join(notes)}".rstrip(
+                ". "
+            )
         )
     size = (camera["width"], camera["height"])
     given = given_poses(poses, views, folder, size) if poses is not None else None
@@ -78,7 +84,7 @@ def make_session(
         shutil.rmtree(partial, ignore_errors=True)
         to.parent.mkdir(parents=True, exist_ok=True)
     try:
-        session = sessions.create(partial, kind, camera)
+        session = sessions.create(partial, kind, camera, notes=notes)
         for i, view in enumerate(views):
             progress.step(0.6 + 0.4 * i / len(views), f"copying {view.name}")
             sessions.add_shot(session, view.name, view.files, view.facts)
@@ -108,15 +114,13 @@ def find_photographs(folder: Path) -> tuple[str, list[Path]]:
         raise ImportFault(f"{folder}: no such folder; give the folder that holds the photographs")
     known = RAW_SUFFIXES | LINEAR_SUFFIXES
     try:
-        for found in (folder.iterdir(), folder.rglob("*")):
+        for found in (folder.iterdir(), _files_below(folder)):
             files = [path for path in found if path.suffix.lower() in known and path.is_file()]
             files = sorted((path for path in files if not path.name.startswith(".")), key=natural)
             if files:
                 break
         else:
-            there = sorted(
-                {path.suffix.lower() or "no suffix" for path in folder.rglob("*") if path.is_file()}
-            )
+            there = sorted({path.suffix.lower() or "no suffix" for path in _files_below(folder)})
             raise ImportFault(
                 f"{folder}: no photographs in it ({'only ' + ', '.join(there[:6]) if there else 'empty'}); it"
                 " must hold RAW files, or linear .exr or .hdr images"
@@ -130,19 +134,56 @@ def find_photographs(folder: Path) -> tuple[str, list[Path]]:
             f"{linear[0]}: linear images ({len(linear)}) and RAW files ({len(raw)}) are mixed; put one kind"
             " in a folder of its own"
         )
+    _check_twins(files)
     return ("raw", raw) if raw else ("linear", linear)
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    """Files in `folder` and the folders in it, also behind links; each folder once, or links in a circle had no end."""
+    seen: set[str] = set()
+    for here, below, names in os.walk(folder, followlinks=True):
+        real = os.path.realpath(here)
+        if real in seen:
+            below.clear()
+            continue
+        seen.add(real)
+        below.sort()
+        yield from (Path(here) / name for name in names)
+
+
+def _check_twins(files: Sequence[Path]) -> None:
+    """Refuse what would be one view twice: two formats of one name, or the same file in two folders.
+
+    Raises:
+        ImportFault: naming both, and how many there are.
+    """
+    seen: dict[str, Path] = {}
+    twins = []
+    for path in files:
+        first = seen.setdefault(path.stem.lower(), path)
+        if first is path:
+            continue
+        if first.suffix.lower() != path.suffix.lower() or filecmp.cmp(first, path, shallow=False):
+            twins.append((first, path))
+    if twins:
+        first, path = twins[0]
+        more = f", and {len(twins) - 1} more such pairs" if len(twins) > 1 else ""
+        raise ImportFault(
+            f"{path}: the same photograph as {first.name} in {first.parent}{more}; put one of each pair in a folder of its own"
+        )
 
 
 def _raw_views(
     files: Sequence[Path], bracket: int | None, progress: Progress
-) -> tuple[list[View], dict[str, Any]]:
+) -> tuple[list[View], dict[str, Any], tuple[str, ...]]:
     taken = [Taken(path, read_facts(path)) for path in files]
     first = taken[0]
     for item in taken[1:]:
         _check_same(first.path, first.facts.camera, item.path, item.facts.camera, "cameras")
         sizes = [f"{facts.width} x {facts.height}" for facts in (first.facts, item.facts)]
         _check_same(first.path, sizes[0], item.path, sizes[1], "sizes")
-    brackets = group(taken, bracket)
+    grouping = group(taken, bracket)
+    brackets = grouping.brackets
     views = [
         View(
             _name(items[0].path, files),
@@ -153,7 +194,8 @@ def _raw_views(
     ]
     _check_pixels(brackets, progress)
     facts = first.facts
-    return views, {"model": facts.camera, "width": facts.width, "height": facts.height}
+    camera = {"model": facts.camera, "width": facts.width, "height": facts.height}
+    return views, camera, tuple(filter(None, [note(grouping)]))
 
 
 def _check_pixels(brackets: Sequence[Sequence[Taken]], progress: Progress) -> None:
@@ -180,8 +222,10 @@ def _check_pixels(brackets: Sequence[Sequence[Taken]], progress: Progress) -> No
             raise
 
 
-def _linear_views(files: Sequence[Path], progress: Progress) -> tuple[list[View], dict[str, Any]]:
-    size, views = "", []
+def _linear_views(
+    files: Sequence[Path], progress: Progress
+) -> tuple[list[View], dict[str, Any], tuple[str, ...]]:
+    size, views, notes = "", [], ()
     shape, negative = (0, 0), {}
     for i, path in enumerate(files):
         progress.step(i / len(files), f"checking {path.name}")
@@ -194,12 +238,12 @@ def _linear_views(files: Sequence[Path], progress: Progress) -> tuple[list[View]
         views.append(View(_name(path, files), (path,), ({},)))
     if any(negative.values()):
         most = max(negative, key=lambda path: negative[path])
-        progress.say(
+        notes = (
             f"{sum(map(bool, negative.values()))} of {len(files)} pictures hold negative values, most {most.name}:"
             f" {negative[most]} of {3 * shape[0] * shape[1]} (colours outside Rec.709, noise about zero, or the"
-            " undershoot of a filter); they are kept as they are"
+            " undershoot of a filter); they are kept as they are.",
         )
-    return views, {"model": None, "width": shape[1], "height": shape[0]}
+    return views, {"model": None, "width": shape[1], "height": shape[0]}, notes
 
 
 def _check_same(first: Path, value: str, other: Path, other_value: str, what: str) -> None:

@@ -14,7 +14,6 @@ from engine.errors import Cancelled
 class Progress:
     """Reports a fraction in [0, 1] with a short note; silent unless given a listener.
 
-    `say` takes what a person should read when the work is done: a sentence, as it stands.
     `begin` and `span` map the stage's own 0..1 onto a part of a longer job.
     """
 
@@ -22,7 +21,6 @@ class Progress:
     cancelled: Callable[[], bool] = field(default=lambda: False)
     begin: float | int = 0.0
     span: float | int = 1.0
-    say: Callable[[str], None] = field(default=lambda sentence: None)
 
     def step(self, fraction: float | int, note: str = "") -> None:
         """Say that `fraction` of this job is done.
@@ -41,7 +39,6 @@ class Progress:
             self.cancelled,
             self.begin + self.span * begin,
             self.span * (end - begin),
-            self.say,
         )
 
     def parts(self, count: int) -> list["Progress"]:

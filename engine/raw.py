@@ -1,15 +1,14 @@
 """Read RAW files: the mosaic as the sensor counted it, and the facts of its exposure.
 
-Source: LibRaw through rawpy; DNG 1.4 and Exif 2.3 for what LibRaw does not pass on (camera name, fractions
-of a second). Mosaics stay in the sensor's own orientation whatever the orientation tag says: camera and
-object are rigid to one another, so the object must not turn in the image when the camera is tilted.
+Source: LibRaw through rawpy, its table of cameras included; DNG 1.4 and Exif 2.3 for what LibRaw does not pass on
+(camera name, fractions of a second, floating-point pixels). Mosaics stay in the sensor's own orientation
+whatever the orientation tag says: camera and object are rigid to one another, so the object must not turn in the
+image when the camera is tilted.
 """
 
 import datetime
-import io
 import math
 import os
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,25 @@ from typing import Any
 import numpy as np
 import rawpy
 import tifffile
-from jaxtyping import Float, Int, UInt16
+from jaxtyping import Float, Float32, Int, UInt16
 
+from engine import exif, float_dng
 from engine.errors import RawError
 
-# Sony, Canon CR3 and Fuji keep their TIFF header inside another container, near its beginning.
-HEADER_BYTES = 1 << 18
+LIBRAW = "LibRaw " + ".".join(map(str, rawpy.libraw_version[:2]))
+NOT_SUPPORTED = (rawpy.LibRawFileUnsupportedError, rawpy.LibRawNotImplementedError)
+TOO_LARGE = (rawpy.LibRawUnsufficientMemoryError, rawpy.LibRawTooBigError, rawpy.LibRawMemPoolOverflowError)
+DECODED = {
+    "counts": (1, 7),
+    "floats in strips": (1, 8),
+    "floats in tiles": (8,),
+}  # none, lossless JPEG, deflate
+COMPRESSIONS = {
+    1: "uncompressed", 5: "LZW", 7: "lossless JPEG", 8: "deflate", 9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL",
+}  # fmt: skip
+SQUARE = 0.02  # how far from square a pixel may be
+# IEC 61966-2-1; white is that of daylight, D65.
+XYZ_FROM_REC709 = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +60,7 @@ class Facts:
 class Mosaic:
     """One exposure of a Bayer sensor. Channels are 0 red, 1 green, 2 blue, 3 second green."""
 
-    counts: UInt16[np.ndarray, "h w"]
+    counts: UInt16[np.ndarray, "h w"] | Float32[np.ndarray, "h w"]  # floats of a floating-point DNG
     pattern: Int[np.ndarray, "2 2"]  # channel of each site of the 2 x 2 cell
     black: tuple[float, float, float, float]  # counts, per channel
     white: tuple[float, float, float, float]  # counts, per channel
@@ -64,17 +76,6 @@ class Bracket:
     exposures: tuple[Path, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Exif:
-    """What was found of the TIFF and Exif tags; '' and NaN for what was not."""
-
-    camera: str = ""
-    shutter_s: float = math.nan
-    iso: float = math.nan
-    aperture: float = math.nan
-    time_s: float = math.nan
-
-
 def read_facts(path: Path) -> Facts:
     """Exposure, time, size and camera of a RAW file; the pixels are not decoded.
 
@@ -82,19 +83,19 @@ def read_facts(path: Path) -> Facts:
         RawError: not a RAW file LibRaw knows, cut off, or it does not tell its exposure.
     """
     with _open(path) as raw:
-        return _facts(path, raw, _exif(path))
+        return _facts(path, raw, _tags(path))
 
 
 def read_mosaic(path: Path) -> Mosaic:
     """The undeveloped pixels of a RAW file with a 2 x 2 Bayer pattern.
 
     Raises:
-        RawError: unreadable, truncated, not Bayer, or without levels or colour matrix.
+        RawError: unreadable, truncated, not supported, not Bayer, or without levels or colour matrix.
     """
     with _open(path) as raw:
-        exif = _exif(path)
+        tags = _tags(path)
         _unpack(path, raw)
-        facts = _facts(path, raw, exif)
+        facts = _facts(path, raw, tags)
         if raw.raw_type != rawpy.RawType.Flat:
             raise RawError(
                 f"{path}: holds developed or full-colour pixels, not a Bayer mosaic; import the camera's"
@@ -108,22 +109,49 @@ def read_mosaic(path: Path) -> Mosaic:
                 f"{path}: the sensor of {facts.camera} has no 2 x 2 Bayer pattern (X-Trans?), which the"
                 " linear merge needs; develop to linear EXR and import those"
             )
-        if counts.dtype != np.uint16 or sorted(set(pattern.ravel().tolist()) - {3}) != [0, 1, 2]:
+        channels = sorted(set(pattern.ravel().tolist()) - {3})
+        if counts.dtype != np.uint16 or channels != [0, 1, 2] or raw.color_desc != b"RGBG":
             raise RawError(
                 f"{path}: the sensor of {facts.camera} is no red, green and blue Bayer sensor; develop to"
                 " linear EXR and import those"
             )
+        sizes = raw.sizes
+        if abs(sizes.pixel_aspect - 1) > SQUARE:
+            raise RawError(
+                f"{path}: the pixels of {facts.camera} are not square ({sizes.pixel_aspect:g} : 1); develop to linear"
+                " EXR and import those"
+            )
         black, white = _levels(path, raw)
-        matrix = np.asarray(raw.color_matrix, np.float64)[:, :3]
-        daylight = np.asarray(raw.daylight_whitebalance, np.float64)[:3]
+        if "DNGVersion" in tags:
+            floats = float_dng.read(path, sizes.raw_height, sizes.raw_width, pattern)
+            if floats is not None:
+                whole, black, white = floats
+                top, left = sizes.top_margin, sizes.left_margin
+                counts = whole[top : top + sizes.height, left : left + sizes.width].copy()
+        return Mosaic(counts, pattern, black, white, _rec709_from_camera(path, raw, facts.camera), facts)
+
+
+def _rec709_from_camera(path: Path, raw: rawpy.RawPy, camera: str) -> Float[np.ndarray, "3 3"]:
+    """Daylight balance for every view: what the camera judged as white differs from shot to shot.
+
+    LibRaw scales the balance at will; here a white sheet keeps the value of its green sites.
+    """
+    matrix = np.asarray(raw.color_matrix, np.float64)[:, :3]
+    daylight = np.asarray(raw.daylight_whitebalance, np.float64)[:3]
+    if not matrix.any():
+        # Only DNG brings a matrix of its own. That of the table is camera from XYZ, of any scale in each row.
+        camera_from_rec709 = np.asarray(raw.rgb_xyz_matrix, np.float64)[:3] @ XYZ_FROM_REC709
+        daylight = 1 / np.where((white := camera_from_rec709.sum(axis=1)) > 0, white, np.inf)
+        if (daylight > 0).all() and abs(
+            np.linalg.det(balanced := camera_from_rec709 * daylight[:, None])
+        ) > 1e-6:
+            matrix = np.linalg.inv(balanced)
     if not (np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-6 and (daylight > 0).all()):
         raise RawError(
-            f"{path}: no colour matrix is known for {facts.camera}; convert the files with Adobe DNG"
+            f"{path}: no colour matrix is known for {camera}; convert the files with Adobe DNG"
             " Converter, which writes one into them"
         )
-    # Daylight balance for every view: what the camera judged as white differs from shot to shot.
-    # LibRaw scales the balance at will; here a white sheet keeps the value of its green sites.
-    return Mosaic(counts, pattern, black, white, matrix * (daylight / daylight[1]), facts)
+    return matrix * (daylight / daylight[1])
 
 
 def _open(path: Path) -> rawpy.RawPy:
@@ -138,6 +166,7 @@ def _open(path: Path) -> rawpy.RawPy:
         cause = "no such file" if not path.exists() else "it cannot be read or is cut off"
         raise RawError(f"{path}: {cause} ({_reason(fault)}); copy the file again") from fault
     except rawpy.LibRawError as fault:
+        _refuse_dng(path, fault)
         raise RawError(
             f"{path}: not a RAW file LibRaw can open ({_reason(fault)}); copy it again or convert it to DNG"
         ) from fault
@@ -147,22 +176,59 @@ def _open(path: Path) -> rawpy.RawPy:
 def _unpack(path: Path, raw: rawpy.RawPy) -> None:
     try:
         raw.unpack()
+    except TOO_LARGE as fault:
+        raise RawError(f"{path}: too large to decode ({_reason(fault)}); develop it to linear EXR") from fault
     except rawpy.LibRawError as fault:
+        _refuse_dng(path, fault)
+        if isinstance(fault, NOT_SUPPORTED):
+            raise RawError(
+                f"{path}: {LIBRAW} does not support how its pixels are compressed ({path.suffix}; Nikon's high efficiency"
+                " is such a way); set the camera to lossless or uncompressed RAW, and convert what is taken with Adobe"
+                " DNG Converter"
+            ) from fault
         raise RawError(
             f"{path}: its pixels cannot be decoded, the file is cut off or damaged ({_reason(fault)}); copy"
             " it again"
         ) from fault
 
 
-def _facts(path: Path, raw: rawpy.RawPy, exif: _Exif) -> Facts:
-    shutter_s, iso, aperture = exif.shutter_s, exif.iso, exif.aperture
-    time_s = exif.time_s
+def _refuse_dng(path: Path, fault: Exception) -> None:
+    """Tell a DNG whose kind is not supported from a damaged one, by what it says of itself.
+
+    Raises:
+        RawError: it is a whole DNG of a kind that LibRaw does not decode.
+    """
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            pages = [tiff.pages.first, *(tiff.pages.first.pages or ())]
+            largest = max(pages, key=lambda page: page.imagewidth * page.imagelength)
+            bits, stored = largest.bitspersample, int(largest.compression)
+            kind = "counts"
+            if largest.sampleformat == float_dng.FLOATS:
+                kind = "floats in tiles" if largest.is_tiled else "floats in strips"
+            if "DNGVersion" not in tiff.pages.first.tags:
+                return
+    except (tifffile.TiffFileError, OSError, ValueError, KeyError, IndexError, TypeError, AttributeError):
+        return
+    if isinstance(fault, NOT_SUPPORTED) or stored not in DECODED[kind]:
+        raise RawError(
+            f"{path}: {LIBRAW} does not support this kind of DNG ({kind} of {bits} bits, {COMPRESSIONS.get(stored, stored)});"
+            " convert it with Adobe DNG Converter (compatible with Camera Raw 7.1, not lossy), or import the camera's own"
+            " RAW files"
+        ) from fault
+
+
+def _facts(path: Path, raw: rawpy.RawPy, tags: dict[str, Any]) -> Facts:
+    shutter_s, iso, aperture = (
+        exif.number(tags.get("ExposureTime")),
+        exif.iso(tags),
+        exif.number(tags.get("FNumber")),
+    )
+    time_s = exif.clock_s(tags)
     if not (shutter_s > 0 and iso > 0):
         # LibRaw knows makers' private notes too, but rawpy decodes the pixels before it tells.
-        try:
-            other = raw.other
-        except rawpy.LibRawError as fault:
-            raise RawError(f"{path}: cannot be decoded ({_reason(fault)}); copy the file again") from fault
+        _unpack(path, raw)
+        other = raw.other
         shutter_s, iso, aperture = float(other.shutter_speed), float(other.iso_speed), float(other.aperture)
         if math.isnan(time_s) and other.timestamp is not None and other.timestamp.year > 1970:
             time_s = other.timestamp.replace(tzinfo=datetime.UTC).timestamp()
@@ -173,7 +239,7 @@ def _facts(path: Path, raw: rawpy.RawPy, exif: _Exif) -> Facts:
         )
     sizes = raw.sizes
     return Facts(
-        exif.camera or f"unnamed camera of {sizes.width} x {sizes.height}",
+        exif.camera(tags) or f"unnamed camera of {sizes.width} x {sizes.height}",
         sizes.width,
         sizes.height,
         shutter_s,
@@ -184,58 +250,17 @@ def _facts(path: Path, raw: rawpy.RawPy, exif: _Exif) -> Facts:
     )
 
 
-def _exif(path: Path) -> _Exif:
-    """The tags in the TIFF header that nearly every RAW format carries, itself or inside a container.
+def _tags(path: Path) -> dict[str, Any]:
+    """What the header says.
 
     Raises:
         RawError: the file ends before its pixels do. LibRaw would find out too, once it decodes them and loudly.
     """
-    with path.open("rb") as file:
-        begin = file.read(HEADER_BYTES)
-    starts = [at for mark in (b"II*\0", b"MM\0*") if (at := begin.find(mark)) >= 0]
-    if not starts:
-        return _Exif()
-    try:
-        with tifffile.TiffFile(io.BytesIO(begin[min(starts) :])) as tiff:
-            tags = {tag.name: tag.value for tag in tiff.pages.first.tags.values()}
-    except (tifffile.TiffFileError, ValueError, KeyError, IndexError, TypeError, struct.error):
-        return _Exif()  # LibRaw has the last word on whether the file is damaged
-    tags |= tags.get("ExifTag", {})
-    make, model = str(tags.get("Make", "")).strip("\0 "), str(tags.get("Model", "")).strip("\0 ")
-    size, ends_at = path.stat().st_size, _data_end(tags) if min(starts) == 0 else 0
-    if size < ends_at:
-        raise RawError(f"{path}: cut off, {size} of at least {ends_at} bytes are there; copy the file again")
-    return _Exif(
-        (model if model.startswith(make) else f"{make} {model}").strip(),
-        _number(tags.get("ExposureTime")),
-        _number(tags.get("ISOSpeedRatings", tags.get("PhotographicSensitivity"))),
-        _number(tags.get("FNumber")),
-        _clock_s(str(tags.get("DateTimeOriginal", "")), str(tags.get("SubsecTimeOriginal", ""))),
-    )
-
-
-def _data_end(tags: dict[str, Any]) -> int:
-    """The byte after the last strip of pixels that the first directory lists; 0 when it lists none."""
-    offsets, lengths = tags.get("StripOffsets", ()), tags.get("StripByteCounts", ())
-    return max((at + length for at, length in zip(offsets, lengths, strict=False)), default=0)
-
-
-def _number(value: object) -> float:
-    """A tag's number, its fraction or its first entry as a float; NaN for anything else."""
-    if isinstance(value, tuple) and len(value) == 2 and value[1]:
-        return float(value[0]) / float(value[1])
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
-def _clock_s(stamp: str, fraction: str) -> float:
-    """Seconds since 1970 of an Exif time; its digits count as they stand, for it knows no time zone."""
-    try:
-        moment = datetime.datetime.strptime(stamp.strip("\0 "), "%Y:%m:%d %H:%M:%S")
-    except ValueError:
-        return math.nan
-    digits = fraction.strip("\0 ")
-    part_s = float(f"0.{digits}") if digits.isdigit() else 0.0
-    return moment.replace(tzinfo=datetime.UTC).timestamp() + part_s
+    tags, end = exif.read_tags(path)
+    size = path.stat().st_size
+    if size < end:
+        raise RawError(f"{path}: cut off, {size} of at least {end} bytes are there; copy the file again")
+    return tags
 
 
 def _levels(

@@ -54,6 +54,11 @@ class Session:
         """ "raw" (bracketed mosaics) or "linear" (one radiance image per view)."""
         return self.facts["kind"]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the import left out or decided, in sentences."""
+        return tuple(self.facts.get("notes", ()))
+
 
 @dataclass(frozen=True, slots=True)
 class Shot:
@@ -127,7 +132,11 @@ def file_sha256(path: Path) -> str:
 
 
 def create(
-    folder: Path, kind: str, camera: Mapping[str, Any], rig: Mapping[str, Any] | None = None
+    folder: Path,
+    kind: str,
+    camera: Mapping[str, Any],
+    rig: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
 ) -> Session:
     """Make a new, empty session.
 
@@ -135,6 +144,7 @@ def create(
         kind: "raw" or "linear".
         camera: facts such as make, model, width, height; informative.
         rig: {"kind", "geometry"} in the frame of the camera at pan = tilt = 0, metres; None when handheld.
+        notes: what the import left out or decided, in sentences, for the report.
 
     Raises:
         SessionError: something is there already, or the disk refuses.
@@ -145,6 +155,8 @@ def create(
         for part in ("shots", "edits", "stages", "exports"):
             (folder / part).mkdir(parents=True, exist_ok=True)
     facts = {"schema": SCHEMA, "kind": kind, "camera": dict(camera), "rig": dict(rig) if rig else None}
+    if notes:
+        facts["notes"] = list(notes)
     write_atomic(folder / "session.json", json.dumps(facts, indent=1).encode())
     return Session(folder, facts)
 

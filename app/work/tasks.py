@@ -63,6 +63,8 @@ def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, A
         request.get("bracket"),
         link.progress(),
     )
+    for line in made.notes:
+        link.log(f"careful: {line}")
     link.log(importing.describe_poses(made))
     return {"session": str(made.folder), "views": len(sessions.shots(made))}
 

@@ -85,7 +85,7 @@ class Link:
 
     def progress(self) -> Progress:
         """What engine functions take: moves the bar, raises Cancelled once a stop was asked for."""
-        return Progress(self.move, self.cancelled, say=self.log)
+        return Progress(self.move, self.cancelled)
 
     def hear(self, command: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
         """Call `handler` with each `command`, those that came before it included, one at a time.

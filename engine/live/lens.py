@@ -5,19 +5,15 @@ points off every epipolar geometry, a little in each pair: the tally over some p
 (on the studio's sets within 8 % from 12 pairs). `focal` is in widths of the picture.
 """
 
-import io
 import math
-import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import tifffile
 from jaxtyping import Float64
 
+from engine.exif import number, read_tags
 from engine.live.overlap import Link
 from engine.live.twoview import followed, motions
-from engine.raw import HEADER_BYTES
 
 ASSUMED_DEG = 60.0  # across the width: a short standard zoom
 GRID = np.geomspace(0.5, 1.5, 20)  # focal lengths tried, 6 % apart: 90 to 37 degrees
@@ -26,7 +22,6 @@ FEWEST_PAIRS, MOST_PAIRS = 12, 20
 CLEAR = 0.5  # how far the tally of log misfits must rise two steps away from its minimum
 FULL_FRAME_MM = 43.27  # diagonal of 36 x 24 mm
 PLAUSIBLE_DEG = (10.0, 150.0)
-HEADERS = 8  # some containers hold several TIFF headers, one for each directory
 PER_MM = {2: 1 / 25.4, 3: 0.1, 4: 1.0, 5: 1000.0}  # Exif's units of resolution: inch, cm, mm, um
 
 
@@ -41,24 +36,15 @@ def field_of_view_deg(focal: float) -> float:
 
 def told(path: Path, width: int, height: int) -> float | None:
     """Focal length by the file's Exif; None where it does not tell, or nothing plausible."""
-    with path.open("rb") as file:
-        begin = file.read(HEADER_BYTES)
-    tags: dict[str, Any] = {}
-    at = -1
-    for _ in range(HEADERS):
-        starts = [found for mark in (b"II*\0", b"MM\0*") if (found := begin.find(mark, at + 1)) >= 0]
-        if not starts:
-            break
-        at = min(starts)
-        tags = _tags(begin[at:]) | tags
-    film_mm = _number(tags.get("FocalLengthIn35mmFilm"))
+    tags, _ = read_tags(path)
+    film_mm = number(tags.get("FocalLengthIn35mmFilm"))
     if film_mm > 0:
         focal = film_mm / FULL_FRAME_MM * math.hypot(width, height) / width
     else:
-        per_mm = _number(tags.get("FocalPlaneXResolution")) * PER_MM.get(
+        per_mm = number(tags.get("FocalPlaneXResolution")) * PER_MM.get(
             int(tags.get("FocalPlaneResolutionUnit", 2)), math.nan
         )
-        focal = _number(tags.get("FocalLength")) * per_mm / width
+        focal = number(tags.get("FocalLength")) * per_mm / width
     if not focal > 0 or not PLAUSIBLE_DEG[0] < field_of_view_deg(focal) < PLAUSIBLE_DEG[1]:
         return None
     return focal
@@ -95,19 +81,3 @@ def agreed(tally: Float64[np.ndarray, "p g"]) -> float | None:
     below, here, above = total[best - 1 : best + 2]
     offset = 0.5 * (below - above) / max(below - 2 * here + above, 1e-9)
     return float(GRID[best] * (GRID[1] / GRID[0]) ** offset)
-
-
-def _tags(content: bytes) -> dict[str, Any]:
-    try:
-        with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-            tags = {tag.name: tag.value for tag in tiff.pages.first.tags.values()}
-    except (tifffile.TiffFileError, ValueError, KeyError, IndexError, TypeError, struct.error):
-        return {}
-    nested = tags.get("ExifTag")
-    return tags | nested if isinstance(nested, dict) else tags
-
-
-def _number(value: object) -> float:
-    if isinstance(value, tuple) and len(value) == 2 and value[1]:
-        return float(value[0]) / float(value[1])
-    return float(value) if isinstance(value, int | float) else math.nan

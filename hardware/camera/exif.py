@@ -7,6 +7,7 @@ there is none that we can read.
 
 import datetime
 import io
+import logging
 import math
 import re
 import struct
@@ -27,6 +28,13 @@ RAW_SUFFIXES = frozenset(
     for suffix in line.split()
 )
 JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
+ISO_TAGS = (  # in the order in which they are believed
+    "ISOSpeedRatings", "PhotographicSensitivity", "RecommendedExposureIndex", "ISOSpeed", "StandardOutputSensitivity",
+)  # fmt: skip
+NO_ISO = 65535  # of 16 bits: the true one is in one of the other tags
+
+# Its remarks on tags that makers write their own way are no news to whoever photographs.
+logging.getLogger("tifffile").setLevel(logging.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +64,14 @@ def read(path: Path) -> Exif:
         tags = _tags(file.read(HEADER_BYTES))
     shutter_s, iso, aperture = (
         _number(tags.get("ExposureTime")),
-        _number(tags.get("ISOSpeedRatings", tags.get("PhotographicSensitivity"))),
+        _iso(tags),
         _number(tags.get("FNumber")),
     )
-    if shutter_s is None and path.suffix.lower() in RAW_SUFFIXES:
-        shutter_s, iso, aperture = _libraw(path)
+    if (shutter_s is None or iso is None) and path.suffix.lower() in RAW_SUFFIXES:
+        others = _libraw(path)
+        shutter_s, iso, aperture = (
+            own or other for own, other in zip((shutter_s, iso, aperture), others, strict=True)
+        )
     maker, model = (str(tags.get(name, "")).strip("\0 ") for name in ("Make", "Model"))
     names = [model if model.startswith(maker) else f"{maker} {model}", str(tags.get("BodySerialNumber", ""))]
     camera = " ".join(name.strip("\0 ") for name in names).strip()
@@ -96,10 +107,21 @@ def _libraw(path: Path) -> tuple[float | None, float | None, float | None]:
 
 
 def _number(value: object) -> float | None:
-    """A tag's number, fraction or first entry; None for anything else, and for nought."""
+    """A tag's number or fraction; None for anything else, and for nought."""
     if isinstance(value, tuple) and len(value) == 2 and value[1]:
         value = value[0] / value[1]
     return float(value) if isinstance(value, int | float) and value > 0 else None
+
+
+def _iso(tags: dict[str, Any]) -> float | None:
+    """Sensitivity; a tag may hold several numbers, or nought for "see elsewhere"."""
+    for name in ISO_TAGS:
+        value = tags.get(name)
+        values = value if isinstance(value, tuple) else (value,)
+        told = [one for one in values if isinstance(one, int | float) and one > 0]
+        if told and told[0] != NO_ISO:
+            return float(told[0])
+    return None
 
 
 def _clock_s(stamp: str, fraction: str) -> float | None:

@@ -14,7 +14,7 @@ import pytest
 from app.cli import main
 from tests.app.calls import digest, refused
 from tests.app.sessions import small
-from tests.engine import folders
+from tests.engine import folders, foreign_raw
 
 THERE = "the first at x 7, y 5"  # where `folders.poisoned` puts its value
 
@@ -37,7 +37,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("raw", folders.filled(b""), ("IMG_0004.DNG", "cut off", "copy the file again")),
         ("raw", folders.other_camera, ("IMG_0012.DNG", "two cameras are mixed", "of one camera")),
         ("raw", folders.other_size, ("IMG_0024.DNG", "two sizes are mixed", "at one size")),
-        ("raw", folders.incomplete, ("IMG_0009.DNG", "incomplete bracket", "add the missing exposure")),
+        ("raw", folders.incomplete, ("IMG_0009.DNG", "no whole bracket", "photograph more")),
         ("raw", folders.clipped, ("IMG_0024.DNG", "100% of the pixels are clipped", "a shorter one")),
         ("raw", folders.few, ("card", "5 views of 15 files", "photograph more")),
         ("linear", folders.poisoned(np.nan), ("0003.exr", f"are NaN, {THERE}", "fix the export")),
@@ -60,6 +60,21 @@ def test_bad_photographs(
     line = refused(capsys, "import", folder, tmp_path / "new.session")
     assert all(part in line for part in told), line
     assert [path.name for path in tmp_path.iterdir()] == ["card"]
+
+
+def test_libraries_write_nothing_beside_our_one_line(
+    photographs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mosaic = foreign_raw.counts(96, 128)
+    for number in range(8):
+        path = foreign_raw.write_raf(tmp_path / f"DSCF{number}.RAF", "GFX 50S", mosaic, 1022)
+    path.write_bytes(
+        path.read_bytes()[:-900]
+    )  # of which LibRaw says on stderr that the file ends unexpectedly
+    assert main(["import", str(tmp_path), str(tmp_path / "new.session")]) == 2
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "DSCF7.RAF: its pixels cannot be decoded, the file is cut off" in lines[0]
 
 
 @pytest.mark.parametrize(

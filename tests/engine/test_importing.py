@@ -1,6 +1,7 @@
 """What fits is imported whole; what does not is refused with file, cause and remedy, and leaves nothing."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 from engine import importing
 from engine import session as sessions
 from engine.errors import RoomlightError
-from engine.progress import Progress
 from tests.engine import folders
 
 
@@ -48,12 +48,10 @@ def test_linear_images_poses_and_mask_are_kept_as_given(linear: Path, tmp_path: 
 
 
 def test_negative_values_that_are_kept_are_counted_aloud(linear: Path, tmp_path: Path) -> None:
-    said: list[str] = []
     folders.poisoned(-0.01)(linear)
-    importing.make_session(linear, tmp_path / "new.session", progress=Progress(say=said.append))
+    (note,) = importing.make_session(linear, tmp_path / "new.session").notes
     values = 3 * folders.WIDTH * folders.HEIGHT
-    assert len(said) == 1
-    assert f"1 of {folders.VIEWS} pictures hold negative values, most 0003.exr: 1 of {values}" in said[0]
+    assert f"1 of {folders.VIEWS} pictures hold negative values, most 0003.exr: 1 of {values}" in note
 
 
 def test_images_in_a_folder_below_are_found_and_matched_to_their_poses(linear: Path, tmp_path: Path) -> None:
@@ -100,7 +98,10 @@ def test_how_many_views_were_given_a_pose_is_told_and_kept(linear: Path, tmp_pat
             r"IMG_0012\.DNG: two cameras are mixed: .*Two here but .*One in IMG_0000\.DNG",
         ),
         (folders.other_size, r"IMG_0024\.DNG: two sizes are mixed"),
-        (folders.incomplete, r"IMG_0009\.DNG: incomplete bracket"),
+        (
+            folders.incomplete,
+            r"7 views of 23 files; .*IMG_0009\.DNG and IMG_0011\.DNG belong to no whole bracket",
+        ),
         (folders.clipped, r"IMG_0024\.DNG: 100% of the pixels are clipped"),
         (folders.few, r"5 views of 15 files; at least 8"),
         (folders.mixed, r"render\.exr: linear images \(1\) and RAW files \(24\) are mixed"),
@@ -161,6 +162,58 @@ def test_an_existing_session_is_never_touched(linear: Path, tmp_path: Path) -> N
     with pytest.raises(RoomlightError, match="exists already"):
         importing.make_session(linear, tmp_path / "new.session")
     assert (session.folder / "session.json").stat().st_mtime_ns == before
+
+
+def test_what_belongs_to_no_whole_bracket_is_left_out_and_kept_in_the_session(
+    raw: Path, tmp_path: Path
+) -> None:
+    folders.write_raw_view(raw, folders.VIEWS, folders.scene(folders.VIEWS))
+    (raw / "IMG_0000.DNG").unlink()
+    session = importing.make_session(raw, tmp_path / "new.session")
+    assert [view.name for view in sessions.shots(session)] == [f"IMG_{3 * i:04d}" for i in range(1, 9)]
+    note = "IMG_0001.DNG and IMG_0002.DNG belong to no whole bracket of 3 exposures and are left out."
+    assert sessions.open_session(session.folder).notes == (note,)
+
+
+def test_folders_behind_links_are_entered_once(linear: Path, tmp_path: Path) -> None:
+    outer = tmp_path / "outer"
+    outer.mkdir()
+    (outer / "card").symlink_to(linear)
+    (outer / "again").symlink_to(linear)
+    (linear / "round").symlink_to(outer)
+    session = importing.make_session(outer, tmp_path / "new.session")
+    assert [view.name for view in sessions.shots(session)] == [f"{i:04d}" for i in range(folders.VIEWS)]
+    (tmp_path / "link").symlink_to(linear)
+    assert importing.find_photographs(tmp_path / "link")[1][0].name == "0000.exr"
+
+
+def test_one_photograph_in_two_formats_is_refused(raw: Path, linear: Path, tmp_path: Path) -> None:
+    shutil.copy(linear / "0003.exr", linear / "0003.HDR")
+    _refused(r"0003\.(HDR|exr): the same photograph as 0003\.", linear, tmp_path / "new.session")
+    for path in sorted(raw.iterdir())[:5]:
+        shutil.copy(path, path.with_suffix(".nef"))
+    _refused(
+        r"the same photograph as IMG_0000.*, and 4 more such pairs; put one", raw, tmp_path / "new.session"
+    )
+
+
+def test_the_same_file_in_two_folders_is_refused_but_not_two_of_one_name(
+    linear: Path, tmp_path: Path
+) -> None:
+    outer = tmp_path / "outer"
+    outer.mkdir()
+    linear.rename(outer / "a")
+    (outer / "b").mkdir()
+    folders.write_exr(outer / "b" / "0000.exr", folders.scene(99))
+    assert len(importing.find_photographs(outer)[1]) == folders.VIEWS + 1
+    shutil.copy(outer / "a" / "0001.exr", outer / "b")
+    _refused(r"b/0001\.exr: the same photograph as 0001\.exr in .*a; put", outer, tmp_path / "new.session")
+
+
+def test_jpegs_beside_their_raw_files_are_not_views(raw: Path) -> None:
+    for path in list(raw.iterdir()):
+        path.with_suffix(".JPG").write_bytes(b"\xff\xd8")
+    assert {path.suffix for path in importing.find_photographs(raw)[1]} == {".DNG"}
 
 
 def _refused(message: str, folder: Path, to: Path, *given: Path | None) -> None:

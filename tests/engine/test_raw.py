@@ -3,12 +3,14 @@ import time
 
 import numpy as np
 import pytest
+import rawpy
 import tifffile
 
 from engine.errors import RawError
-from engine.raw import read_facts, read_mosaic
+from engine.raw import XYZ_FROM_REC709, read_facts, read_mosaic
 from hardware.virtual import dng, sensor
 from tests.engine import brackets_on_disk as disk
+from tests.engine import foreign_raw
 
 
 @pytest.fixture
@@ -115,4 +117,198 @@ def test_a_developed_tiff_is_refused(tmp_path):
     path = tmp_path / "developed.tif"
     tifffile.imwrite(path, np.zeros((64, 96, 3), np.uint16), photometric="rgb")
     with pytest.raises(RawError):
+        read_mosaic(path)
+
+
+MAKERS = [
+    ("SONY", "ILCE-7M3", "ARW"), ("SONY", "ILCE-6400", "ARW"), ("NIKON CORPORATION", "NIKON D850", "NEF"),
+    ("NIKON CORPORATION", "NIKON Z 8", "NEF"), ("Canon", "Canon EOS R5", "CR2"), ("Canon", "Canon EOS 80D", "CR2"),
+    ("PENTAX", "PENTAX K-1", "PEF"), ("Panasonic", "DC-GH5", "RW2"), ("FUJIFILM", "GFX 50S", "RAF"),
+    ("SAMSUNG", "NX500", "SRW"), ("LEICA CAMERA AG", "LEICA Q2", "DNG"), ("Phase One", "IQ3 100MP", "IIQ"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "model", "suffix"), MAKERS)
+def test_a_makers_own_file_has_the_colour_that_a_dng_of_it_has(tmp_path, make, model, suffix):
+    path = foreign_raw.write_maker(tmp_path / f"own.{suffix}", make, model)
+    own = read_mosaic(path)
+    assert own.facts.camera.endswith(model)
+    np.testing.assert_array_equal(own.counts, foreign_raw.counts())
+    with rawpy.imread(str(path)) as raw:
+        assert not raw.color_matrix.any()
+        camera_from_xyz = raw.rgb_xyz_matrix[:3].astype(float)
+    # White is what a white sheet under daylight gives; its green sites keep their value.
+    white = np.linalg.inv(own.rec709_from_camera).sum(axis=1)
+    camera_white = camera_from_xyz @ XYZ_FROM_REC709.sum(axis=1)
+    np.testing.assert_allclose(white, camera_white / camera_white[1], rtol=1e-6)
+    rounded = dng._fractions(camera_from_xyz.round(4).ravel().tolist())
+    converted = foreign_raw.write(
+        tmp_path / "a.dng",
+        foreign_raw.counts(),
+        make=make,
+        model=model,
+        changed=[(50721, dng.SRATIONAL, rounded)],
+    )
+    by_dng = read_mosaic(converted).rec709_from_camera
+    assert np.abs(own.rec709_from_camera - by_dng).max() < 0.007 * np.abs(by_dng).max()
+
+
+def test_levels_are_those_of_the_makers_own_tags(tmp_path):
+    depth = (258, dng.SHORT, [14])
+    sony = foreign_raw.write_maker(
+        tmp_path / "a.ARW", "SONY", "ILCE-7M3", changed=[depth, (0x7310, dng.SHORT, [512] * 4)]
+    )
+    mosaic = read_mosaic(sony)
+    assert (mosaic.black, mosaic.white) == ((512,) * 4, (16383,) * 4)
+    nikon = foreign_raw.write_maker(
+        tmp_path / "a.NEF",
+        "NIKON CORPORATION",
+        "NIKON D850",
+        exif=foreign_raw.nikon_note(400),
+        changed=[depth],
+    )
+    mosaic = read_mosaic(nikon)
+    # LibRaw knows up to where a Nikon is linear.
+    assert (mosaic.black, mosaic.white) == ((400,) * 4, (15311,) * 4)
+
+
+def test_fujis_container_is_read(tmp_path):
+    mosaic = foreign_raw.counts(96, 128)
+    path = foreign_raw.write_raf(tmp_path / "a.RAF", "GFX 50S", mosaic, 1022)
+    read = read_mosaic(path)
+    np.testing.assert_array_equal(read.counts, mosaic)
+    assert (read.black, read.white) == ((1022,) * 4, (15872,) * 4)
+    assert (read.facts.camera, read.facts.shutter_s, read.facts.iso) == ("FUJIFILM GFX 50S", 0.01, 100)
+    assert math.isfinite(read.facts.time_s)
+
+
+def test_olympus_files_are_read(tmp_path):
+    mosaic = foreign_raw.counts(96, 128) % 4096
+    read = read_mosaic(foreign_raw.write_orf(tmp_path / "a.ORF", "E-M1MarkII", mosaic))
+    np.testing.assert_array_equal(read.counts, mosaic)
+    assert read.white == (4095,) * 4
+    assert (read.facts.camera, read.facts.shutter_s) == ("OLYMPUS CORPORATION E-M1MarkII", 0.01)
+
+
+def test_a_model_in_no_table_is_refused_with_a_remedy(tmp_path):
+    path = foreign_raw.write_maker(tmp_path / "own.NEF", "Acme", "Acme One")
+    with pytest.raises(
+        RawError, match=r"own\.NEF: no colour matrix is known for Acme One; convert .*DNG Converter"
+    ):
+        read_mosaic(path)
+
+
+LAMP = 30.0
+
+
+@pytest.mark.parametrize("tile", [None, (32, 48)], ids=["strips", "tiles"])
+@pytest.mark.parametrize("predictor", [1, 3, 34894, 34895])
+@pytest.mark.parametrize(("bits", "error"), [(16, 5e-4), (24, 2e-5), (32, 1e-7)])
+def test_floats_keep_one_scale_whatever_the_brightest_pixel_is(tmp_path, bits, error, predictor, tile):
+    room = np.random.default_rng(0).uniform(0.05, 0.9, (50, 72)).astype(np.float32)
+    lamp = room.copy()
+    lamp[10:16, 10:16] = LAMP
+    for picture in (room, lamp):
+        path = foreign_raw.write_floats(tmp_path / "a.dng", picture, bits, predictor, tile)
+        mosaic = read_mosaic(path)
+        np.testing.assert_allclose(mosaic.counts, picture * mosaic.white[1], rtol=error)
+        assert set(mosaic.black) == {0.0}
+    if predictor == 1:
+        return  # LibRaw takes the default predictor for granted
+    with rawpy.imread(str(path)) as raw:  # an independent decoder, to the scale it chose for this file
+        np.testing.assert_allclose(raw.raw_image_visible, lamp * raw.white_level / LAMP, atol=1.5)
+
+
+def test_floats_as_they_come_without_compression(tmp_path):
+    room = np.random.default_rng(0).uniform(0.05, 0.9, (50, 72)).astype(np.float32)
+    for bits in (16, 24, 32):
+        path = foreign_raw.write_floats(tmp_path / "a.dng", room, bits, deflate=False)
+        np.testing.assert_allclose(read_mosaic(path).counts, room * read_mosaic(path).white[1], rtol=5e-4)
+        path = foreign_raw.write_floats(tmp_path / "a.dng", room, bits, tile=(32, 48), deflate=False)
+        with pytest.raises(
+            RawError, match=rf"does not support .*floats in tiles of {bits} bits, uncompressed"
+        ):
+            read_mosaic(path)
+
+
+def test_floats_that_are_no_numbers_or_cut_off_are_refused(tmp_path):
+    room = np.full((40, 48), 0.5, np.float32)
+    room[3, 4] = np.nan
+    path = foreign_raw.write_floats(tmp_path / "a.dng", room, 32)
+    with pytest.raises(RawError, match=r"a\.dng: 1 of 1920 values are no numbers"):
+        read_mosaic(path)
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(RawError, match="cut off"):
+        read_mosaic(path)
+
+
+def test_full_colour_floats_are_refused_as_that(tmp_path):
+    rgb = np.full((40, 48, 3), 0.5, np.float32)
+    path = foreign_raw.write(
+        tmp_path / "a.dng", rgb[..., 0], [rgb.tobytes()],
+        changed=[(258, 3, [32] * 3), (262, 3, [34892]), (277, 3, [3]), (339, 3, [3] * 3), (50717, 4, [1] * 3)],
+        without=(33421, 33422),
+    )  # fmt: skip
+    with pytest.raises(RawError, match=r"full-colour pixels, not a Bayer mosaic; .*linear EXR"):
+        read_mosaic(path)
+
+
+@pytest.mark.parametrize(
+    ("exif", "iso"),
+    [
+        ([(34855, dng.SHORT, [200, 0])], 200),
+        ([(34855, dng.SHORT, [0, 400])], 400),
+        ([(34855, dng.SHORT, [800, 800])], 800),
+        ([(34855, dng.SHORT, [65535]), (34866, dng.LONG, [102400])], 102400),
+        ([(34855, dng.SHORT, [65535]), (34867, dng.LONG, [204800])], 204800),
+        ([(34855, dng.SHORT, [0]), (34865, dng.LONG, [320])], 320),
+    ],
+)
+def test_iso_is_read_where_one_number_is_not_all(tmp_path, exif, iso):
+    path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts(), exif=exif)
+    assert read_facts(path).iso == iso
+
+
+def test_no_iso_is_refused(tmp_path):
+    path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts(), without=(34855,))
+    with pytest.raises(RawError, match="does not tell its shutter time and ISO"):
+        read_facts(path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "kind"),
+    [
+        ([(259, dng.SHORT, [52546])], "counts of 16 bits, JPEG XL"),
+        ([(259, dng.SHORT, [8])], "counts of 16 bits, deflate"),
+        ([(259, dng.SHORT, [9])], "counts of 16 bits, VC-5"),
+        ([(259, dng.SHORT, [34892])], "counts of 16 bits, lossy JPEG"),
+        ([(258, dng.SHORT, [32])], "counts of 32 bits, uncompressed"),
+    ],
+)
+def test_what_libraw_does_not_decode_is_not_called_damaged(tmp_path, changed, kind):
+    mosaic = foreign_raw.counts()
+    path = foreign_raw.write(tmp_path / "a.dng", mosaic, [mosaic.astype("<u4").tobytes()], changed=changed)
+    with pytest.raises(RawError) as fault:
+        read_mosaic(path)
+    assert f"does not support this kind of DNG ({kind}); convert it" in str(fault.value)
+    assert "damaged" not in str(fault.value)
+
+
+@pytest.mark.parametrize("kind", [rawpy.LibRawFileUnsupportedError, rawpy.LibRawNotImplementedError])
+def test_a_makers_compression_that_libraw_lacks_is_not_called_damaged(tmp_path, monkeypatch, kind):
+    class Refusing(rawpy.RawPy):
+        def unpack(self):
+            raise kind(b"Unsupported file format")
+
+    monkeypatch.setattr(rawpy, "RawPy", Refusing)
+    path = foreign_raw.write_maker(tmp_path / "a.NEF", "NIKON CORPORATION", "NIKON Z 8")
+    with pytest.raises(RawError, match=r"does not support how its pixels are compressed.*lossless") as fault:
+        read_mosaic(path)
+    assert "damaged" not in str(fault.value)
+
+
+def test_pixels_that_are_not_square_are_refused(tmp_path):
+    scale = dng._fractions([1.0, 2.0])
+    path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts(), changed=[(50718, dng.RATIONAL, scale)])
+    with pytest.raises(RawError, match="not square"):
         read_mosaic(path)

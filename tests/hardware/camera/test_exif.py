@@ -73,3 +73,18 @@ def test_a_header_cut_off_anywhere_is_no_error(tmp_path: Path):
     for end in range(0, 700, 7):
         (tmp_path / "b.jpg").write_bytes(whole[:end])
         exif.read(tmp_path / "b.jpg")
+
+
+@pytest.mark.parametrize(
+    ("tags", "iso"),
+    [
+        ([(34855, 3, 2, struct.pack("<HH", 200, 0))], 200),
+        ([(34855, 3, 2, struct.pack("<HH", 0, 400))], 400),
+        ([(34855, 3, 1, struct.pack("<H", 65535)), (34866, 4, 1, struct.pack("<I", 102400))], 102400),
+        ([(34855, 3, 1, struct.pack("<H", 65535))], None),
+    ],
+)
+def test_iso_is_read_where_one_number_is_not_all(tmp_path: Path, tags: list, iso: float | None):
+    exposure = directory((33434, 5, 1, struct.pack("<II", 1, 250)), *tags)
+    (tmp_path / "a.jpg").write_bytes(b"\xff\xd8" + exposure)
+    assert exif.read(tmp_path / "a.jpg").iso == iso
