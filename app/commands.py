@@ -23,6 +23,8 @@ def run_import(args: Namespace) -> int:
         f"{args.session}: {len(views)} views of {len(views[0].files)} exposure(s),"
         f" {made.facts['camera']['width']} x {made.facts['camera']['height']}"
     )
+    for note in session.notes(made):
+        print(f"note: {note}")
     print(f"next: roomlight process {args.session}")
     return 0
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import tomli_w
 
+from engine import orientation
 from engine.errors import BusyError, SessionError
 
 SCHEMA = 1
@@ -53,6 +54,11 @@ class Session:
     def kind(self) -> str:
         """ "raw" (bracketed mosaics) or "linear" (one radiance image per view)."""
         return self.facts["kind"]
+
+    @property
+    def orientation(self) -> int:
+        """The flip (`engine/orientation.py`) that stands all photographs upright; 0 where no file told."""
+        return self.facts["camera"].get("orientation", 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,14 +133,19 @@ def file_sha256(path: Path) -> str:
 
 
 def create(
-    folder: Path, kind: str, camera: Mapping[str, Any], rig: Mapping[str, Any] | None = None
+    folder: Path,
+    kind: str,
+    camera: Mapping[str, Any],
+    rig: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
 ) -> Session:
     """Make a new, empty session.
 
     Args:
         kind: "raw" or "linear".
-        camera: facts such as make, model, width, height; informative.
+        camera: facts such as model, width, height, and orientation where it is not 0.
         rig: {"kind", "geometry"} in the frame of the camera at pan = tilt = 0, metres; None when handheld.
+        notes: what a person should know of how it was made, in sentences.
 
     Raises:
         SessionError: something is there already, or the disk refuses.
@@ -145,6 +156,7 @@ def create(
         for part in ("shots", "edits", "stages", "exports"):
             (folder / part).mkdir(parents=True, exist_ok=True)
     facts = {"schema": SCHEMA, "kind": kind, "camera": dict(camera), "rig": dict(rig) if rig else None}
+    facts |= {"notes": list(notes)} if notes else {}
     write_atomic(folder / "session.json", json.dumps(facts, indent=1).encode())
     return Session(folder, facts)
 
@@ -182,6 +194,13 @@ def open_session(folder: Path) -> Session:
         )
     if facts.get("kind") not in ("raw", "linear"):
         raise SessionError(f"{path}: damaged (kind {facts.get('kind')!r}); import the photographs again")
+    camera, sentences = facts.get("camera"), facts.get("notes", [])
+    whole = isinstance(camera, dict) and camera.get("orientation", 0) in tuple(orientation.QUARTERS)
+    if not (whole and isinstance(sentences, list) and all(isinstance(one, str) for one in sentences)):
+        raise SessionError(
+            f"{path}: damaged (camera {camera!r}, notes {sentences!r}); restore it from a copy or import the photographs"
+            " again"
+        )
     return Session(folder, facts)
 
 
@@ -291,6 +310,14 @@ def read_shot(path: Path) -> Shot:
                 f"{file}: has {file.stat().st_size} bytes, {size} were taken; restore it from your copy"
             )
     return result
+
+
+def notes(session: Session) -> tuple[str, ...]:
+    """What a person should know of how the session was made, in sentences."""
+    flips = [
+        facts.get("orientation", session.orientation) for shot in shots(session) for facts in shot.exposures
+    ]
+    return (*session.facts.get("notes", ()), *orientation.differing(flips, session.orientation))
 
 
 def verify(shot: Shot) -> None:

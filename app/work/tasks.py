@@ -63,6 +63,8 @@ def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, A
         request.get("bracket"),
         link.progress(),
     )
+    for note in sessions.notes(made):
+        link.log(f"note: {note}")
     return {"session": str(made.folder), "views": len(sessions.shots(made))}
 
 
