@@ -71,7 +71,7 @@ def read(
     return StartMaps(mask, normal, rough, albedo)
 
 
-def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int) -> StartMaps | None:
+def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 0) -> StartMaps | None:
     """The maps that the parameters name; None where they name none.
 
     Raises:
