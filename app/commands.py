@@ -23,8 +23,8 @@ def run_import(args: Namespace) -> int:
         f"{args.session}: {len(views)} views of {len(views[0].files)} exposure(s),"
         f" {made.facts['camera']['width']} x {made.facts['camera']['height']}"
     )
-    for line in made.notes:
-        print(f"careful: {line}")
+    for note in session.notes(made):
+        print(f"note: {note}")
     print(importing.describe_poses(made))
     print(f"next: roomlight process {args.session}")
     return 0

@@ -1,8 +1,9 @@
 """What the mask page reads of a session and writes to it, without Qt: pictures, the object found, strokes.
 
-Strokes are painted on the grid of the developed photographs and kept as `edits/strokes.png`, of the photographs' own
-size (green adds to the object, red takes from it). They wait in a file beside it while another process works on
-the session, which must not see its inputs change; nothing painted is lost if the window goes meanwhile.
+Strokes are painted on the grid of the developed photographs, which stand upright here, and kept as `edits/strokes.png`,
+of the photographs' own size as the sensor lies (green adds to the object, red takes from it). They wait in a file
+beside it while another process works on the session, which must not see its inputs change; nothing painted is lost if
+the window goes meanwhile.
 """
 
 import io
@@ -18,6 +19,7 @@ from app.inspect import falsecolour
 from app.masking import ADD, NOTHING, TAKE, outline
 from engine import session as sessions
 from engine.errors import BusyError, MaskError
+from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artefacts
 from engine.pipeline.work import on_grid
 from engine.types import Frames, Masks
@@ -61,8 +63,9 @@ def load(session: Path, hdr: Path, segment: Path, known: Developed | None) -> De
         return None
     if known is not None and (known.session, known.hdr, known.segment) == (session, pictures, found):
         return known
-    frames = artefacts.load(pictures, "frames", Frames)
-    mask = None if found is None else artefacts.load(found, "masks", Masks).object
+    flip = sessions.open_session(session).orientation
+    frames = turned(artefacts.load(pictures, "frames", Frames), flip)
+    mask = None if found is None else turned(artefacts.load(found, "masks", Masks), flip).object
     if mask is not None and mask.shape != frames.radiance.shape[1:3]:
         mask, found = None, None  # of photographs developed to another size
     area, border = (0, np.zeros((0, 4), int)) if mask is None else (int(mask.sum()), outline(mask))
@@ -99,7 +102,7 @@ def mean(developed: Developed) -> Float32[np.ndarray, "h w 3"]:
 
 
 def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w"]:
-    """The strokes on the developed photographs' grid, by majority as the engine takes them.
+    """The strokes on the grid of the developed and upright photographs, by majority as the engine takes them.
 
     Raises:
         MaskError: the file is no picture of the photographs' size.
@@ -110,7 +113,8 @@ def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w
     path = next((edits / name for name in (WAITING, STROKES) if (edits / name).is_file()), None)
     if path is None or path.stat().st_size == 0:
         return np.zeros(shape, np.uint8)
-    height, width = _camera(session)
+    opened = sessions.open_session(session)
+    height, width = _camera(opened)
     try:
         with Image.open(path) as image:
             size, rgb = image.size, np.asarray(image.convert("RGB"))
@@ -122,8 +126,9 @@ def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w
         )
     red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
     labels = np.zeros(shape, np.uint8)
+    on_sensor = turn_picture(labels, back(opened.orientation))
     for label, painted in ((ADD, green & ~red), (TAKE, red & ~green)):
-        labels[on_grid(painted, shape)] = label
+        on_sensor[on_grid(painted, on_sensor.shape)] = label
     return labels
 
 
@@ -143,7 +148,8 @@ class Keeper:
         opened = sessions.open_session(session)
         with self._lock:
             if number > self._written.get(session, 0):
-                sessions.write_edit(opened, WAITING, encoded(labels, _camera(session)))
+                on_sensor = turn_picture(labels, back(opened.orientation))
+                sessions.write_edit(opened, WAITING, encoded(on_sensor, _camera(opened)))
                 self._written[session] = number
             return _settle(opened)
 
@@ -202,15 +208,15 @@ def _present(folder: Path) -> Path | None:
     return max(finished)[1] if finished else None
 
 
-def _camera(session: Path) -> tuple[int, int]:
+def _camera(session: sessions.Session) -> tuple[int, int]:
     """Height and width of the photographs.
 
     Raises:
         MaskError: the session does not say.
     """
-    camera = sessions.open_session(session).facts["camera"]
+    camera = session.facts["camera"]
     if not camera.get("height") or not camera.get("width"):
-        raise MaskError(f"{session}: does not say how large its photographs are; import them again")
+        raise MaskError(f"{session.folder}: does not say how large its photographs are; import them again")
     return camera["height"], camera["width"]
 
 

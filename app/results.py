@@ -13,10 +13,11 @@ from engine import metrics, report
 from engine import session as sessions
 from engine.errors import SessionError
 from engine.hdr import HdrReport
+from engine.orientation import turn_maps, turned
 from engine.pipeline import artefacts, run, stages, table, work
 from engine.pipeline import settings as asked
 from engine.pipeline.stages import Step
-from engine.truth import read_truth
+from engine.truth import REQUIRED, Truth, read_truth
 from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses, Renders, Surface
 
 Scores = dict[str, dict[str, float | int | None]]
@@ -68,8 +69,8 @@ def told(scores: Scores) -> str:
 def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Path:
     """Write the HTML page about what is there so far; returns where it is."""
     steps = {step.stage.name: step for step in steps_of(folder)}
-    there = _there(tuple(steps.values()))
     session = sessions.open_session(folder)
+    there = _there(tuple(steps.values()), session.orientation)
     frames, poses = there("hdr", "frames", Frames), there("poses", "poses", Poses)
     renders = there("surface", "renders", Renders)
     view = work.middle_view(poses) if poses is not None else 0
@@ -79,7 +80,6 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
             title=called(folder.resolve()),
             when=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
             names=tuple(shot.name for shot in sessions.shots(session)),
-            notes=session.notes,
             photograph=None if frames is None else np.asarray(frames.radiance[view]),
             surface=there("surface", "surface", Surface),
             renders=renders,
@@ -91,8 +91,9 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
             hdr=there("hdr", "report", HdrReport),
             stages=tuple(_stage_run(step) for step in steps.values() if step.done),
             evaluation=None if scores is None else flat(scores),
-            truth=None if truth is None else read_truth(truth),
+            truth=None if truth is None else _upright(read_truth(truth), session.orientation),
             exported=_exported(steps["export"]),
+            notes=sessions.notes(session),
         )
     )
     to = to or folder / "exports" / "report.html"
@@ -102,33 +103,36 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
     return to
 
 
-def _there(steps: Sequence[Step]) -> Callable[..., Any]:
-    """(stage, record, kind) -> a finished stage's record; None where there is none yet."""
+def _upright(truth: Truth, flip: int) -> Truth:
+    return turn_maps(truth, flip, REQUIRED)
+
+
+def _there(steps: Sequence[Step], flip: int) -> Callable[..., Any]:
+    """(stage, record, kind) -> a finished stage's record, upright by `flip`; None where there is none yet."""
     load, folders = run.loader(tuple(steps)), {step.stage.name: step.folder for step in steps if step.done}
 
     def there(stage: str, record: str, kind: type[Record]) -> Record | None:
         known = stage in folders and (folders[stage] / f"{record}.json").is_file()
-        return load(stage, record, kind) if known else None
+        return turned(load(stage, record, kind), flip) if known else None
 
     return there
 
 
 def cautions(folder: Path) -> tuple[str, ...]:
     """What to be careful about in the results that are there, in sentences."""
-    steps = steps_of(folder)
-    there = _there(steps)
-    session = sessions.open_session(folder)
+    steps, session = steps_of(folder), sessions.open_session(folder)
+    there = _there(steps, session.orientation)
     return report.cautions(
         report.Contents(
             title="",
             when="",
             names=tuple(shot.name for shot in sessions.shots(session)),
-            notes=session.notes,
             poses=there("poses", "poses", Poses),
             panorama=there("export", "panorama", Panorama),
             grounds=there("export", "grounds", Grounds),
             hdr=there("hdr", "report", HdrReport),
             stages=tuple(_stage_run(step) for step in steps if step.done),
+            notes=sessions.notes(session),
         )
     )
 

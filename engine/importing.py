@@ -16,11 +16,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from engine import developed, orientation, png
 from engine import session as sessions
 from engine.brackets import Taken, group, natural, note
 from engine.errors import ImportFault
 from engine.hdr import HdrParams
-from engine.images import read_mask, read_radiance
+from engine.images import read_radiance
 from engine.linear import check_values
 from engine.posefiles import GivenPoses, read_poses
 from engine.progress import Progress
@@ -75,10 +78,22 @@ def make_session(
                 ". "
             )
         )
-    size = (camera["width"], camera["height"])
-    given = given_poses(poses, views, folder, size) if poses is not None else None
+    size, flips = (camera["width"], camera["height"]), _flips(views)
+    flip = orientation.common(flips)
+    camera |= {"orientation": flip} if flip else {}
+    given, painted = None, b""
+    if poses is not None:
+        pose_file = poses
+        given, said = developed.poses(
+            lambda chosen, shown: given_poses(pose_file, [views[i] for i in chosen], folder, shown),
+            flips,
+            size,
+        )
+        notes += said
     if mask is not None:
-        read_mask(mask, camera["height"], camera["width"])
+        on_sensor, said = developed.mask(mask, size, flip)
+        painted = png.encode(on_sensor.astype(np.uint8) * 255) if flip else mask.read_bytes()
+        notes += said
     partial = to.with_name(f".{to.name}.partial")
     with sessions.told(to):
         shutil.rmtree(partial, ignore_errors=True)
@@ -90,8 +105,8 @@ def make_session(
             sessions.add_shot(session, view.name, view.files, view.facts)
         if given is not None:
             sessions.write_edit(session, "poses.json", encode_poses(given, [view.name for view in views]))
-        if mask is not None:
-            sessions.write_edit(session, "mask.png", mask.read_bytes())
+        if painted:
+            sessions.write_edit(session, "mask.png", painted)
         with sessions.told(to):
             if to.exists():
                 to.rmdir()
@@ -102,6 +117,18 @@ def make_session(
         raise
     progress.step(1.0, f"{len(views)} views")
     return sessions.open_session(to)
+
+
+def _flips(views: Sequence[View]) -> list[int]:
+    """How each view is turned to stand upright; linear images are as they stand.
+
+    Raises:
+        RawError: a tag says that its picture is mirrored.
+    """
+    flips = [int(view.facts[0].get("orientation", 0)) for view in views]
+    for view, flip in zip(views, flips, strict=True):
+        orientation.check(flip, str(view.files[0]))
+    return flips
 
 
 def find_photographs(folder: Path) -> tuple[str, list[Path]]:
@@ -266,6 +293,7 @@ def _exposure_facts(item: Taken) -> dict[str, Any]:
         "iso": facts.iso,
         "aperture": None if math.isnan(facts.aperture) else facts.aperture,
         "time_s": None if math.isnan(facts.time_s) else facts.time_s,
+        "orientation": facts.orientation,
     }
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import tomli_w
 
+from engine import orientation
 from engine.errors import BusyError, SessionError, reason
 
 SCHEMA = 1
@@ -55,9 +56,9 @@ class Session:
         return self.facts["kind"]
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What the import left out or decided, in sentences."""
-        return tuple(self.facts.get("notes", ()))
+    def orientation(self) -> int:
+        """The flip (`engine/orientation.py`) that stands all photographs upright; 0 where no file told."""
+        return self.facts["camera"].get("orientation", 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +143,9 @@ def create(
 
     Args:
         kind: "raw" or "linear".
-        camera: facts such as make, model, width, height; informative.
+        camera: facts such as model, width, height, and orientation where it is not 0.
         rig: {"kind", "geometry"} in the frame of the camera at pan = tilt = 0, metres; None when handheld.
-        notes: what the import left out or decided, in sentences, for the report.
+        notes: what a person should know of how it was made, in sentences.
 
     Raises:
         SessionError: something is there already, or the disk refuses.
@@ -155,8 +156,7 @@ def create(
         for part in ("shots", "edits", "stages", "exports"):
             (folder / part).mkdir(parents=True, exist_ok=True)
     facts = {"schema": SCHEMA, "kind": kind, "camera": dict(camera), "rig": dict(rig) if rig else None}
-    if notes:
-        facts["notes"] = list(notes)
+    facts |= {"notes": list(notes)} if notes else {}
     write_atomic(folder / "session.json", json.dumps(facts, indent=1).encode())
     return Session(folder, facts)
 
@@ -194,6 +194,13 @@ def open_session(folder: Path) -> Session:
         )
     if facts.get("kind") not in ("raw", "linear"):
         raise SessionError(f"{path}: damaged (kind {facts.get('kind')!r}); import the photographs again")
+    camera, sentences = facts.get("camera"), facts.get("notes", [])
+    whole = isinstance(camera, dict) and camera.get("orientation", 0) in tuple(orientation.QUARTERS)
+    if not (whole and isinstance(sentences, list) and all(isinstance(one, str) for one in sentences)):
+        raise SessionError(
+            f"{path}: damaged (camera {camera!r}, notes {sentences!r}); restore it from a copy or import the photographs"
+            " again"
+        )
     return Session(folder, facts)
 
 
@@ -303,6 +310,14 @@ def read_shot(path: Path) -> Shot:
                 f"{file}: has {file.stat().st_size} bytes, {size} were taken; restore it from your copy"
             )
     return result
+
+
+def notes(session: Session) -> tuple[str, ...]:
+    """What a person should know of how the session was made, in sentences."""
+    flips = [
+        facts.get("orientation", session.orientation) for shot in shots(session) for facts in shot.exposures
+    ]
+    return (*session.facts.get("notes", ()), *orientation.differing(flips, session.orientation))
 
 
 def verify(shot: Shot) -> None:

@@ -83,13 +83,15 @@ def create(session: Path, order: Order) -> Session:
 
 
 def with_camera(session: Session, camera: Mapping[str, Any]) -> Session:
-    """The session with what its first photograph told of the camera; later ones must tell the same.
+    """The session with what its first photograph told of the camera; later ones must tell the same, but for their
+    orientation: the first one's is the session's.
 
     Raises:
         CaptureError: another camera, or another size.
     """
-    known = {name: session.facts["camera"].get(name) for name in camera}
-    if known == dict(camera):
+    fixed = {name: value for name, value in camera.items() if name != "orientation"}
+    known = {name: session.facts["camera"].get(name) for name in fixed}
+    if known == fixed:
         return session
     if any(value is not None for value in known.values()):
         told = [f"{facts['model']} at {facts['width']} x {facts['height']}" for facts in (camera, known)]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from app.capture.order import CaptureError, Pose
+from engine import orientation
 from engine.errors import RawError
 from engine.importing import RAW_SUFFIXES
 from engine.raw import Facts, read_facts
@@ -31,7 +32,7 @@ class Checked:
     name: str  # in the session
     light_ev: float  # light gathered by its own account
     facts: Mapping[str, Any]  # for its line in shot.json
-    camera: Mapping[str, Any]  # model, width, height
+    camera: Mapping[str, Any]  # model, width, height, and orientation where it is not 0
 
 
 def check_suffix(suffix: str, model: str) -> None:
@@ -111,7 +112,12 @@ def _checked(pose: Pose, frame: Frame, any_format: bool) -> Checked:
         facts = read_facts(frame.path)
     except RawError as error:
         raise ExposureError(f"{pose.name}: {frame.original} is unreadable ({error})") from error
+    try:
+        orientation.check(facts.orientation, frame.original)
+    except RawError as error:
+        raise CaptureError(f"{pose.name}: {error}") from error
     camera = {"model": facts.camera, "width": facts.width, "height": facts.height}
+    camera |= {"orientation": facts.orientation} if facts.orientation else {}
     return Checked(frame, "", math.log2(facts.exposure()), _facts(frame, facts), camera)
 
 
@@ -124,6 +130,7 @@ def _facts(frame: Frame, facts: Facts) -> dict[str, Any]:
         "iso": facts.iso,
         "aperture": None if math.isnan(facts.aperture) else facts.aperture,
         "time_s": None if math.isnan(facts.time_s) else facts.time_s,
+        "orientation": facts.orientation,
     }
 
 

@@ -21,7 +21,8 @@ from app.relight.lights import Light
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import TruthError
 from engine.geometry import angle_between
-from engine.truth import Truth
+from engine.orientation import turn_maps
+from engine.truth import REQUIRED, Truth
 
 FLOOR = 0.02
 """Of the object's median radiance: the least that an error is taken relative to, as in the solver."""
@@ -328,7 +329,7 @@ def _truth_error(run: Run, truth: Truth | None) -> float:
     """Mean degrees between the run's normals and the true ones, where both have a pixel."""
     if truth is None:
         return math.nan
-    shown = maps.load(run).surface
+    shown, truth = maps.load(run).surface, turn_maps(truth, run.flip, REQUIRED)
     if shown.mask.shape != truth.mask.shape:
         sizes = " and ".join(f"{mask.shape[1]} x {mask.shape[0]}" for mask in (shown.mask, truth.mask))
         raise TruthError(f"result and truth are {sizes} pixels; choose the truth of the same photographs")

@@ -1,7 +1,7 @@
 """The maps of a finished run: load them, choose one as a picture with its scale, read what stands under a pixel.
 
 Arrays stay memory-mapped, so loading costs little and a read-out touches one page of the disk. Camera frame
-(x right, y down, z forward) on the pixel grid of the photographs; no Qt here.
+(x right, y down, z forward) on the pixel grid of the photographs, all turned to stand upright; no Qt here.
 """
 
 from collections.abc import Mapping
@@ -17,6 +17,7 @@ from app.inspect.runs import Run
 from app.words import QT_TRANSLATE_NOOP
 from engine.arrays import UNREADABLE
 from engine.errors import SessionError
+from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artefacts
 from engine.radiance import relative_error
 from engine.types import Frames, Poses, Renders, Surface, material_of
@@ -150,10 +151,10 @@ def load(run: Run) -> Maps:
     Raises:
         SessionError: the surface cannot be read back.
     """
-    surface = artefacts.load(run.folder("surface"), "surface", Surface)
-    frames = _there(run, "hdr", "frames", Frames)
+    surface = turned(artefacts.load(run.folder("surface"), "surface", Surface), run.flip)
+    frames = turned(_there(run, "hdr", "frames", Frames), run.flip)
     poses = _there(run, "poses", "poses", Poses)
-    renders = _there(run, "surface", "renders", Renders)
+    renders = turned(_there(run, "surface", "renders", Renders), run.flip)
     count = 0 if frames is None else len(frames.names)
     names = () if frames is None else frames.names
     registered = np.ones(count, bool) if poses is None else poses.registered
@@ -200,9 +201,10 @@ def rendering(maps: Maps, view: int) -> Float[np.ndarray, "h w 3"] | None:
         return None
     if flat.shape != (int(maps.surface.mask.sum()), 3):
         return None
-    picture = np.zeros((*maps.surface.mask.shape, 3), np.float32)
-    picture[maps.surface.mask] = flat
-    return picture
+    mask = turn_picture(maps.surface.mask, back(maps.run.flip))  # as the sensor lies, as it was re-rendered
+    picture = np.zeros((*mask.shape, 3), np.float32)
+    picture[mask] = flat
+    return turn_picture(picture, maps.run.flip)
 
 
 def values(maps: Maps, key: str) -> Float[np.ndarray, "h w"]:

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from app.inspect import maps, runs
 from app.inspect.runs import Run
 from engine.errors import SessionError
+from engine.orientation import turned
 from engine.pipeline import artefacts
 from engine.session import told
 from engine.surface import newton
@@ -57,6 +58,12 @@ class Solved:
     reach: tuple[float, float]  # z of the nearest and the farthest probes, scene units
     probes: tuple[int, int, int]  # along each axis of their lattice
     directions: int  # of light
+
+
+def upright(solved: Solved) -> Solved:
+    """The same in the frame of the upright picture; what the solver says pixel by pixel (horizons) is of the sensor's."""
+    names = ("frames", "poses", "surface")
+    return replace(solved, **{name: turned(getattr(solved, name), solved.run.flip) for name in names})
 
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:

@@ -44,6 +44,11 @@ class Run:
         """What all its stages took, export left out."""
         return sum(record["seconds"] for name, record in self.records.items() if name != "export")
 
+    @property
+    def flip(self) -> int:
+        """What stands the photographs upright that it was solved from (`engine/orientation.py`)."""
+        return int(self.records["surface"]["inputs"].get("orientation", 0))
+
     def reported(self, stage: str) -> Mapping[str, Any]:
         """What a stage's own report says, as plain values; empty where it wrote none."""
         try:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.inspect.rerendering import POLITE, find, open_run
+from app.inspect.rerendering import POLITE, find, open_run, upright
 from app.relight.files import keep
 from app.relight.lights import coverage_file
+from engine.orientation import turned
 from engine.pipeline import artefacts
 from engine.pipeline.work import middle_view, panorama
 from engine.types import Masks
@@ -35,8 +36,8 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
         return {"file": str(to)}
     progress = link.progress()
     progress.step(0.0, "reading the light")
-    solved = open_run(run)
-    masks = artefacts.load(run.folder("segment"), "masks", Masks)
+    solved = upright(open_run(run))
+    masks = turned(artefacts.load(run.folder("segment"), "masks", Masks), run.flip)
     view = middle_view(solved.poses)
     progress.step(0.2, "the light at the object")
     light, clipped = panorama(solved.surface, solved.emitters, solved.poses, view, solved.frames, masks, ROWS)

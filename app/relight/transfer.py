@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from app.inspect.rerendering import POLITE, find, open_run
+from app.inspect.rerendering import POLITE, find, open_run, upright
 from app.relight import files as relighting_files
 from app.relight.files import keep
 from app.relight.relit import CELLS, TILE_UNIT
@@ -66,7 +66,7 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     folder = relighting_files.folder(run)
     progress = link.progress()
     progress.step(0.0, "reading the result")
-    solved = open_run(run)
+    solved = upright(open_run(run))
     view = request.get("view")
     if view is None or not solved.poses.registered[int(view)]:
         from engine.pipeline.work import middle_view

@@ -7,13 +7,15 @@ from jaxtyping import UInt8
 
 from app.inspect import falsecolour
 from app.viewer.reading import stages_of
+from engine import session as sessions
 from engine.errors import SessionError
+from engine.orientation import turn_picture
 
 LONGEST_PX = 480
 
 
 def photograph(folder: Path, view: int) -> UInt8[np.ndarray, "h w 4"]:
-    """Exposed for its brighter parts, in falsecolour's byte order.
+    """Upright, exposed for its brighter parts, in falsecolour's byte order.
 
     Raises:
         SessionError: the session has no photographs merged, or not this one.
@@ -26,6 +28,7 @@ def photograph(folder: Path, view: int) -> UInt8[np.ndarray, "h w 4"]:
     if not 0 <= view < len(frames):
         raise SessionError(f"{path}: holds {len(frames)} views, not number {view}; process the session again")
     every = max(-(-max(frames.shape[1:3]) // LONGEST_PX), 1)
-    picture = np.asarray(frames[view, ::every, ::every], np.float32)
+    flip = sessions.open_session(folder).orientation
+    picture = turn_picture(np.asarray(frames[view, ::every, ::every], np.float32), flip)
     white = float(np.percentile(picture.max(-1), 98)) or 1.0
     return falsecolour.radiance(picture, white)

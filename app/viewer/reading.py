@@ -9,6 +9,7 @@ from pathlib import Path
 
 from app.inspect import runs
 from engine import session as sessions
+from engine.orientation import turned
 from engine.pipeline import artefacts
 from engine.types import Emitters, Gaussians, Lamps, Poses, Surface
 
@@ -17,7 +18,7 @@ CHAIN = ("hdr", "poses", "light", "surface")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """What belongs together; None where it is not there."""
+    """What belongs together, cameras and surface upright; None where it is not there."""
 
     names: tuple[str, ...]  # of the views
     poses: Poses | None
@@ -38,7 +39,7 @@ def read(folder: Path) -> Results:
         place = places.get(stage)
         if place is None or not (place / f"{record}.json").is_file():
             return None
-        return artefacts.load(place, record, kind)
+        return turned(artefacts.load(place, record, kind), session.orientation)
 
     gaussians, lamps = there("light", "gaussians", Gaussians), there("light", "lamps", Lamps)
     settled = there("surface", "emitters", Emitters)

@@ -165,8 +165,10 @@ def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
     if not views:
         return {"picture": None}
     files = views[len(views) // 2].files
-    read = images.read_radiance if session.kind == "linear" else _developed
-    radiance = read(files[len(files) // 2])
+    file = files[len(files) // 2]
+    radiance = (
+        images.read_radiance(file) if session.kind == "linear" else _developed(file, session.orientation)
+    )
     by = max(1, min(radiance.shape[:2]) // int(content["edge_px"]))
     small = cv2.resize(radiance, None, fx=1 / by, fy=1 / by, interpolation=cv2.INTER_AREA)
     middle = float(np.median(luminance(small))) or 1e-6
@@ -178,8 +180,8 @@ def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
     return {"picture": str(to)}
 
 
-def _developed(path: Path) -> Any:
-    """A RAW file at half size, linear, for the eye."""
+def _developed(path: Path, flip: int) -> Any:
+    """A RAW file at half size, linear, for the eye; turned by LibRaw's `flip`."""
     import numpy as np
     import rawpy
 
@@ -188,7 +190,12 @@ def _developed(path: Path) -> Any:
     try:
         with rawpy.imread(str(path)) as raw:
             image = raw.postprocess(
-                half_size=True, gamma=(1, 1), no_auto_bright=True, output_bps=16, use_camera_wb=True
+                half_size=True,
+                gamma=(1, 1),
+                no_auto_bright=True,
+                output_bps=16,
+                use_camera_wb=True,
+                user_flip=flip,
             )
     except rawpy.LibRawError as error:
         raise RawError(f"{path}: cannot be developed ({error}); look at it in another program") from error

@@ -63,8 +63,8 @@ def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, A
         request.get("bracket"),
         link.progress(),
     )
-    for line in made.notes:
-        link.log(f"careful: {line}")
+    for note in sessions.notes(made):
+        link.log(f"note: {note}")
     link.log(importing.describe_poses(made))
     return {"session": str(made.folder), "views": len(sessions.shots(made))}
 

@@ -90,10 +90,11 @@ def for_hands(
     coverage: Coverage,
     done: Float[np.ndarray, "k 3 3"],
     level_from_world: Float[np.ndarray, "3 3"] | None,
+    upright_from_cam: Float[np.ndarray, "3 3"],
 ) -> Next | None:
     """Where a person should point next, from where the last shot pointed; None before the first.
 
-    Without a level world, left and up are those of the camera as it was held.
+    Without a level world, left and up are those of the upright picture as the camera was held.
     """
     if not len(done):
         return None
@@ -113,7 +114,7 @@ def for_hands(
     gain = float((shown[pick] & unseen).mean())
     if gain < ENOUGH_GAIN:
         return Next(-1, gain, float(overlap[pick]), "no pose would add 1 % of the sphere: the room is seen")
-    level = last if level_from_world is None else level_from_world
+    level = upright_from_cam @ last if level_from_world is None else level_from_world
     way = _way(level @ last[2], level @ gazes[pick], level_from_world is not None)
     return Next(-1, gain, float(overlap[pick]), f"{way}: adds {gain:.0%} of the sphere")
 

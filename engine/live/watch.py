@@ -23,6 +23,7 @@ from engine.live.finding import Finding, Severity
 from engine.live.glance import Glance, Sensor, glance, learn, read
 from engine.live.stillness import Stillness, tiny_by
 from engine.live.turning import Turned
+from engine.orientation import rotation
 from engine.radiance import luminance
 
 Angles = tuple[float, float]  # pan and tilt as the rig counts them, degrees
@@ -47,6 +48,7 @@ class Watch:
             _logged(geometry, [(0.0, 0.0)])
         self._sensor: Sensor | None = None
         self._size: tuple[int, int] | None = None
+        self._upright = np.eye(3)  # upright_from_cam
         self._names: tuple[str, ...] = ()
         self._histogram = np.zeros(1)
         self._noted = 0.0  # the largest share clipped that was noted, %
@@ -88,15 +90,17 @@ class Watch:
         covered, turns = self.coverage(), self._bearings.placed()[1]
         if covered is None:
             return None
-        level = coverage.upright(turns)
-        return coverage.panorama(covered, turns[0] if level is None else level, height)
+        held = self._upright @ turns
+        level = coverage.upright(held)
+        return coverage.panorama(covered, held[0] if level is None else level, height)
 
     def next_by_hand(self) -> Next | None:
         """Where a person should point next; None before the first shot."""
         covered, turns = self.coverage(), self._bearings.placed()[1]
         if covered is None:
             return None
-        return advice.for_hands(self._sight(), covered, turns, coverage.upright(turns))
+        level = coverage.upright(self._upright @ turns)
+        return advice.for_hands(self._sight(), covered, turns, level, self._upright)
 
     def order(self, left: Sequence[Angles]) -> list[int] | None:
         """A rig's remaining poses by index, the most helpful first; None where its geometry is not known."""
@@ -130,6 +134,7 @@ class Watch:
         now = glance(name, mosaics, self._sensor)
         if self._size is None:
             self._size = (now.width, now.height)
+            self._upright = rotation(now.facts[0].orientation)
             self._histogram = np.zeros_like(now.histogram)
             focal = lens.told(files[0], now.width, now.height)
             if focal is not None:

@@ -38,7 +38,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export,
+            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), work.export, reads=_orientation,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
@@ -49,7 +49,7 @@ def _transport() -> Stage:
 
     return Stage(
         "surface", 42, SurfaceParams(), ("hdr", "segment", "poses", "light"), work.surface, seeded=True,
-        presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
+        reads=_orientation, presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
     )  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def _reference() -> Stage:
 
     return Stage(
         "surface", 5, ReferenceParams(), ("hdr", "segment", "poses", "light"), work.reference, seeded=True,
-        files=("start_maps",), presets=presets.of_reference(),
+        reads=_orientation, files=("start_maps",), presets=presets.of_reference(),
     )  # fmt: skip
 
 
@@ -72,6 +72,11 @@ def _edits(*names: str) -> Callable[[Session], Hashes]:
         return {f"edits/{name}": sha for name, sha in edits(session).items() if name in names}
 
     return read
+
+
+def _orientation(session: Session) -> Hashes:
+    """How the photographs are turned to stand upright, where they are."""
+    return {"orientation": str(session.orientation)} if session.orientation else {}
 
 
 def _pose_inputs(session: Session) -> Hashes:

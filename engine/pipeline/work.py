@@ -19,6 +19,7 @@ from jaxtyping import Bool
 
 from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
+from engine.orientation import turned
 from engine.pipeline.stages import Work
 from engine.session import Session, shots, verify
 from engine.types import (
@@ -198,6 +199,7 @@ def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Horizons, E
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
         work.load("light", "lamps", Lamps), work.params, work.device, work.seed, work.progress,
+        work.session.orientation,
     )  # fmt: skip
     return {
         "surface": found, "renders": renders, "horizons": horizons, "emitters": emitters, "report": report,
@@ -205,14 +207,20 @@ def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Horizons, E
 
 
 def export(work: Work) -> Records:
-    """The files other programs read, and for the report the panorama and what its light rests on."""
+    """The files other programs read, and for the report the panorama and what its light rests on; all upright."""
     from engine.export import write_files
     from engine.light.grounds import grounds_of
 
-    frames, placed = work.load("hdr", "frames", Frames), work.load("poses", "poses", Poses)
-    found, emitters = work.load("surface", "surface", Surface), work.load("surface", "emitters", Emitters)
+    def load(stage: str, record: str, kind: type) -> Any:
+        return turned(work.load(stage, record, kind), work.session.orientation)
+
+    frames, placed, masks = (
+        load("hdr", "frames", Frames),
+        load("poses", "poses", Poses),
+        load("segment", "masks", Masks),
+    )
+    found, emitters = load("surface", "surface", Surface), load("surface", "emitters", Emitters)
     view, whole = middle_view(placed), emitters.gaussians
-    masks = work.load("segment", "masks", Masks)
     seen, clipped = panorama(found, emitters, placed, view, frames, masks, PANORAMA_ROWS)
     grounds = grounds_of(seen, clipped, found.normal[found.mask])
     write_files(

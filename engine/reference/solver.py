@@ -46,12 +46,13 @@ INSIDE = 0.01
 
 def solve(
     frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps, params: ReferenceParams,
-    device: str, seed: int, progress: Progress,
+    device: str, seed: int, progress: Progress, flip: int = 0,
 ) -> tuple[Surface, Renders, Horizons, Emitters, ReferenceReport]:  # fmt: skip
     """The surface of the pixels solved (its mask), and the pictures of the views kept out.
 
     `gaussians` hold the lamps and are all the light, unless the paper's own is to be trained. Of its errors the paper's
-    method knows nothing: the standard errors stand at the whole range. `seed` draws pixels, batches and directions.
+    method knows nothing: the standard errors stand at the whole range. `seed` draws pixels, batches and directions;
+    maps to start from are of the upright picture, turned by `flip`.
 
     Raises:
         SurfaceError: too few views, an empty mask, or maps to start from that do not fit.
@@ -65,7 +66,7 @@ def solve(
     gaussians, lamps = light.gaussians, light.lamps
     clock, ours = time.perf_counter(), SurfaceParams()
     room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
-    first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0.05, 0.1))
+    first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0.05, 0.1), flip)
     solved, distance = part_of(mask, params.pixels, seed), first.distance.value
     unit = radiance_unit(frames, masks, fitted)
     unknowns = unknowns_of(first, mask, solved, device)

@@ -47,8 +47,9 @@ def begin(
     device: str,
     seed: int,
     progress: Progress,
+    flip: int = 0,
 ) -> Start:
-    """Distance, normals, roughness and albedo, then depth.
+    """Distance, normals, roughness and albedo, then depth; maps given are of the upright picture, turned by `flip`.
 
     Raises:
         SurfaceError: the user's maps cannot be read or do not fit the photographs.
@@ -62,7 +63,7 @@ def begin(
         begun, room, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
     if params.start_maps:
-        maps = start_maps.read(Path(params.start_maps), None, params.start_frame, mask, True)
+        maps = start_maps.read(Path(params.start_maps), None, params.start_frame, mask, True, flip)
         count = len(maps.normals)
         albedo = np.full((count, 3), MIDDLE) if maps.albedo is None else maps.albedo
         roughness = np.full(count, MIDDLE) if maps.roughness is None else maps.roughness

@@ -108,8 +108,10 @@ def solve(
     device: str,
     seed: int,
     progress: Progress,
+    flip: int = 0,
 ) -> tuple[Surface, Renders, Horizons, Emitters, SurfaceReport]:
-    """Solve the surface; `seed` picks the pixels that vote on the light.
+    """Solve the surface; `seed` picks the pixels that vote on the light, start maps are of the upright picture, turned
+    by `flip`.
 
     Raises:
         SurfaceError: too few views, an empty mask, frames without usable object pixels, start maps that cannot be
@@ -123,7 +125,7 @@ def solve(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
         DRIFT * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
     )  # fmt: skip
-    whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask)).part(*window(mask))
+    whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask, flip)).part(*window(mask))
     picture, take = smaller(whole, params.together)
     room = replace(room, poses=replace(poses, camera=picture.camera))
     alone = 0.9 if picture is whole else 0.3

@@ -2,7 +2,7 @@
 
 The files' normals, and roughness where there is any, stand for every pixel's first answer; albedo, whose scale such
 maps do not know, is what explains the photographs best under them, and so is roughness where there is none. Gauss-Newton
-goes on from there as from the search. Camera frame.
+goes on from there as from the search. Camera frame, as the sensor lies; files are of the upright picture.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine import mapfiles
 from engine.errors import ImportFault, SurfaceError
+from engine.orientation import back, turn_picture, turn_vectors
 from engine.progress import Progress
 from engine.surface import newton
 from engine.surface.abreast import each
@@ -33,21 +34,32 @@ class StartMaps:
 
 
 def read(
-    path: Path, roughness: Path | None, frame: str, mask: Bool[np.ndarray, "h w"], coloured: bool
+    path: Path,
+    roughness: Path | None,
+    frame: str,
+    mask: Bool[np.ndarray, "h w"],
+    coloured: bool,
+    flip: int = 0,
 ) -> StartMaps:
     """The maps at the photographs' size as they are processed, see `engine/mapfiles.py`.
 
     Roughness is `roughness`'s, or what an .npz holds beside its normals; so is albedo where `coloured` asks for it.
+    The photographs' `flip` stands them upright (`engine/orientation.py`), as the maps are.
 
     Raises:
         SurfaceError: a file cannot be read or does not fit, or a pixel of the object has no normal.
     """
+    upright = turn_picture(mask, flip)
+
+    def inside(values: np.ndarray) -> np.ndarray:
+        return turn_picture(values, back(flip))[mask]
+
     try:
-        normal = mapfiles.read_normals(path, mask, frame)[mask]
+        normal = turn_vectors(inside(mapfiles.read_normals(path, upright, frame)), back(flip))
         beside = roughness or (path if mapfiles.holds(path, "roughness") else None)
-        rough = mapfiles.read_roughness(beside, mask)[mask] if beside else None
+        rough = inside(mapfiles.read_roughness(beside, upright)) if beside else None
         coloured = coloured and mapfiles.holds(path, "albedo")
-        albedo = mapfiles.read_albedo(path, mask, "linear")[mask] if coloured else None
+        albedo = inside(mapfiles.read_albedo(path, upright, "linear")) if coloured else None
     except ImportFault as fault:
         raise SurfaceError(f"start maps: {fault}") from fault
     missing = int((~normal.any(1)).sum())
@@ -59,7 +71,7 @@ def read(
     return StartMaps(mask, normal, rough, albedo)
 
 
-def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"]) -> StartMaps | None:
+def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 0) -> StartMaps | None:
     """The maps that the parameters name; None where they name none.
 
     Raises:
@@ -68,7 +80,7 @@ def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"]) -> StartMaps | N
     if not params.start_maps:
         return None
     roughness = Path(params.start_roughness) if params.start_roughness else None
-    return read(Path(params.start_maps), roughness, params.start_frame, mask, False)
+    return read(Path(params.start_maps), roughness, params.start_frame, mask, False, flip)
 
 
 def halved(maps: StartMaps, small: Bool[np.ndarray, "h2 w2"]) -> StartMaps:

@@ -74,17 +74,19 @@ def finished(
     finished_at: float = 1e9,
     with_export: bool = True,
     level: int = 0,
+    flip: int = 0,
     **changes,
 ) -> Path:
     """Write a run; `changes` replace fields of its surface, `level` is every pixel's horizon (0: as the depth has it).
 
-    Several runs may share a session.
+    Its photographs stand upright turned by `flip`. Several runs may share a session.
     """
     shape = replace(surface(), **changes)
     frames = photographs(surface())
     gaussians, lamps = room()
     inside = shape.mask[None] | np.zeros((VIEWS, 1, 1), bool)
     inputs = {"hdr": "hhhh", "segment": "ssss", "poses": "pppp", "light": "llll"}
+    lying = {"orientation": str(flip)} if flip else {}
     _write(session, "hdr", "hhhh", {}, 2.0, frames=frames)
     _write(session, "segment", "ssss", {}, 1.0, masks=Masks(surface().mask, ~inside))
     _write(session, "poses", "pppp", {}, 3.0, poses=poses())
@@ -94,7 +96,7 @@ def finished(
         session,
         "surface",
         fingerprint,
-        inputs,
+        inputs | lying,
         10.0,
         finished_at,
         surface=shape,

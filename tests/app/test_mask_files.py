@@ -11,6 +11,7 @@ from app.mask_files import STROKES, WAITING, Keeper
 from app.masking import ADD, TAKE
 from engine import session as sessions
 from engine.errors import MaskError, SessionError
+from engine.orientation import turn_picture
 from engine.pipeline import run, stages, table, work
 from engine.pipeline.settings import Settings, with_changes
 from tests.app import sessions as small
@@ -164,3 +165,22 @@ def test_the_mean_is_that_of_the_views(session: Path) -> None:
     one, brighter = (mask_files.picture(shown, None, ev)[0].astype(int) for ev in (0.0, 1.0))
     assert brighter.sum() > one.sum()
     assert mask_files.picture(shown, 3, 0.0)[0].shape == (small.HEIGHT, small.WIDTH, 4)
+
+
+@pytest.mark.parametrize("flip", [3, 5, 6])
+def test_what_is_painted_on_upright_photographs_is_kept_as_the_sensor_lies(session: Path, flip: int) -> None:
+    opened = sessions.open_session(session)
+    sessions.describe(opened, {**opened.facts["camera"], "orientation": flip})
+    process(session, "hdr.long_edge_px=16")
+    shown = mask_files.load(session, *folders(session, "hdr.long_edge_px=16"), None)
+    assert shown is not None
+    assert shown.object is not None
+    before = cv2.imread(str(session / "edits" / "mask.png"), 0)[::2, ::2] > 127
+    np.testing.assert_array_equal(shown.object, turn_picture(before, flip))
+    painted = np.zeros(shown.shape, np.uint8)
+    painted[1:4, 2:5], painted[6, 7:9] = ADD, TAKE
+    Keeper().keep(session, painted, 1)
+    np.testing.assert_array_equal(mask_files.read_labels(session, shown.shape), painted)
+    add, remove = work.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
+    np.testing.assert_array_equal(turn_picture(add, flip)[::2, ::2], painted == ADD)
+    np.testing.assert_array_equal(turn_picture(remove, flip)[::2, ::2], painted == TAKE)

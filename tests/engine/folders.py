@@ -3,7 +3,8 @@
 import dataclasses
 import datetime
 import json
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import cv2
@@ -42,6 +43,15 @@ def write_raw(folder: Path) -> Path:
     for number in range(VIEWS):
         write_raw_view(folder, number, scene(number))
     return folder
+
+
+def tag(files: Iterable[Path], orientation: int) -> None:
+    """Let DNG say that the camera was held so: the number of Exif's tag, 1 as they are written."""
+    entry = struct.Struct("<HHII")
+    for file in files:
+        content = file.read_bytes()
+        assert content.count(entry.pack(274, 3, 1, 1)) == 1
+        file.write_bytes(content.replace(entry.pack(274, 3, 1, 1), entry.pack(274, 3, 1, orientation)))
 
 
 def write_linear(folder: Path) -> Path:

@@ -49,7 +49,7 @@ def test_linear_images_poses_and_mask_are_kept_as_given(linear: Path, tmp_path: 
 
 def test_negative_values_that_are_kept_are_counted_aloud(linear: Path, tmp_path: Path) -> None:
     folders.poisoned(-0.01)(linear)
-    (note,) = importing.make_session(linear, tmp_path / "new.session").notes
+    (note,) = sessions.notes(importing.make_session(linear, tmp_path / "new.session"))
     values = 3 * folders.WIDTH * folders.HEIGHT
     assert f"1 of {folders.VIEWS} pictures hold negative values, most 0003.exr: 1 of {values}" in note
 
@@ -172,7 +172,7 @@ def test_what_belongs_to_no_whole_bracket_is_left_out_and_kept_in_the_session(
     session = importing.make_session(raw, tmp_path / "new.session")
     assert [view.name for view in sessions.shots(session)] == [f"IMG_{3 * i:04d}" for i in range(1, 9)]
     note = "IMG_0001.DNG and IMG_0002.DNG belong to no whole bracket of 3 exposures and are left out."
-    assert sessions.open_session(session.folder).notes == (note,)
+    assert sessions.notes(session) == (note,)
 
 
 def test_folders_behind_links_are_entered_once(linear: Path, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from app.capture.recovery import Patience
 from app.capture.run import USUAL, Capture
 from app.capture.status import Finding, Missing, Phase, Status
 from app.capture.wanted import captured
+from engine import session as sessions
 from engine.errors import RoomlightError
 from engine.live.finding import Severity
 from engine.session import Shot
@@ -154,7 +155,8 @@ class Run:
         """The capture's watch."""
         fresh = shot.name not in self._earlier
         if fresh:
-            self._aside.put("picture", lambda: self._pictures.show(shot.files, shot.name))
+            flip = sessions.open_session(shot.folder.parent.parent).orientation
+            self._aside.put("picture", lambda: self._pictures.show(shot.files, shot.name, flip))
         if self._live is None:
             return ()
         live = self._live

@@ -32,10 +32,14 @@ class Pictures:
         self._lock = threading.Lock()
         self._there: defaultdict[str, deque[Path]] = defaultdict(deque)
 
-    def show(self, files: Sequence[Path], pose: str) -> None:
-        """Tell a `picture` of one shot; that it cannot be shown is worth a line in the log only."""
+    def show(self, files: Sequence[Path], pose: str, flip: int | None = None) -> None:
+        """Tell a `picture` of one shot; that it cannot be shown is worth a line in the log only.
+
+        Args:
+            flip: stands it upright (`engine/orientation.py`); None: as its own tag says.
+        """
         try:
-            self._link.emit("data", kind="picture", pose=pose, **self._facts(files))
+            self._link.emit("data", kind="picture", pose=pose, **self._facts(files, flip))
         except RoomlightError as error:
             self._link.log(f"{pose or 'the photograph'} cannot be shown: {error}")
 
@@ -61,7 +65,7 @@ class Pictures:
                 old.unlink(missing_ok=True)
         return path
 
-    def _facts(self, files: Sequence[Path]) -> dict[str, Any]:
+    def _facts(self, files: Sequence[Path], flip: int | None) -> dict[str, Any]:
         """
         Raises:
             RawError: they cannot be read.
@@ -71,14 +75,17 @@ class Pictures:
         from engine.importing import RAW_SUFFIXES
         from engine.live import glance
         from engine.live.picture import PER_EV, WHITE_BIN, picture
+        from engine.orientation import turn_picture
 
         if not all(file.suffix.lower() in RAW_SUFFIXES for file in files):
             return self._developed(files[len(files) // 2])
-        made = picture(glance.read(files), EDGE_PX)
+        mosaics = glance.read(files)
+        made = picture(mosaics, EDGE_PX)
+        flip = mosaics[0].facts.orientation if flip is None else flip
         counts = {name: channel.tolist() for name, channel in zip("rgb", made.histogram, strict=True)}
         return {
-            "png": str(self.write("picture", made.rgb)),
-            "clip_png": str(self.write("clip", made.overlay)),
+            "png": str(self.write("picture", turn_picture(made.rgb, flip))),
+            "clip_png": str(self.write("clip", turn_picture(made.overlay, flip))),
             "clipped": made.clipped,
             "clipped_here": made.clipped_here,
             "dark": made.dark,
@@ -87,10 +94,10 @@ class Pictures:
         }
 
     def _developed(self, file: Path) -> dict[str, Any]:
-        """A JPEG or the like as it is; how much light its pixels stand for nobody knows."""
+        """A JPEG or the like as it is, upright; how much light its pixels stand for nobody knows."""
         import cv2
 
-        image = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB)
         if image is None:
             raise RawError(f"{file}: cannot be read as a picture; look at it in another program")
         share = min(1.0, EDGE_PX / max(image.shape))

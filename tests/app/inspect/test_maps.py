@@ -8,6 +8,7 @@ import pytest
 
 from app.inspect import maps, readings, runs
 from app.inspect.maps import LAYERS, Look, Maps
+from engine.orientation import turn_picture, turn_vectors
 from tests.app import furnace
 
 MIDDLE = (20, 15)  # column, row: on the ball
@@ -163,3 +164,32 @@ def test_the_object_lies_in_its_box(shown: Maps) -> None:
     assert shown.surface.mask[top:bottom, left:right].sum() == shown.surface.mask.sum()
     assert shown.surface.mask[top].any()
     assert shown.surface.mask[:, right - 1].any()
+
+
+# ---- photographs taken on the side
+
+
+@pytest.mark.parametrize("flip", [3, 5, 6])
+def test_maps_stand_upright_and_say_the_same_of_the_same_place(tmp_path: Path, flip: int) -> None:
+    plain, upright = (
+        maps.load(runs.runs_of(furnace.finished(tmp_path / str(one), flip=one))[0]) for one in (0, flip)
+    )
+    for run in (plain, upright):
+        count = int(run.surface.mask.sum())
+        run.rerendered.mkdir(parents=True)
+        np.save(run.rerendered / "0000.npy", np.linspace(0, 1, 3 * count, dtype=np.float32).reshape(count, 3))
+    for key in LAYERS:
+        before, after = (maps.picture(run, Look(key, 0)) for run in (plain, upright))
+        assert before is not None, key
+        assert after is not None, key
+        if key != "normal":
+            np.testing.assert_array_equal(after.levels[0], turn_picture(before.levels[0], flip), err_msg=key)
+    x, y = 17, 11  # above the ball's middle and left of it
+    there = {3: (39 - x, 29 - y), 5: (y, 39 - x), 6: (29 - y, x)}[flip]
+    before, after = under(plain, (x, y), 0, "camera"), under(upright, there, 0, "camera")
+    assert before.keys() == after.keys()
+    assert {name for name in before if before[name] != after[name]} == {"Normal"}
+    turned = turn_vectors(plain.surface.normal[y, x].astype(float), flip)
+    assert [float(v.replace("\u2212", "-")) for v in after["Normal"].text.split()] == pytest.approx(
+        turned, abs=1e-3
+    )

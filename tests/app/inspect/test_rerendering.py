@@ -124,3 +124,13 @@ def test_results_of_an_older_version_say_so(session: Path) -> None:
 def test_a_result_that_is_gone_is_told(session: Path) -> None:
     with pytest.raises(SessionError, match="is gone"):
         find(session, "bbbb")
+
+
+def test_views_are_re_rendered_as_the_sensor_lies_and_shown_upright(tmp_path: Path) -> None:
+    plain, upright = (furnace.finished(tmp_path / str(flip), flip=flip) for flip in (0, 6))
+    shown = []
+    for session in (plain, upright):
+        (run,) = runs.runs_of(session)
+        rerendering.serve({"session": str(session), "fingerprint": run.fingerprint, "view": 0}, Wire())
+        shown.append(maps.rendering(maps.load(run), 0))
+    np.testing.assert_array_equal(shown[1], np.rot90(shown[0], -1))

@@ -8,7 +8,8 @@ import pytest
 from app.inspect import runs
 from app.relight import coverage as light_coverage
 from app.relight import lights as light_files
-from engine.geometry import rays
+from engine.geometry import fibonacci_sphere, rays
+from engine.orientation import turn_vectors
 from engine.pipeline import artefacts
 from engine.types import Emitters, Masks
 from tests.app import furnace
@@ -87,3 +88,23 @@ def test_the_answer_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         session / "stages" / "segment" / "ssss", "masks", Masks(masks, np.zeros((9, *masks.shape), bool))
     )
     assert worked_out(session, monkeypatch).shares() == first.shares()
+
+
+def test_the_light_is_shown_as_the_upright_camera_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The camera turned about the sensor's vertical: held on its side, what it never saw lies left and right."""
+    plain, upright = (
+        worked_out(furnace.finished(tmp_path / str(flip), flip=flip), monkeypatch).seen for flip in (0, 6)
+    )
+    towards = fibonacci_sphere(2000)
+
+    def at(seen: np.ndarray, way: np.ndarray) -> np.ndarray:
+        row = (np.arccos(-way[:, 1]) / np.pi * 128).astype(int)
+        column = ((np.arctan2(way[:, 0], way[:, 2]) / (2 * np.pi) + 0.5) * 256).astype(int) % 256
+        return seen[row, column] > 0.5
+
+    same = at(plain, towards) == at(upright, turn_vectors(towards, 6))
+    assert same.mean() > 0.97
+    assert upright[60:68, 60:68].mean() < 0.05
+    assert upright[60:68, 188:196].mean() < 0.05

@@ -7,6 +7,7 @@ import pytest
 
 from app.viewer import photograph as photographs
 from app.viewer.photograph import photograph
+from engine import session as sessions
 from engine.errors import SessionError
 from tests.app.viewer import made
 
@@ -35,3 +36,11 @@ def test_a_photograph_that_is_not_there_is_told(tmp_path: Path) -> None:
     empty = made.session(tmp_path / "t", stages=())
     with pytest.raises(SessionError, match="not merged"):
         photograph(empty, 0)
+
+
+def test_a_photograph_stands_upright(tmp_path: Path) -> None:
+    folder = made.session(tmp_path / "s")
+    before = photograph(folder, 1)
+    opened = sessions.open_session(folder)
+    sessions.describe(opened, {**opened.facts["camera"], "orientation": 5})
+    np.testing.assert_array_equal(photograph(folder, 1), np.rot90(before))

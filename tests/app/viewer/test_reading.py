@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from app.viewer.reading import read, stages_of
+from app.viewer.scene import compose
+from engine import session as sessions
 from engine.errors import SessionError
+from engine.geometry import transform
 from engine.pipeline import artefacts
 from engine.types import Emitters
 from tests.app.viewer import made
@@ -59,3 +62,21 @@ def test_damaged_results_are_told(tmp_path: Path) -> None:
     (folder / "stages" / "light" / f"{2:016x}" / "gaussians.means.npy").unlink()
     with pytest.raises(SessionError, match="cannot be read back"):
         read(folder)
+
+
+def test_cameras_and_surface_stand_upright_and_the_object_stays_where_it_is_in_the_room(
+    tmp_path: Path,
+) -> None:
+    folder = made.session(tmp_path / "s")
+    before = compose("", read(folder))
+    opened = sessions.open_session(folder)
+    sessions.describe(opened, {**opened.facts["camera"], "orientation": 6})
+    after = compose("", read(folder))
+    places = [
+        {tuple(np.round(point, 5)) for point in transform(scene.world_from_cam(1), scene.sheets[0].points)}
+        for scene in (before, after)
+    ]
+    assert len(places[0] & places[1]) > 0.98 * len(places[0])
+    # The ring's cameras have the world's y downwards; held on the side, that is to the right of their pictures.
+    assert before.contents.up == pytest.approx((0, -1, 0))
+    assert after.contents.up != pytest.approx((0, -1, 0), abs=0.1)

@@ -16,6 +16,7 @@ import pytest
 from app.plan import read_plan, with_value
 from app.work import answers
 from app.work.worker import Link
+from engine import importing
 from engine import session as sessions
 from engine.errors import Cancelled
 from engine.pipeline import presets
@@ -23,6 +24,7 @@ from engine.pipeline import settings as asked
 from engine.surface.pixels import SurfaceParams
 from tests.app.calls import ROOT
 from tests.app.sessions import HEIGHT, WIDTH, small
+from tests.engine import folders as raw_folders
 
 
 @pytest.fixture
@@ -166,3 +168,13 @@ def test_plans_go_before_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [order.get_nowait() for _ in range(4)] == [3, 1, 2, 0]
     os.close(write)
     os.close(read)
+
+
+def test_a_thumbnail_stands_as_its_session_does_whatever_its_own_photograph_says(tmp_path: Path) -> None:
+    raw = raw_folders.write_raw(tmp_path / "card")
+    files = sorted(raw.iterdir())
+    raw_folders.tag([file for file in files if not "IMG_0012" <= file.stem < "IMG_0015"], 6)
+    importing.make_session(raw, tmp_path / "s")
+    to = tmp_path / "a.png"
+    answer(question="thumbnail", session=str(tmp_path / "s"), to=str(to), edge_px=1000)
+    assert cv2.imread(str(to)).shape == (raw_folders.WIDTH // 2, raw_folders.HEIGHT // 2, 3)

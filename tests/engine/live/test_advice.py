@@ -62,7 +62,7 @@ def test_poses_that_overlap_nothing_are_still_all_visited():
 )  # fmt: skip
 def test_hands_are_sent_where_nobody_has_looked(done, words):
     turns = np.stack([facing(*where) for where in done])
-    best = advice.for_hands(OPEN, seen(turns), turns, coverage.upright(turns))
+    best = advice.for_hands(OPEN, seen(turns), turns, coverage.upright(turns), np.eye(3))
     assert words in best.sentence
     assert best.gain > advice.ENOUGH_GAIN
     assert f"adds {best.gain:.0%} of the sphere" in best.sentence
@@ -90,7 +90,7 @@ def test_a_camera_pointed_elsewhere_looks_there_without_rolling():
 
 def test_a_room_that_is_seen_needs_no_more():
     turns = np.stack([facing(yaw, pitch) for pitch in range(-90, 91, 20) for yaw in range(0, 360, 20)])
-    best = advice.for_hands(OPEN, seen(turns), turns, coverage.upright(turns))
+    best = advice.for_hands(OPEN, seen(turns), turns, coverage.upright(turns), np.eye(3))
     assert "the room is seen" in best.sentence
 
 

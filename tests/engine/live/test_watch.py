@@ -1,4 +1,5 @@
 import copy
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from engine.live.watch import Watch
 from engine.rig import angle_between, mean_rotation
 from engine.truth import read_truth
 from tests.end_to_end.bundled import DEMO, TRUTH
+from tests.engine import folders
 from tests.engine.live import broken
 
 FEW, BEFORE = 9, 20  # shots seen before the broken one
@@ -249,3 +251,27 @@ def test_nothing_is_known_before_the_first_shot():
     assert watch.panorama() is None
     assert watch.next_by_hand() is None
     assert watch.order([(0.0, 0.0)]) is None
+
+
+# ---- a camera held another way up
+
+
+def held(seen, tmp_path, tag: int) -> Watch:
+    """Three shots of the bundled session whose files say so."""
+    watch = Watch()
+    for number, shot in enumerate(seen.shots[:3]):
+        place = tmp_path / f"{tag}-{number}"
+        place.mkdir()
+        files = [Path(shutil.copy(file, place)) for file in shot.files]
+        if tag != 1:
+            folders.tag(files, tag)
+        watch.see(shot.name, files)
+    return watch
+
+
+def test_the_panorama_of_a_camera_upside_down_stands_upright(seen, tmp_path):
+    """What was above the sensor was below the camera."""
+    level, hanging = (held(seen, tmp_path, tag) for tag in (1, 3))
+    before, after = level.panorama(60).astype(int), hanging.panorama(60).astype(int)
+    assert np.abs(after - before[::-1, ::-1]).mean() < 0.2 * np.abs(after - before).mean()
+    assert hanging.coverage().share == level.coverage().share
