@@ -6,7 +6,7 @@ cameras, and so do distances: near the centre of a picture they are angles in ra
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict
 
@@ -22,6 +22,7 @@ _NEAR_SHARE = (
 )
 _OFF_DEG = 0.2  # right poses are within this; turned by 0.5 deg each, views have 0.3, by 0.1 deg 0.06
 _TIMES = 3.0  # what photographs tell, right poses are within: they had 1.8 of it at most, in a room of things that look alike
+_LEAST = 8  # matches that a geometry of two views is fitted to
 _OWN_PX = 1.0  # noise of a match that the fit of two views expects
 
 
@@ -52,7 +53,7 @@ class Judgement:
     @property
     def wrong(self) -> Bool[np.ndarray, " n"]:
         """Views whose pose the photographs contradict."""
-        return self.off_deg > max(_OFF_DEG, _TIMES * self.told_deg)
+        return np.asarray(self.off_deg > max(_OFF_DEG, _TIMES * self.told_deg))
 
     def facts(self, names: Sequence[str]) -> Facts:
         """As the reports of poses have it, given or found."""
@@ -126,6 +127,7 @@ def judge(pairs: Sequence[Pair], cam_from_world: Float[np.ndarray, "n 3 4"], foc
 
 def _typical(off: Float[np.ndarray, " m"]) -> float:
     """Median of what is near, or of all where hardly anything is; NaN of too few."""
+    off = off[np.isfinite(off)]  # points that no ray of a lens that bends much meets have no place on z = 1
     if len(off) < FEWEST:
         return float("nan")
     near = off < np.radians(_NEAR_DEG)
@@ -141,6 +143,10 @@ def _under_poses(pair: Pair, cam_from_world: Float[np.ndarray, "n 3 4"]) -> Floa
 
 def _under_own(pair: Pair, focal_px: float) -> Float[np.ndarray, " _"]:
     """Under the geometry that fits this pair best; nothing where none is found."""
+    sound = np.isfinite(pair.a).all(1) & np.isfinite(pair.b).all(1)
+    if sound.sum() < _LEAST:
+        return np.zeros(0)
+    pair = replace(pair, a=pair.a[sound], b=pair.b[sound])
     found, _ = cv2.findEssentialMat(
         pair.a, pair.b, np.eye(3), method=cv2.USAC_MAGSAC, prob=0.999, threshold=_OWN_PX / focal_px
     )

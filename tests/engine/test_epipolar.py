@@ -99,6 +99,16 @@ def test_views_with_too_few_matches_are_not_judged():
     assert not few.wrong.any()
 
 
+def test_points_without_a_place_in_front_of_the_lens_are_left_out():
+    pairs = matched(0.3)
+    whole = judge(pairs, TRUTH, FOCAL_PX)
+    for pair in pairs:
+        pair.a[:3] = np.nan
+    without = judge(pairs, TRUTH, FOCAL_PX)
+    assert without.off_deg == pytest.approx(whole.off_deg, rel=0.3)
+    assert without.told_deg == pytest.approx(whole.told_deg, rel=0.2)
+
+
 def test_nothing_is_said_where_views_have_nothing_in_common():
     judgement = judge([], TRUTH, FOCAL_PX)
     assert judgement.facts([str(i) for i in range(VIEWS)]) == {
