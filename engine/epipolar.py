@@ -70,7 +70,7 @@ def verified(
     database: Path, camera: pycolmap.Camera, cam_from_world: Float[np.ndarray, "n 3 4"]
 ) -> tuple[Pair, ...]:
     """The pairs of views that have poses and matches; `camera` is of the size of the database's photographs."""
-    placed = np.isfinite(cam_from_world).all((1, 2))
+    placed = np.asarray(np.isfinite(cam_from_world).all((1, 2)))
     with pycolmap.Database.open(database) as opened:
         keypoints = [
             opened.read_keypoints(i + 1)[:, :2].astype(np.float64) for i in range(len(cam_from_world))
