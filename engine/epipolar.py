@@ -52,8 +52,8 @@ class Judgement:
 
     @property
     def wrong(self) -> Bool[np.ndarray, " n"]:
-        """Views whose pose the photographs contradict."""
-        return np.asarray(self.off_deg > max(_OFF_DEG, _TIMES * self.told_deg))
+        """Views whose pose the photographs contradict; none where they tell nothing."""
+        return np.asarray(self.off_deg > np.maximum(_OFF_DEG, _TIMES * self.told_deg))
 
     def facts(self, names: Sequence[str]) -> Facts:
         """As the reports of poses have it, given or found."""

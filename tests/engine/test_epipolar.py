@@ -121,3 +121,7 @@ def test_the_facts_name_what_is_off_and_by_how_much():
     assert judgement.facts(["a", "b", "c", "d"]) == {
         "judged": 3, "off": ("b", "d"), "off_deg": 1.5, "told_deg": 0.04
     }  # fmt: skip
+
+
+def test_no_view_is_named_where_no_pair_fits_any_motion():
+    assert not Judgement(np.array([1.0, 2.0]), float("nan")).wrong.any()
