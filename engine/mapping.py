@@ -14,6 +14,7 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float, UInt32
 
+from engine import epipolar
 from engine import rig as rigs
 from engine.errors import Cancelled, PoseError
 from engine.features import view_name
@@ -207,9 +208,10 @@ def best_grown(
         if grown is None:
             continue
         model, sizes = grown
-        support, agreement, _ = support_of(model, database, count, 2 * params.epipolar_px * factor)
-        lens = camera_of(model)
+        lens, poses = camera_of(model), placed(model, count)
         length, fits = lens.mean_focal_length(), float(model.compute_mean_reprojection_error())
+        pairs = epipolar.verified(database, lens, poses)
+        support, agreement = epipolar.support(pairs, poses, length, 2 * params.epipolar_px * factor)
         found_anew = any(not _apart(length, other) for other, _ in ends)
         ends.append((length, fits))
         slid = focal is not None and _apart(length, focal)
@@ -381,52 +383,3 @@ def placed(model: pycolmap.Reconstruction, count: int) -> Float[np.ndarray, "n 3
         if image.has_pose:
             poses[rows[image.name]] = image.cam_from_world().matrix()
     return poses
-
-
-def support_of(
-    model: pycolmap.Reconstruction, database: Path, count: int, most_px: float
-) -> tuple[Float[np.ndarray, " n"], float, int]:
-    """Share of each view's verified matches with other placed views that agree with the poses (NaN unplaced); of all;
-    how many those are.
-
-    A view that was placed by a few matches on a repeated piece of furniture disagrees with the rest of its
-    matches: they lie further than `most_px` from the epipolar lines that the poses imply.
-    """
-    camera = camera_of(model)
-    poses = placed(model, count)
-    agree, total = np.zeros(count), np.zeros(count)
-    with pycolmap.Database.open(database) as opened:
-        keypoints = [opened.read_keypoints(i + 1)[:, :2].astype(np.float64) for i in range(count)]
-        ids, geometries = opened.read_two_view_geometries()
-    rays = [np.asarray(camera.cam_from_img(k)) if len(k) else np.zeros((0, 2)) for k in keypoints]
-    for pair, geometry in zip(ids, geometries, strict=True):
-        i, j = (image - 1 for image in pycolmap.pair_id_to_image_pair(pair))
-        matches = np.asarray(geometry.inlier_matches)
-        if not len(matches) or np.isnan(poses[i, 0, 0]) or np.isnan(poses[j, 0, 0]):
-            continue
-        off = _epipolar(rays[i][matches[:, 0]], rays[j][matches[:, 1]], poses[i], poses[j])
-        fit = (off * camera.mean_focal_length() < most_px).sum()
-        for view in (i, j):
-            agree[view] += fit
-            total[view] += len(matches)
-    known = np.isfinite(poses).all((1, 2))
-    each = np.where(known & (total > 0), agree / np.maximum(total, 1), np.where(known, 0.0, np.nan))
-    return each, float(agree.sum() / max(total.sum(), 1)), int(total.sum()) // 2
-
-
-def _epipolar(
-    a: Float[np.ndarray, "m 2"],
-    b: Float[np.ndarray, "m 2"],
-    a_from_world: Float[np.ndarray, "3 4"],
-    b_from_world: Float[np.ndarray, "3 4"],
-) -> Float[np.ndarray, " m"]:
-    """Sampson distance on the image plane z = 1; finite also for cameras at one place."""
-    rotation = b_from_world[:, :3] @ a_from_world[:, :3].T
-    x, y, z = b_from_world[:, 3] - rotation @ a_from_world[:, 3]
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
-    one = np.ones((len(a), 1))
-    line_b = np.hstack([a, one]) @ essential.T
-    line_a = np.hstack([b, one]) @ essential
-    value = (np.hstack([b, one]) * line_b).sum(1)
-    slope = (line_a[:, :2] ** 2).sum(1) + (line_b[:, :2] ** 2).sum(1)
-    return np.abs(value) / np.sqrt(np.maximum(slope, 1e-300))

@@ -179,11 +179,13 @@ def cautions(c: Contents) -> tuple[str, ...]:
                 f"{len(lost)} of {len(c.names)} views have no pose and were not used: {_some(lost)}."
             )
         found = _facts(c, "poses")
-        agreement = found.get("agreement")
-        if found.get("doubtful") and isinstance(agreement, float):
+        off, off_deg = found.get("off"), found.get("off_deg")
+        if off and isinstance(off, list | tuple) and isinstance(off_deg, float):
             lines.append(
-                f"Only {100 * agreement:.0f} % of what pairs of views have in common agrees with the poses: they"
-                " may be wrong, and with them the light and the surface. Add views, or import other poses."
+                f"The poses of {len(off)} of {found['judged']} views are not what the photographs show: {_some(off)}. What these"
+                f" share with other views lies {off_deg:.2g} degrees from where the poses put it; photographs like these tell"
+                f" {found['told_deg']:.1g}. Light and surface may be wrong with them: check that poses and lens are of"
+                " these photographs, add views, or import other poses."
             )
         if found.get("lens_doubtful"):
             expected = found["focal_expected_px"]

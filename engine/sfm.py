@@ -15,7 +15,7 @@ import pycolmap
 from jaxtyping import Bool, Float
 
 from engine import board as boards
-from engine import mapping
+from engine import epipolar, mapping
 from engine import rig as rigs
 from engine.errors import PoseError
 from engine.features import FeatureParams, detect, enlargement, likely_pairs, log_floor, tone_mapped
@@ -71,8 +71,11 @@ class PoseReport:
     rejected: tuple[str, ...]  # most of their matches contradicted their pose; among the two above
     models: tuple[int, ...]  # sizes of the separate models found at first; one is best
     attempts: int  # models grown until one agreed with the matches
-    agreement: float  # share of the verified matches that agree with the poses
-    doubtful: bool  # fewer agree than with poses that are right
+    agreement: float  # share of the verified matches that agree with the model; too small, it was grown anew
+    judged: int  # views with enough matches to tell whether their pose is right
+    off: tuple[str, ...]  # of these, the ones whose pose the photographs contradict
+    off_deg: float | None  # how far their matches lie from where the poses put them, median
+    told_deg: float | None  # how far from where pairs of views alone would put them
     pairs: int  # pairs of views that were compared
     points: int
     observations: float  # median number of points seen by a placed view
@@ -140,6 +143,8 @@ def find_poses(
     if not placed.any():
         raise PoseError(f"no pose of {count} views agrees with what pairs of views have in common; {_REMEDY}")
     points = np.array([model.points3D[i].xyz for i in sorted(model.point3D_ids())]).reshape(-1, 3)
+    lens = mapping.camera_of(model)
+    judgement = epipolar.judge(epipolar.verified(database, lens, found), found, lens.mean_focal_length())
 
     fitted = None if logged is None else rigs.fit(logged, found)
     if logged is not None and fitted is not None and _believed(fitted, placed):
@@ -164,7 +169,7 @@ def find_poses(
     report = PoseReport(
         views=count, placed=int(placed.sum()), from_rig=names(registered & ~placed),
         unregistered=names(~registered), rejected=names(rejected), models=grown.sizes, attempts=grown.attempts,
-        agreement=grown.agreement, doubtful=grown.agreement < mapping.AGREED, pairs=len(pairs),
+        agreement=grown.agreement, **judgement.facts(frames.names), pairs=len(pairs),
         points=len(points), observations=float(np.median(seen)), reprojection_px=reprojection,
         focal_px=camera.fx, focal_expected_px=None if focal is None else focal / factor,
         lens_doubtful=grown.lens_doubtful, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,

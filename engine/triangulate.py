@@ -11,14 +11,12 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float
 
-from engine import mapping
+from engine import epipolar, mapping
 from engine.features import detect, enlargement, likely_pairs, view_name
 from engine.geometry import resized
 from engine.progress import Progress
 from engine.sfm import PoseParams
 from engine.types import Camera, Frames, Masks, Poses
-
-_TELLING = 500  # matches; fewer are no reason to doubt what was given
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +29,10 @@ class GivenReport:
     matches: int  # verified, between views that have poses
     points: int
     reprojection_px: float  # mean over all observations; NaN without points
-    agreement: float  # share of the verified matches that agree with the poses
-    doubtful: bool  # fewer agree than with poses that are right
+    judged: int  # views with enough matches to tell whether their pose is right
+    off: tuple[str, ...]  # of these, the ones whose pose the photographs contradict
+    off_deg: float | None  # how far their matches lie from where the poses put them, median
+    told_deg: float | None  # how far from where pairs of views alone would put them
 
 
 def triangulate(
@@ -59,13 +59,15 @@ def triangulate(
         options=mapping.options_of(factor, params.mapping, params.seed),
     )  # fmt: skip
     points = np.array([model.points3D[i].xyz for i in sorted(model.point3D_ids())]).reshape(-1, 3)
-    _, agreement, matches = mapping.support_of(
-        model, database, count, 2 * params.mapping.epipolar_px * factor
-    )
     off = float(model.compute_mean_reprojection_error()) / factor if len(points) else float("nan")
-    doubtful = matches >= _TELLING and agreement < mapping.AGREED
-    placed = int(poses.registered.sum())
-    return points, GivenReport(count, placed, len(pairs), matches, len(points), off, agreement, doubtful)
+    lens = mapping.camera_of(model)
+    shared = epipolar.verified(database, lens, poses.cam_from_world)
+    judgement = epipolar.judge(shared, poses.cam_from_world, lens.mean_focal_length())
+    matches, placed = sum(len(pair.a) for pair in shared), int(poses.registered.sum())
+    report = GivenReport(
+        count, placed, len(pairs), matches, len(points), off, **judgement.facts(frames.names)
+    )
+    return points, report
 
 
 def _lens(camera: Camera) -> pycolmap.Camera:

@@ -134,11 +134,22 @@ def test_a_rig_that_was_elsewhere_is_warned_of(doubtful: bool):
     assert ("the photographs put the camera 62 mm apart" in text) == doubtful
 
 
-@pytest.mark.parametrize("doubtful", [True, False])
-def test_poses_that_matches_contradict_are_warned_of(doubtful: bool):
-    stage = StageRun("poses", 9.0, "cpu", {}, {"agreement": 0.912, "doubtful": doubtful})
-    text = " ".join(read(report.html(replace(full(), stages=(stage,)))).text)
-    assert ("Only 91 % of what pairs of views have in common agrees with the poses" in text) == doubtful
+def test_poses_that_the_photographs_contradict_are_warned_of():
+    facts = {"judged": 52, "off": ("IMG_3", "IMG_8"), "off_deg": 1.873, "told_deg": 0.0631}
+    text = " ".join(
+        read(report.html(replace(full(), stages=(StageRun("poses", 9.0, "cpu", {}, facts),)))).text
+    )
+    assert "The poses of 2 of 52 views are not what the photographs show: IMG_3, IMG_8." in text
+    assert "1.9 degrees from where the poses put it; photographs like these tell 0.06." in text
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [{"judged": 52, "off": (), "off_deg": None, "told_deg": 0.06}, {"agreement": 0.73, "doubtful": True}],
+)
+def test_right_poses_are_not_warned_of_nor_what_an_older_version_doubted(facts: dict[str, object]):
+    text = " ".join(cautions(replace(full(), stages=(StageRun("poses", 9.0, "cpu", {}, facts),))))
+    assert "photographs show" not in text
 
 
 @pytest.mark.parametrize("score", [3.16, 7.2])
