@@ -106,11 +106,9 @@ def on_grid(mask: Bool[np.ndarray, "hh ww"], grid: tuple[int, ...]) -> Bool[np.n
 
 
 def poses(work: Work) -> Records:
-    """poses, and the report of how they were found; of poses that were given with points there is none."""
+    """poses, and the report of how they were found, or of what the photographs say of those that were given."""
     frames = work.load("hdr", "frames", Frames)
     given = _given_poses(work.session, frames) if work.given else None
-    if given is not None and len(given.points):
-        return {"poses": given}
     from engine.sfm import find_poses
     from engine.triangulate import triangulate
 
@@ -119,7 +117,7 @@ def poses(work: Work) -> Records:
     scratch.mkdir()
     if given is not None:
         points, report = triangulate(frames, masks, given, work.params, scratch, work.progress)
-        found = replace(given, points=points)
+        found = given if len(given.points) else replace(given, points=points)
     else:
         found, report = find_poses(frames, masks, rig_log(work.session), work.params, scratch, work.progress)
     shutil.rmtree(scratch)

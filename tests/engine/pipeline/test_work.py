@@ -44,6 +44,27 @@ def test_given_poses_that_are_damaged_are_one_line_with_a_remedy(tmp_path: Path,
         work.poses(given)
 
 
+def test_given_poses_are_checked_and_keep_the_points_they_came_with(tmp_path: Path, monkeypatch) -> None:
+    session = sessions.create(tmp_path / "a.session", "linear", {"width": 8, "height": 6})
+    pose = np.eye(4)[:3].tolist()
+    camera = {"width": 8, "height": 6, "fx": 9.0, "fy": 9.0, "cx": 4.0, "cy": 3.0}
+    dark = np.zeros((1, 6, 8), bool)
+    frames = Frames(("a",), np.zeros((1, 6, 8, 3), np.float32), dark, dark, (0.01, 0.1))
+    monkeypatch.setattr(
+        "engine.triangulate.triangulate", lambda *_: (np.ones((4, 3)), "what the photographs say")
+    )
+    for number, points in enumerate([[[1.0, 2.0, 3.0]], []]):
+        content = {"camera": camera, "views": {"a": pose}, "points": points, "scale": "given", "notes": []}
+        (session.folder / "edits" / "poses.json").write_text(json.dumps(content))
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        records = work.poses(
+            Work(session, PoseParams(), 0, "cpu", folder, True, lambda *_: frames, Progress())
+        )
+        assert records["report"] == "what the photographs say"
+        np.testing.assert_array_equal(records["poses"].points, points or np.ones((4, 3)))
+
+
 def test_an_export_holds_the_light_as_the_surface_found_it(tmp_path: Path) -> None:
     session = furnace.finished(tmp_path / "session")
     sessions.create(tmp_path / "empty", "linear", {"make": "", "model": "", "width": 40, "height": 30})
