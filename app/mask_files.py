@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 from app.inspect import falsecolour
 from app.masking import ADD, NOTHING, TAKE, outline
 from engine import session as sessions
-from engine.errors import BusyError, MaskError
+from engine.errors import BusyError, MaskError, reason
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artefacts
 from engine.pipeline.work import on_grid
@@ -107,26 +107,29 @@ def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w
     Raises:
         MaskError: the file is no picture of the photographs' size.
     """
-    from PIL import Image, UnidentifiedImageError
+    from engine.images import UNREADABLE_PICTURE, opened
 
     edits = session / "edits"
     path = next((edits / name for name in (WAITING, STROKES) if (edits / name).is_file()), None)
     if path is None or path.stat().st_size == 0:
         return np.zeros(shape, np.uint8)
-    opened = sessions.open_session(session)
-    height, width = _camera(opened)
+    listed = sessions.open_session(session)
+    height, width = _camera(listed)
     try:
-        with Image.open(path) as image:
-            size, rgb = image.size, np.asarray(image.convert("RGB"))
-    except (UnidentifiedImageError, OSError) as error:
-        raise MaskError(f"{path}: cannot be read as a picture ({error}); remove it to paint anew") from error
-    if size != (width, height):
+        with opened(path) as image:
+            if image.size != (width, height):
+                raise MaskError(
+                    f"{path}: is {image.width} x {image.height}, the photographs are {width} x {height}; remove it to"
+                    " paint anew"
+                )
+            rgb = np.asarray(image.convert("RGB"))
+    except UNREADABLE_PICTURE as error:
         raise MaskError(
-            f"{path}: is {size[0]} x {size[1]}, the photographs are {width} x {height}; remove it to paint anew"
-        )
+            f"{path}: cannot be read as a picture ({reason(error)}); remove it to paint anew"
+        ) from error
     red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
     labels = np.zeros(shape, np.uint8)
-    on_sensor = turn_picture(labels, back(opened.orientation))
+    on_sensor = turn_picture(labels, back(listed.orientation))
     for label, painted in ((ADD, green & ~red), (TAKE, red & ~green)):
         on_sensor[on_grid(painted, on_sensor.shape)] = label
     return labels

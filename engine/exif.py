@@ -24,6 +24,11 @@ ISO_TAGS = (  # in the order in which they are believed; the first, of 16 bits, 
     "ISOSpeedRatings", "PhotographicSensitivity", "RecommendedExposureIndex", "ISOSpeed", "StandardOutputSensitivity",
 )  # fmt: skip
 NO_ISO = 65535  # Exif 2.3: the true one is too large for the tag
+# What tifffile raises of a damaged file. MemoryError: a tag says that it holds gigabytes.
+DAMAGE = (
+    tifffile.TiffFileError, OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError,
+    MemoryError, struct.error,
+)  # fmt: skip
 
 # Its remarks on other people's tags are no news to whoever imports; what matters is refused by name.
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)
@@ -95,7 +100,7 @@ def _tags(source: io.BytesIO | Path) -> dict[str, Any]:
             for tag in tiff.pages.first.tags.values():
                 if tag.count <= LONGEST_TAG:
                     tags[tag.name] = tag.value
-    except (tifffile.TiffFileError, OSError, ValueError, KeyError, IndexError, TypeError, struct.error):
+    except DAMAGE:
         pass  # a chance likeness, or cut off: LibRaw has the last word on whether the file is damaged
     nested = tags.get("ExifTag")
     return tags | nested if isinstance(nested, dict) else tags

@@ -12,7 +12,8 @@ import numpy as np
 import tifffile
 from jaxtyping import Float32, Int, UInt8
 
-from engine.errors import RawError
+from engine.errors import RawError, reason
+from engine.exif import DAMAGE
 
 FLOATS, MOSAIC = 3, 32803  # SampleFormat, PhotometricInterpretation
 PLAIN, DEFLATE = (1,), (8, 32946)
@@ -48,8 +49,8 @@ def read(
             _check_kind(path, page)
             mosaic = _pixels(page, tiff.byteorder, height, width)
             black, white = _levels(path, page, pattern)
-    except (tifffile.TiffFileError, zlib.error, ValueError, KeyError, IndexError, TypeError) as fault:
-        raise RawError(f"{path}: the file is cut off or damaged ({fault}); copy it again") from fault
+    except (*DAMAGE, zlib.error) as fault:
+        raise RawError(f"{path}: the file is cut off or damaged ({reason(fault)}); copy it again") from fault
     bad = int(mosaic.size - np.isfinite(mosaic).sum())
     if bad:
         raise RawError(f"{path}: {bad} of {mosaic.size} values are no numbers; export it again")

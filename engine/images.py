@@ -4,17 +4,21 @@ Source: IEC 61966-2-1 (sRGB). Arrays are [h w 3], first pixel top left, linear R
 """
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
-from PIL import Image
+from PIL import Image, ImageOps
 
 from engine.errors import MaskError, RawError
 from engine.exr import read_exr
 from engine.radiance_hdr import read_hdr
 
 READERS = {".exr": read_exr, ".hdr": read_hdr, ".pic": read_hdr}
+
+# What Pillow raises of a damaged picture, or of one whose header claims more pixels than any camera has.
+UNREADABLE_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
 
 # The tone curve: white lies this far above the anchor; below the toe, straight instead of logarithmic.
 TONE_WHITE = 32.0
@@ -39,17 +43,26 @@ def read_radiance(path: Path) -> Float32[np.ndarray, "h w 3"]:
 
 
 def read_mask(path: Path, height: int, width: int) -> Bool[np.ndarray, "h w"]:
-    """A painted mask: true where it is opaque if its opacity varies, else where it is brighter than half.
+    """A painted mask as viewers show it: true where it is opaque if its opacity varies, else where it is brighter than half.
 
     Raises:
         MaskError: unreadable, of another size than `height` x `width`, or all of one kind.
     """
-    mask = _painted(path)
-    if mask.shape != (height, width):
+    try:
+        with opened(path) as image:
+            if sorted(image.size) != sorted((width, height)):
+                _check_size(path, image.size, (width, height))
+            upright = ImageOps.exif_transpose(
+                image
+            )  # as its own Orientation tag says, which decodes the pixels
+            _check_size(path, upright.size, (width, height))
+            mask = _painted(path, upright)
+    except FileNotFoundError as fault:
+        raise MaskError(f"{path}: no such file; check the path") from fault
+    except UNREADABLE_PICTURE as fault:
         raise MaskError(
-            f"{path}: the mask is {mask.shape[1]} x {mask.shape[0]}, the photographs are {width} x {height};"
-            " paint it on a photograph of full size"
-        )
+            f"{path}: cannot be read as a picture of 8 or 16 bits; save the mask as PNG"
+        ) from fault
     if mask.all() or not mask.any():
         raise MaskError(
             f"{path}: the mask is {'all' if mask.any() else 'no'} object; paint the object white on black, or cut"
@@ -58,19 +71,27 @@ def read_mask(path: Path, height: int, width: int) -> Bool[np.ndarray, "h w"]:
     return mask
 
 
-def _painted(path: Path) -> Bool[np.ndarray, "h w"]:
-    # Pillow, not OpenCV: that drops the opacity of grey pictures and of some formats without a word.
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # 100 megapixels are a camera's
-            image = Image.open(path)
-            image.load()
-    except FileNotFoundError as fault:
-        raise MaskError(f"{path}: no such file; check the path") from fault
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as fault:
+def _check_size(path: Path, found: Sequence[int], wanted: Sequence[int]) -> None:
+    if list(found) != list(wanted):
         raise MaskError(
-            f"{path}: cannot be read as a picture of 8 or 16 bits; save the mask as PNG"
-        ) from fault
+            f"{path}: the mask is {found[0]} x {found[1]}, the photographs are {wanted[0]} x {wanted[1]}; paint it on a"
+            " photograph of full size"
+        )
+
+
+def opened(path: Path) -> Image.Image:
+    """A picture of which only the header is read, so that its size can be judged before gigabytes are made of it.
+
+    Raises:
+        UNREADABLE_PICTURE: no such file, or no picture.
+    """
+    # Pillow, not OpenCV: that drops the opacity of grey pictures and of some formats without a word.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # 100 megapixels are a camera's
+        return Image.open(path)
+
+
+def _painted(path: Path, image: Image.Image) -> Bool[np.ndarray, "h w"]:
     if image.has_transparency_data:
         opaque = np.asarray(image.convert("RGBA"))[..., 3] > 127
         if opaque.any() and not opaque.all():

@@ -32,6 +32,7 @@ from engine.session import Session
 from engine.suffixes import LINEAR_SUFFIXES, RAW_SUFFIXES
 
 FEWEST_VIEWS = 8
+END_BYTES = 4096
 MERGE = HdrParams()  # what its later merge would refuse is refused here
 
 
@@ -154,6 +155,12 @@ def find_photographs(folder: Path) -> tuple[str, list[Path]]:
             )
     except PermissionError as fault:
         raise ImportFault(f"{fault.filename}: no permission to read it; change its permissions") from fault
+    for path in files:
+        try:
+            str(path).encode()
+        except UnicodeEncodeError as fault:
+            # A session's own files are UTF-8, and LibRaw opens no other names.
+            raise ImportFault(f"{str(path)!a}: its name is not written in UTF-8; rename it") from fault
     linear = [path for path in files if path.suffix.lower() in LINEAR_SUFFIXES]
     raw = [path for path in files if path.suffix.lower() in RAW_SUFFIXES]
     if linear and raw:
@@ -161,7 +168,12 @@ def find_photographs(folder: Path) -> tuple[str, list[Path]]:
             f"{linear[0]}: linear images ({len(linear)}) and RAW files ({len(raw)}) are mixed; put one kind"
             " in a folder of its own"
         )
-    _check_twins(files)
+    try:
+        _check_twins(files)
+    except OSError as fault:
+        raise ImportFault(
+            f"{fault.filename or folder}: cannot be read ({fault.strerror}); change its permissions or copy it again"
+        ) from fault
     return ("raw", raw) if raw else ("linear", linear)
 
 
@@ -179,25 +191,36 @@ def _files_below(folder: Path) -> Iterator[Path]:
 
 
 def _check_twins(files: Sequence[Path]) -> None:
-    """Refuse what would be one view twice: two formats of one name, or the same file in two folders.
+    """Refuse what would be one view twice: two formats of one name, or the same file in two folders or under two names.
 
     Raises:
         ImportFault: naming both, and how many there are.
     """
-    seen: dict[str, Path] = {}
+    named: dict[str, Path] = {}
+    alike: dict[tuple[int, bytes], list[Path]] = {}
     twins = []
     for path in files:
-        first = seen.setdefault(path.stem.lower(), path)
-        if first is path:
-            continue
-        if first.suffix.lower() != path.suffix.lower() or filecmp.cmp(first, path, shallow=False):
-            twins.append((first, path))
+        first = named.setdefault(path.stem.lower(), path)
+        size, end = _size_and_end(path)
+        others = alike.setdefault((size, end), []) if size else []
+        same = next((other for other in others if filecmp.cmp(other, path, shallow=False)), None)
+        others.append(path)
+        if same is not None or first.suffix.lower() != path.suffix.lower():
+            twins.append((first if same is None else same, path))
     if twins:
         first, path = twins[0]
         more = f", and {len(twins) - 1} more such pairs" if len(twins) > 1 else ""
         raise ImportFault(
             f"{path}: the same photograph as {first.name} in {first.parent}{more}; put one of each pair in a folder of its own"
         )
+
+
+def _size_and_end(path: Path) -> tuple[int, bytes]:
+    """What only copies have in common: the end of a file is pixels, and no two photographs have the same noise."""
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - END_BYTES))
+        return size, file.read()
 
 
 def _raw_views(

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from engine.arrays import UNREADABLE
 from engine.errors import ImportFault, reason
 from engine.geometry import opencv_from_opengl
-from engine.images import srgb_decode
+from engine.images import UNREADABLE_PICTURE, opened, srgb_decode
 
 FRAMES = ("opencv", "opengl")
 UNIT_TOLERANCE = 0.05
@@ -107,6 +107,9 @@ def _read(path: Path, kind: str, shape: tuple[int, ...]) -> tuple[np.ndarray, bo
     reader = {".exr": _exr, ".png": _png, ".npy": _numpy, ".npz": _numpy}.get(path.suffix.lower())
     if reader is None:
         raise ImportFault(f"{path}: maps are read from .exr, .png, .npy and .npz; convert the file")
+    # The header tells the size before gigabytes are made of a damaged one; NumPy's files are checked once read.
+    if (grid := _grid(path)) is not None and grid != shape[:2]:
+        raise _of_other_shape(path, kind, grid, shape[:2])
     values = reader(path, kind)
     coded = values.dtype in (np.uint8, np.uint16)
     if not coded and values.dtype.kind != "f":
@@ -116,15 +119,34 @@ def _read(path: Path, kind: str, shape: tuple[int, ...]) -> tuple[np.ndarray, bo
     if values.ndim == 3 and len(shape) == 2:
         values = values[..., 0]
     if values.shape != shape:
-        raise ImportFault(
-            f"{path}: {kind} is of shape {_by(values.shape)}, the photographs ask for {_by(shape)} (rows x"
-            " columns); compute or resize it on their pixel grid, uncropped"
-        )
+        raise _of_other_shape(path, kind, values.shape, shape)
     return values.astype(np.float64), coded
 
 
+def _of_other_shape(path: Path, kind: str, found: Sequence[int], wanted: Sequence[int]) -> ImportFault:
+    return ImportFault(
+        f"{path}: {kind} is of shape {_by(found)}, the photographs ask for {_by(wanted)} (rows x columns); compute or"
+        " resize it on their pixel grid, uncropped"
+    )
+
+
+def _grid(path: Path) -> tuple[int, int] | None:
+    """(height, width) as a picture's header says; None where it says nothing, which reading it then explains."""
+    try:
+        if path.suffix.lower() == ".png":
+            with opened(path) as image:
+                return image.height, image.width
+        if path.suffix.lower() == ".exr":
+            with OpenEXR.File(str(path), header_only=True) as file:
+                (left, top), (right, bottom) = file.header()["dataWindow"]
+                return int(bottom) - int(top) + 1, int(right) - int(left) + 1
+    except (RuntimeError, *UNREADABLE_PICTURE):
+        pass
+    return None
+
+
 def _png(path: Path, kind: str) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if _grid(path) else None
     if image is None:
         raise ImportFault(f"{path}: cannot be read as PNG, it may be cut off; write it again")
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])

@@ -32,7 +32,9 @@ DECODED = {
 COMPRESSIONS = {
     1: "uncompressed", 5: "LZW", 7: "lossless JPEG", 8: "deflate", 9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL",
 }  # fmt: skip
+LOSSLESS_JPEG, JPEG_BEGINS = 7, b"\xff\xd8"
 SQUARE = 0.02  # how far from square a pixel may be
+MOST_PIXELS_A_BYTE = 128  # lossless JPEG spends a bit on a pixel at least, lossy kinds an eighth
 # IEC 61966-2-1; white is that of daylight, D65.
 XYZ_FROM_REC709 = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
@@ -123,6 +125,7 @@ def read_mosaic(path: Path) -> Mosaic:
             )
         black, white = _levels(path, raw)
         if "DNGVersion" in tags:
+            _check_parts(path)
             floats = float_dng.read(path, sizes.raw_height, sizes.raw_width, pattern)
             if floats is not None:
                 whole, black, white = floats
@@ -174,6 +177,13 @@ def _open(path: Path) -> rawpy.RawPy:
 
 
 def _unpack(path: Path, raw: rawpy.RawPy) -> None:
+    width, height, there = raw.sizes.raw_width, raw.sizes.raw_height, path.stat().st_size
+    if width * height > MOST_PIXELS_A_BYTE * there:
+        # LibRaw would spend minutes and gigabytes on a damaged header, and hand out zeros.
+        raise RawError(
+            f"{path}: says that it holds {width} x {height} pixels, too many for its {there} bytes; the file is cut"
+            " off or damaged, copy it again"
+        )
     try:
         raw.unpack()
     except TOO_LARGE as fault:
@@ -200,15 +210,14 @@ def _refuse_dng(path: Path, fault: Exception) -> None:
     """
     try:
         with tifffile.TiffFile(path) as tiff:
-            pages = [tiff.pages.first, *(tiff.pages.first.pages or ())]
-            largest = max(pages, key=lambda page: page.imagewidth * page.imagelength)
+            largest = _largest(tiff)
             bits, stored = largest.bitspersample, int(largest.compression)
             kind = "counts"
             if largest.sampleformat == float_dng.FLOATS:
                 kind = "floats in tiles" if largest.is_tiled else "floats in strips"
             if "DNGVersion" not in tiff.pages.first.tags:
                 return
-    except (tifffile.TiffFileError, OSError, ValueError, KeyError, IndexError, TypeError, AttributeError):
+    except exif.DAMAGE:
         return
     if isinstance(fault, NOT_SUPPORTED) or stored not in DECODED[kind]:
         raise RawError(
@@ -216,6 +225,31 @@ def _refuse_dng(path: Path, fault: Exception) -> None:
             " convert it with Adobe DNG Converter (compatible with Camera Raw 7.1, not lossy), or import the camera's own"
             " RAW files"
         ) from fault
+
+
+def _check_parts(path: Path) -> None:
+    """
+    Raises:
+        RawError: a strip or tile of lossless JPEG does not begin as one; LibRaw hands out whatever was in memory for it.
+    """
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            page, file = _largest(tiff), tiff.filehandle
+            offsets = page.dataoffsets if page.compression == LOSSLESS_JPEG else ()
+            begins = [(file.seek(at), file.read(2))[1] for at in offsets]
+    except exif.DAMAGE:
+        return  # LibRaw decoded it, and knows kinds of headers that tifffile does not
+    if wrong := sum(begin != JPEG_BEGINS for begin in begins):
+        raise RawError(
+            f"{path}: {wrong} of its {len(begins)} parts of pixels are damaged, they do not begin like the lossless JPEG"
+            " that they are; copy it again"
+        )
+
+
+def _largest(tiff: tifffile.TiffFile) -> Any:
+    """The page of the photograph; smaller ones are previews."""
+    pages = [tiff.pages.first, *(tiff.pages.first.pages or ())]
+    return max(pages, key=lambda page: page.imagewidth * page.imagelength)
 
 
 def _facts(path: Path, raw: rawpy.RawPy, tags: dict[str, Any]) -> Facts:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool
 
@@ -87,13 +86,19 @@ def read_strokes(
     Raises:
         MaskError: not a colour image of the photographs' size.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None or image.shape != (height, width, 3):
+    from engine.images import UNREADABLE_PICTURE, opened
+
+    try:
+        with opened(path) as image:
+            if image.size != (width, height):
+                raise ValueError("of another size")
+            rgb = np.asarray(image.convert("RGB"))
+    except UNREADABLE_PICTURE as fault:
         raise MaskError(
             f"{path}: must be a colour PNG of {width} x {height}, green where the object is and red where it"
             " is not; paint it again on a photograph"
-        )
-    green, red = image[..., 1] > 127, image[..., 2] > 127
+        ) from fault
+    red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
     return green & ~red, red & ~green
 
 

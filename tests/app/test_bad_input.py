@@ -65,8 +65,8 @@ def test_bad_photographs(
 def test_libraries_write_nothing_beside_our_one_line(
     photographs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    mosaic = foreign_raw.counts(96, 128)
     for number in range(8):
+        mosaic = foreign_raw.counts(96, 128, seed=number)
         path = foreign_raw.write_raf(tmp_path / f"DSCF{number}.RAF", "GFX 50S", mosaic, 1022)
     path.write_bytes(
         path.read_bytes()[:-900]

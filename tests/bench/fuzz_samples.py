@@ -24,7 +24,7 @@ from hardware import plan
 from hardware.interfaces import Bracket, Exposure
 from hardware.virtual import dng, sensor
 from tests.app import sessions
-from tests.engine import folders
+from tests.engine import folders, foreign_raw
 from tests.engine.test_posefiles import metashape_xml, random_poses
 
 WIDTH, HEIGHT = folders.WIDTH, folders.HEIGHT
@@ -60,6 +60,19 @@ def _write_raw(folder: Path, suffix: str) -> Path:
     start, rng = datetime.datetime(2024, 5, 1), np.random.default_rng(0)
     dng.write(folder / f"a.{suffix}", sensor.bracket(folders.scene(0), 0.01, sensor.Sensor(), start, rng)[1])
     return folder / f"a.{suffix}"
+
+
+def _write_foreign(name: str, write: Callable[[Path], object]) -> Callable[[Path], Path]:
+    def write_in(folder: Path) -> Path:
+        folder.mkdir(parents=True)
+        write(folder / name)
+        return folder / name
+
+    return write_in
+
+
+def _write_floats(path: Path) -> None:
+    foreign_raw.write_floats(path, foreign_raw.counts().astype(np.float32) / 9000, 24, 34894, tile=(32, 32))
 
 
 def _write_exr(folder: Path) -> Path:
@@ -155,7 +168,7 @@ def _write_session(folder: Path) -> Path:
     place = sessions.photographs(folder)
     rows = [f"{i:04d}.exr" for i in range(sessions.VIEWS)]
     poses = random_poses(
-        1, len(rows), POSES.camera.__class__(sessions.WIDTH, sessions.HEIGHT, 50, 50, 16, 12)
+        1, len(rows), POSES.camera.__class__(sessions.WIDTH, sessions.HEIGHT, 50.0, 50.0, 16.0, 12.0)
     )
     write_transforms(folder / "transforms.json", poses, rows)
     made = importing.make_session(
@@ -196,6 +209,17 @@ PAINTED = (MASK * 255).astype(np.uint8)
 KINDS: dict[str, Sample] = {
     "raw": Sample(lambda folder: _write_raw(folder, "nef"), _read_raw),
     "dng": Sample(lambda folder: _write_raw(folder, "dng"), _read_raw),
+    "maker's raw": Sample(
+        _write_foreign(
+            "a.nef", lambda path: foreign_raw.write_maker(path, "NIKON CORPORATION", "NIKON D850", exif=foreign_raw.nikon_note(600))
+        ),
+        _read_raw,
+    ),
+    "orf": Sample(_write_foreign("a.orf", lambda path: foreign_raw.write_orf(path, "E-M1MarkII", foreign_raw.counts() % 4096)), _read_raw),
+    "raf": Sample(
+        _write_foreign("a.raf", lambda path: foreign_raw.write_raf(path, "GFX 50S", foreign_raw.counts(), 512)), _read_raw
+    ),
+    "dng of floats": Sample(_write_foreign("a.dng", _write_floats), _read_raw),
     "exr": Sample(_write_exr, _read_linear),
     "hdr": Sample(_write_with_cv2("a.hdr", folders.scene(0).astype(np.float32)), _read_linear),
     "mask": Sample(_write_with_cv2("mask.png", PAINTED), lambda path: read_mask(path, HEIGHT, WIDTH)),

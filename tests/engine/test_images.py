@@ -1,3 +1,6 @@
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -5,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from engine.errors import MaskError, RawError
+from engine.errors import ImportFault, MaskError, RawError
 from engine.images import read_mask, read_radiance, srgb_decode, tone_map
-from engine.png import srgb
+from engine.mapfiles import read_normals
+from engine.png import encode, srgb
 
 OBJECT = np.zeros((6, 7), bool)
 OBJECT[2:4, 3:5] = True
@@ -109,3 +113,28 @@ def test_tone_map_rises_and_gives_the_anchor_a_middle_grey():
     assert (np.diff(codes) >= 0).all()
     assert (codes[0], codes[-1]) == (0, 255)
     assert 100 < tone_map(np.ones((1, 1, 3)), 1.0)[0, 0, 0] < 140
+
+
+@pytest.mark.parametrize(("tag", "turns"), [(3, 2), (6, 1), (8, -1)])
+def test_a_mask_whose_own_tag_turns_it_is_taken_as_viewers_show_it(tmp_path, tag, turns):
+    exif = Image.Exif()
+    exif[0x112] = tag
+    stored = Image.fromarray(np.ascontiguousarray(np.rot90(255 * OBJECT.astype(np.uint8), turns)))
+    stored.save(tmp_path / "m.png", exif=exif)
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 6, 7), OBJECT)
+
+
+def test_the_size_that_a_header_claims_is_judged_before_pixels_are_made_of_it(tmp_path, monkeypatch):
+    _claiming(tmp_path / "m.png", 12000, 12000)
+    monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("decoded"))
+    with pytest.raises(MaskError, match="the mask is 12000 x 12000, the photographs are 7 x 6"):
+        read_mask(tmp_path / "m.png", 6, 7)
+    with pytest.raises(ImportFault, match="normal is of shape 12000 x 12000, the photographs ask for 6 x 7"):
+        read_normals(tmp_path / "m.png", OBJECT, "opengl")
+
+
+def _claiming(path, width, height):
+    """A small PNG whose header says that it is large."""
+    header = struct.pack(">4sIIBBBBB", b"IHDR", width, height, 8, 0, 0, 0, 0)
+    whole = encode(255 * OBJECT.astype(np.uint8))
+    path.write_bytes(whole[:12] + header + struct.pack(">I", zlib.crc32(header)) + whole[33:])

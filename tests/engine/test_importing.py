@@ -1,6 +1,7 @@
 """What fits is imported whole; what does not is refused with file, cause and remedy, and leaves nothing."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -208,6 +209,23 @@ def test_the_same_file_in_two_folders_is_refused_but_not_two_of_one_name(
     assert len(importing.find_photographs(outer)[1]) == folders.VIEWS + 1
     shutil.copy(outer / "a" / "0001.exr", outer / "b")
     _refused(r"b/0001\.exr: the same photograph as 0001\.exr in .*a; put", outer, tmp_path / "new.session")
+
+
+def test_a_copy_under_another_name_is_refused_and_empty_files_are_no_copies(
+    raw: Path, tmp_path: Path
+) -> None:
+    first, *others = sorted(raw.iterdir())
+    shutil.copy(first, first.with_stem(f"{first.stem} (1)"))
+    _refused(rf"{first.stem}.*: the same photograph as {first.stem}", raw, tmp_path / "new.session")
+    first.with_stem(f"{first.stem} (1)").unlink()
+    for path in others[:2]:
+        path.write_bytes(b"")
+    _refused(f"{others[0].name}: it cannot be read or is cut off", raw, tmp_path / "new.session")
+
+
+def test_names_that_are_not_utf8_are_refused_by_name(linear: Path, tmp_path: Path) -> None:
+    (linear / "0003.exr").rename(linear / os.fsdecode(b"\xff3.exr"))
+    _refused(r"udcff3\.exr'?: its name is not written in UTF-8; rename it", linear, tmp_path / "new.session")
 
 
 def test_jpegs_beside_their_raw_files_are_not_views(raw: Path) -> None:

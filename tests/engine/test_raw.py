@@ -1,4 +1,5 @@
 import math
+import struct
 import time
 
 import numpy as np
@@ -312,3 +313,31 @@ def test_pixels_that_are_not_square_are_refused(tmp_path):
     path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts(), changed=[(50718, dng.RATIONAL, scale)])
     with pytest.raises(RawError, match="not square"):
         read_mosaic(path)
+
+
+def test_more_pixels_than_its_bytes_can_tell_are_refused_before_they_are_decoded(tmp_path):
+    """LibRaw makes 400 million zeros of such a file, or spends a minute on it."""
+    large = [(256, dng.LONG, [20000]), (257, dng.LONG, [20000]), (259, dng.SHORT, [7])]
+    path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts(), changed=large)
+    assert read_facts(path).width == 20000
+    with pytest.raises(
+        RawError, match=r"a\.dng: says that it holds 20000 x 20000 pixels, too many for its \d+ b"
+    ):
+        read_mosaic(path)
+
+
+def test_lossless_jpeg_that_does_not_begin_as_one_is_refused(tmp_path):
+    """LibRaw reads such a file without a word: its pixels are whatever was in memory."""
+    path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts(), changed=[(259, dng.SHORT, [7])])
+    with pytest.raises(RawError, match=r"a\.dng: 1 of its 1 parts of pixels are damaged, .* copy it again"):
+        read_mosaic(path)
+
+
+def test_a_tag_that_claims_gigabytes_is_no_news_of_the_photograph(tmp_path):
+    path = foreign_raw.write(tmp_path / "a.dng", foreign_raw.counts())
+    entry, fractions = struct.pack("<H", 36867), struct.pack("<HI", dng.RATIONAL, 2**32 - 1)
+    content = bytearray(path.read_bytes())
+    at = content.index(entry + struct.pack("<H", dng.ASCII)) + 2
+    content[at : at + len(fractions)] = fractions
+    path.write_bytes(content)
+    assert read_facts(path).width == 96
