@@ -10,5 +10,5 @@ import zlib
 # RuntimeError: an encrypted archive; NotImplementedError: a compression that Python lacks.
 UNREADABLE = (
     OSError, ValueError, KeyError, TypeError, EOFError, SyntaxError, tokenize.TokenError, zipfile.BadZipFile,
-    zlib.error, RuntimeError, NotImplementedError, MemoryError,
+    zlib.error, RuntimeError, NotImplementedError, MemoryError, OverflowError,
 )  # fmt: skip

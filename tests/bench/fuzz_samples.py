@@ -194,7 +194,7 @@ def _read_session(path: Path) -> None:
 def _write_order(folder: Path) -> Path:
     folder.mkdir(parents=True)
     poses = order.poses_of(plan.gimbal(6))
-    bracket = Bracket(Exposure(0.01, 100.0, 8.0), (-3.0, 0.0, 3.0))
+    bracket = Bracket(Exposure(0.01, 100, 8.0), (-3.0, 0.0, 3.0))
     order.write(folder, order.Order("virtual:", "virtual:", "gimbal", poses, bracket, None, 0.5, False))
     return folder
 

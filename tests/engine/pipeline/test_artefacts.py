@@ -126,3 +126,11 @@ def test_a_value_that_cannot_be_read_names_the_folder_to_remove(tmp_path: Path, 
         (tmp_path / "export.json").write_text(content)
     with pytest.raises(SessionError, match=rf"export\.json: .*; remove the folder {tmp_path} and process"):
         artefacts.load_value(tmp_path / "export.json", "files")
+
+
+def test_a_shape_that_no_array_has_is_damage_too(tmp_path: Path) -> None:
+    artefacts.save(tmp_path, "frames", frames())
+    index = tmp_path / "frames.json"
+    index.write_text("".join(index.read_text().split()).replace("[3,6,8]", f"[3,6,{10**30}]"))
+    with pytest.raises(SessionError, match=r"frames\.json"):
+        artefacts.load(tmp_path, "frames", Frames)
