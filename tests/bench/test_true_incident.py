@@ -33,7 +33,7 @@ def test_light_and_where_it_comes_from_are_those_of_the_panoramas() -> None:
     omega = ((edges[:-1] - edges[1:]) * 2 * np.pi / columns)[:, None]
     fine, back = panorama_directions(rows), render.Backdrop(*nook(), "cpu")
     for view, pose in enumerate(POSES):
-        want = 2.0 * omega[..., None] * back.panorama(pose, pose[:, :3].T @ (point - pose[:, 3]), 7)
+        want = 2.0 * omega[..., None] * render.panorama(back, pose, pose[:, :3].T @ (point - pose[:, 3]), 7)
         mine = light.energy[0].reshape(CELLS, -1, 3)[:, view]
         to_globe = light.near.centres[view, 0] - point
         distance = float(np.linalg.norm(to_globe))

@@ -160,7 +160,7 @@ def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Known
     mask = masks.object & one.truth.mask
     lattice = lattice_around(poses.camera, mask, reach(one.truth.depth[mask]), PROBES)
     light = true_incident.incident_of(
-        studio.room, studio.atlas, poses.cam_from_world, lattice, params.directions,
+        studio.around.room, studio.around.atlas, poses.cam_from_world, lattice, params.directions,
         session_per_studio(report.scale), 1, "cpu", progress.part(0.3, 1),
     )  # fmt: skip
     views = np.nonzero(poses.registered)[0]
