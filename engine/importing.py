@@ -193,16 +193,19 @@ def _files_below(folder: Path) -> Iterator[Path]:
 def _check_twins(files: Sequence[Path]) -> None:
     """Refuse what would be one view twice: two formats of one name, or the same file in two folders or under two names.
 
+    Renders of an even room may be alike without being copies: of linear images only those of one name are compared.
+
     Raises:
         ImportFault: naming both, and how many there are.
     """
     named: dict[str, Path] = {}
-    alike: dict[tuple[int, bytes], list[Path]] = {}
+    alike: dict[tuple[int, bytes, str], list[Path]] = {}
     twins = []
     for path in files:
         first = named.setdefault(path.stem.lower(), path)
         size, end = _size_and_end(path)
-        others = alike.setdefault((size, end), []) if size else []
+        name = path.stem.lower() if path.suffix.lower() in LINEAR_SUFFIXES else ""
+        others = alike.setdefault((size, end, name), []) if size else []
         same = next((other for other in others if filecmp.cmp(other, path, shallow=False)), None)
         others.append(path)
         if same is not None or first.suffix.lower() != path.suffix.lower():
