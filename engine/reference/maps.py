@@ -12,7 +12,7 @@ from jaxtyping import Bool
 from engine.errors import ImportFault
 from engine.mapfiles import FRAMES, read_albedo, read_normals, read_roughness
 from engine.progress import Progress
-from engine.surface.integrate import integrate
+from engine.surface.normal_integration import integrate_normals
 from engine.types import Camera, Surface
 
 
@@ -59,7 +59,7 @@ def read_maps(
     if files.roughness is not None:
         roughness = read_roughness(files.roughness, mask)
     normal = np.where(mask[..., None], normal, 0.0)
-    depth = integrate(camera, normal, mask, distance, progress)
+    depth = integrate_normals(camera, normal, mask, distance, progress)
     nothing = np.zeros(mask.shape, np.float32)
     return Surface(
         mask,

@@ -24,9 +24,10 @@ DARK = 0.1
 and a lower albedo look alike."""
 
 
-def islands(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, " p"], int]:
-    """Which connected part every pixel of the mask belongs to, from 0, and how many there are."""
-    found: tuple[np.ndarray, int] = label(mask)  # pyright: ignore[reportAssignmentType]
+def islands(mask: Bool[np.ndarray, "h w"], corners: bool = False) -> tuple[Int[np.ndarray, " p"], int]:
+    """Which connected part every pixel of the mask belongs to, from 0, and how many there are; also by `corners`."""
+    touching = np.ones((3, 3)) if corners else None
+    found: tuple[np.ndarray, int] = label(mask, touching)  # pyright: ignore[reportAssignmentType]
     return found[0][mask] - 1, found[1]
 
 

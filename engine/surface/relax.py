@@ -19,8 +19,8 @@ from jaxtyping import Bool, Float, Int
 
 from engine.light.rasterise import Run, workers
 from engine.progress import Progress
+from engine.surface.graph_laplacian import laplacian, solver_of
 from engine.surface.heights import Field
-from engine.surface.integrate import laplacian, solver_of
 from engine.surface.observations import aside, numbered
 from engine.surface.steps import SEEN, Told, edges
 

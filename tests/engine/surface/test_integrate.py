@@ -6,7 +6,7 @@ import pytest
 from engine.errors import SurfaceError
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface import integrate as integrating
+from engine.surface import graph_laplacian
 from engine.surface.integrate import integrate
 from engine.types import Camera
 from tests.engine.surface.landscapes import blob, camera_of, on_plate, plate
@@ -80,7 +80,7 @@ def test_multigrid_and_the_factorisation_find_the_same_depth(monkeypatch: pytest
     camera = camera_of(96, 80)
     mask, normals, _ = shape(camera)
     direct = integrate(camera, normals, mask, 1.0, Progress())
-    monkeypatch.setattr(integrating, "DIRECT", int(mask.sum()) - 1)
+    monkeypatch.setattr(graph_laplacian, "DIRECT", int(mask.sum()) - 1)
     large = integrate(camera, normals, mask, 1.0, Progress())
     np.testing.assert_allclose(large[mask], direct[mask], rtol=1e-4)
 
@@ -88,7 +88,7 @@ def test_multigrid_and_the_factorisation_find_the_same_depth(monkeypatch: pytest
 def test_multigrid_that_does_not_settle_is_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     camera = camera_of(96, 80)
     mask, normals, _ = blob(camera)
-    monkeypatch.setattr(integrating, "DIRECT", 0)
-    monkeypatch.setattr(integrating, "TURNS", 1)
+    monkeypatch.setattr(graph_laplacian, "DIRECT", 0)
+    monkeypatch.setattr(graph_laplacian, "TURNS", 1)
     with pytest.raises(SurfaceError, match=r"not settled after 1 turns: .*long_edge_px"):
         integrate(camera, normals, mask, 1.0, Progress())

@@ -1,6 +1,6 @@
 """Prints what integrating normals to depth costs and how exact it is, at the sizes of the promise.
 
-    python -m tests.bench.integrate [--sizes 512,2048] [--shapes blob,plate]
+    python -m tests.bench.normal_integration [--sizes 512,2048] [--shapes blob,plate]
 
 Maps of N x N with a round object that fills two thirds of the width: `blob` is smooth, `plate` is the same with a
 tilted plate in front of it, torn off all around. Target at 512: 20 s and 0.2 % of depth. The error is the mean of
@@ -18,14 +18,15 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.progress import Progress
-from engine.surface.integrate import DIRECT, integrate
+from engine.surface.graph_laplacian import DIRECT
+from engine.surface.normal_integration import integrate_normals
 from tests.engine.surface.landscapes import blob, camera_of, on_plate, plate
 
 SHAPES = {"blob": blob, "plate": plate}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="integrate", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(prog="normal_integration", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sizes", default="512,2048")
     parser.add_argument("--shapes", default="blob,plate")
     parser.add_argument("--one", nargs=2, metavar=("SHAPE", "SIZE"), help="measure one in this process")
@@ -48,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for size in map(int, args.sizes.split(",")):
         for shape in args.shapes.split(","):
             # In a process of its own: the peak of its memory is its own.
-            words = [sys.executable, "-m", "tests.bench.integrate", "--one", shape, str(size)]
+            words = [sys.executable, "-m", "tests.bench.normal_integration", "--one", shape, str(size)]
             done = subprocess.run(words, capture_output=True, text=True)
             if done.returncode:
                 failed = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
@@ -70,7 +71,7 @@ def measure(shape: str, size: int) -> tuple[int, float, float, float, int]:
     mask, normals, z = SHAPES[shape](camera)
     before = _peak()
     begin, busy = time.perf_counter(), time.process_time()
-    depth = integrate(camera, normals, mask, float(z[mask].mean()), Progress())
+    depth = integrate_normals(camera, normals, mask, float(z[mask].mean()), Progress())
     seconds, busy = time.perf_counter() - begin, time.process_time() - busy
     sides = (on_plate(camera), ~on_plate(camera)) if shape == "plate" else (np.ones_like(mask),)
     off = [np.log(depth[mask & side] / z[mask & side]) for side in sides]
