@@ -87,9 +87,12 @@ def run_simulate(args: Namespace) -> int:
     from hardware.virtual.studio.shoot import Order
 
     width, height = args.size
-    order = Order(args.room, args.object, args.views, width, height, args.motion, args.seed, args.device)
+    order = Order(args.room, args.object, args.views, width, height, args.motion, args.seed, args.device,
+                  args.object_size, args.place and tuple(args.place), args.material, args.turn)  # fmt: skip
     with terminal.job("simulate") as progress:
-        studio.simulate(args.out, order, args.vignetting, progress)
+        notes = studio.simulate(args.out, order, args.vignetting, progress)
+    for note in notes:
+        print(note)
     print(f"{args.out}/session: {args.views} views of {args.object} in {args.room}, {args.motion}")
     print(f"next: roomlight process {args.out}/session")
     print(f"      roomlight evaluate {args.out}/session {args.out}/truth")

@@ -23,8 +23,8 @@ START = datetime.datetime(2024, 6, 1, 10, 0, 0)
 BETWEEN_VIEWS_S = 10.0
 
 
-def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> None:
-    """Write OUT/session and OUT/truth; both appear by renames when everything is done.
+def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> tuple[str, ...]:
+    """Write OUT/session and OUT/truth; both appear by renames when everything is done. What was simplified, in words.
 
     Raises:
         StudioError: what was ordered cannot be built, or no lens loses such a share of light.
@@ -38,15 +38,16 @@ def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> 
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
     try:
-        _photograph(partial, order, sensor.Sensor(vignetting=vignetting), progress)
+        notes = _photograph(partial, order, sensor.Sensor(vignetting=vignetting), progress)
         with sessions.told(out):
             (partial / "truth").rename(out / "truth")
             (partial / "session").rename(out / "session")
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+    return notes
 
 
-def _photograph(partial: Path, order: Order, camera: sensor.Sensor, progress: Progress) -> None:
+def _photograph(partial: Path, order: Order, camera: sensor.Sensor, progress: Progress) -> tuple[str, ...]:
     """Fill `partial` with a session of RAW brackets and the truth beside it."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roomlight" / "studio"
     built = virtual.build(order, cache, progress.part(0, 0.4).step)
@@ -79,3 +80,4 @@ def _photograph(partial: Path, order: Order, camera: sensor.Sensor, progress: Pr
                 path.unlink()
             progress.step(0.85 + 0.05 * view.index / order.views, "writing RAW files")
     built.truth(progress.part(0.9, 1.0).step).save(partial / "truth")
+    return built.notes

@@ -74,7 +74,7 @@ class Studio:
         panoramas = []
         for i, pose in enumerate(poses):
             progress(i / len(poses), f"panorama {i + 1} of {len(poses)}")
-            panoramas.append(self._back.panorama(pose, _inverse(pose) @ middle, 1000 + 6 * i))
+            panoramas.append(render.panorama(self._back, pose, _inverse(pose) @ middle, 1000 + 6 * i))
         maps = truth.maps(self.body, *self._size)
         return truth.Truth(
             **maps, camera=truth.camera(*self._size), cam_from_world=poses, panoramas=np.stack(panoramas)

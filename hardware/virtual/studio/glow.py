@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hardware.virtual.studio import tracer
+from hardware.virtual.studio import samples, tracer
 from hardware.virtual.studio.bake import Atlas
 from hardware.virtual.studio.rooms import Room
 
@@ -41,8 +41,10 @@ class Aim:
 class Glow:
     """The baked room, ready to be looked at along rays in world space."""
 
+    only_lamps = False
+
     def __init__(self, mi: Any, room: Room, atlas: Atlas):
-        self.mi = mi
+        self.mi, self.room = mi, room
         quads = (*room.panels, *room.sheets)
         self.panels, self.globes, self.lamps = (
             len(room.panels),
@@ -74,7 +76,14 @@ class Glow:
         strengths += [a * s.radiance.mean() for a, s in zip(areas, room.sheets, strict=True)]
         self.strengths = [float(s) for s in strengths]
 
-    def look(self, ray: Any) -> Seen:
+    def view(self, world_from_cam: Float[np.ndarray, "4 4"]) -> None:
+        """Nothing here depends on where the body stands."""
+
+    def effort(self, count: int) -> samples.Effort:
+        """How `count` samples a pixel are shared."""
+        return samples.plan(self.room, count)
+
+    def look(self, ray: Any, normal: Any = None) -> Seen:
         """What `ray`, with a unit direction, meets first."""
         mi = self.mi
         import drjit as dr
@@ -106,7 +115,7 @@ class Glow:
         radiance = dr.select(visible, self._fetch(texels, across, down, visible), 0.0)
         return Seen(radiance, is_lamp & visible, lamp, dr.select(is_lamp & visible, density, 0.0))
 
-    def aim(self, lamp: Any, point: Any, u: Any) -> Aim:
+    def aim(self, lamp: Any, point: Any, u: Any, normal: Any = None) -> Aim:
         """Directions to lamps: uniform over the cone of a globe, over the area of a sheet."""
         mi = self.mi
         import drjit as dr
@@ -137,8 +146,8 @@ class Glow:
         radiance = self._fetch(texels, u.x, u.y, density > 0)
         return Aim(direction, dr.select(is_globe, globe_at, sheet_at), radiance, density)
 
-    def clear(self, point: Any, aim: Aim, active: Any) -> Any:
-        """Whether nothing in the room stands before the lamps that were aimed at."""
+    def arriving(self, point: Any, normal: Any, aim: Aim, active: Any) -> tuple[Any, Any, Any]:
+        """Whether nothing in the room stands before the lamps that were aimed at; what they send, and the density."""
         mi = self.mi
         ray = mi.Ray3f(point, aim.direction)
         ray.maxt = aim.distance * STOP
@@ -146,7 +155,7 @@ class Glow:
         for k, _ in enumerate(self.globes):
             away, _ = self._globe(mi.UInt32(k), point)
             clear &= self._reach(k, ray, away) > ray.maxt
-        return clear
+        return clear, aim.radiance, aim.density
 
     def choice(self, point: Any) -> list[Any]:
         """Probability of each lamp, in proportion to what it would send here were it turned this way."""

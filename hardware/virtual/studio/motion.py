@@ -48,7 +48,7 @@ def turn(
     return np.concatenate([rotation, (point - rotation @ point)[:, None]], axis=1)
 
 
-def handheld(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
+def handheld(views: int, centre: Float[np.ndarray, "3"], seed: int, wander_m: float = WANDER_M) -> Journey:
     """A person turning every way: a spiral of gazes from floor to ceiling, rolling and wandering on the way.
 
     Gazes lie evenly on the sphere; 48 to 96 views are 17 to 24 degrees apart, roll included.
@@ -62,7 +62,7 @@ def handheld(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
     azimuth = 2 * turns * polar + rng.uniform(0, 2 * np.pi)
     gazes = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), -np.cos(polar)], 1)
     roll = np.radians(60) * np.sin(2 * np.pi * (views / 100 * np.arange(views) / views + rng.uniform()))
-    pivots = centre + np.stack([_drift(rng, views, 1.0) for _ in range(3)], 1) * (WANDER_M / np.sqrt(3))
+    pivots = centre + np.stack([_drift(rng, views, 1.0) for _ in range(3)], 1) * (wander_m / np.sqrt(3))
     right = np.array([-np.sin(azimuth[0]), np.cos(azimuth[0]), 0.0])
     poses = []
     for gaze, rho, pivot in zip(gazes, roll, pivots, strict=True):
@@ -161,7 +161,21 @@ MOTIONS: dict[str, Callable[[int, np.ndarray, int], Journey]] = {
 }  # fmt: skip
 
 
-def travel(motion: str, views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
+def carried(journey: Journey, centre: Float[np.ndarray, "3"], scale: float) -> Journey:
+    """A journey around the origin, `scale` times as large, around `centre`."""
+    poses = journey.world_from_cam.copy()
+    poses[:, :, 3] = poses[:, :, 3] * scale + centre
+    geometry = journey.geometry
+    if geometry is not None:
+        geometry = {
+            name: [scale * x for x in value] if name.endswith("point") else value for name, value in geometry.items()
+        }
+    return Journey(poses, journey.reports, geometry)
+
+
+def travel(
+    motion: str, views: int, centre: Float[np.ndarray, "3"], seed: int, wander_m: float = WANDER_M
+) -> Journey:
     """The journey called `motion`.
 
     Raises:
@@ -171,4 +185,6 @@ def travel(motion: str, views: int, centre: Float[np.ndarray, "3"], seed: int) -
         raise StudioError(f"there is no motion called {motion!r}; choose one of {', '.join(MOTIONS)}")
     if views < 1:
         raise StudioError(f"{views} views were asked for; at least 1 is needed")
+    if motion == "handheld":
+        return handheld(views, centre, seed, wander_m)
     return MOTIONS[motion](views, centre, seed)

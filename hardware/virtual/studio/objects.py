@@ -58,7 +58,7 @@ def step(value: Float[np.ndarray, " v"], width: float) -> Float[np.ndarray, " v"
     return t * t * (3 - 2 * t)
 
 
-def _dappled(points: Points, seed: int, colours: list[tuple[float, float, float]], size_m: float) -> Points:
+def dappled(points: Points, seed: int, colours: list[tuple[float, float, float]], size_m: float) -> Points:
     """Patches of the given colours with soft edges, over a fine mottle."""
     albedo = np.broadcast_to(np.array(colours[0]), points.shape).copy()
     for k, colour in enumerate(colours[1:]):
@@ -68,7 +68,7 @@ def _dappled(points: Points, seed: int, colours: list[tuple[float, float, float]
     return np.clip(albedo * mottle, 0.08, 0.82)
 
 
-def _two_finishes(points: Points, seed: int, smooth: float, rough: float, size_m: float) -> np.ndarray:
+def two_finishes(points: Points, seed: int, smooth: float, rough: float, size_m: float) -> np.ndarray:
     """Roughness in two regions with slow drift inside each."""
     share = step(clouds(seed, size_m)(points), 0.25)
     drift = 0.04 * clouds(seed + 1, size_m)(points)
@@ -102,8 +102,8 @@ def sphere() -> Body:
     """A sphere: every normal once."""
     solid = solids.ball(170, lambda d: np.full(len(d), 0.118))
     p = solid.vertices
-    albedo = _dappled(p, 100, [(0.55, 0.5, 0.42), (0.62, 0.2, 0.14), (0.16, 0.3, 0.5)], 0.08)
-    return Body("sphere", solid, albedo, _two_finishes(p, 160, 0.3, 0.65, 0.14))
+    albedo = dappled(p, 100, [(0.55, 0.5, 0.42), (0.62, 0.2, 0.14), (0.16, 0.3, 0.5)], 0.08)
+    return Body("sphere", solid, albedo, two_finishes(p, 160, 0.3, 0.65, 0.14))
 
 
 def blob() -> Body:
@@ -112,8 +112,8 @@ def blob() -> Body:
     solid = solids.ball(180, lambda d: 0.112 * np.exp(0.17 * bulge(d)))
     solid = _placed(solid, _turned(20, 35, 0))
     p = solid.vertices
-    albedo = _dappled(p, 210, [(0.3, 0.45, 0.35), (0.65, 0.55, 0.3), (0.45, 0.18, 0.3)], 0.07)
-    return Body("blob", solid, albedo, _two_finishes(p, 260, 0.28, 0.7, 0.12))
+    albedo = dappled(p, 210, [(0.3, 0.45, 0.35), (0.65, 0.55, 0.3), (0.45, 0.18, 0.3)], 0.07)
+    return Body("blob", solid, albedo, two_finishes(p, 260, 0.28, 0.7, 0.12))
 
 
 def vase() -> Body:
@@ -135,8 +135,8 @@ def vase() -> Body:
     solid = solids.lathe(profile, 720, flutes, crease_deg=45.0)
     solid = _placed(solid, _turned(-14, 0, 8) @ _CAM_FROM_UPRIGHT)
     p = solid.vertices
-    albedo = _dappled(p, 310, [(0.6, 0.52, 0.45), (0.25, 0.4, 0.55), (0.7, 0.42, 0.25)], 0.09)
-    return Body("vase", solid, albedo, _two_finishes(p, 360, 0.25, 0.6, 0.13))
+    albedo = dappled(p, 310, [(0.6, 0.52, 0.45), (0.25, 0.4, 0.55), (0.7, 0.42, 0.25)], 0.09)
+    return Body("vase", solid, albedo, two_finishes(p, 360, 0.25, 0.6, 0.13))
 
 
 def relief() -> Body:
@@ -202,8 +202,8 @@ def relief() -> Body:
     facing = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
     solid = _placed(solid, _turned(12, 14, 6) @ facing)
     p = solid.vertices
-    albedo = _dappled(p, 410, [(0.62, 0.6, 0.55), (0.5, 0.3, 0.2), (0.3, 0.42, 0.3)], 0.07)
-    return Body("relief", solid, albedo, _two_finishes(p, 460, 0.32, 0.7, 0.1))
+    albedo = dappled(p, 410, [(0.62, 0.6, 0.55), (0.5, 0.3, 0.2), (0.3, 0.42, 0.3)], 0.07)
+    return Body("relief", solid, albedo, two_finishes(p, 460, 0.32, 0.7, 0.1))
 
 
 def thin() -> Body:
@@ -221,8 +221,8 @@ def thin() -> Body:
         parts.append(solids.moved(plate, out @ _turned(tilt_deg, 25, 0), out @ np.array([0.0, 0.062, 0.0])))
     solid = _placed(solids.join(parts), _turned(-18, 24, 10) @ np.diag([1.0, -1.0, -1.0]))
     p = solid.vertices
-    albedo = _dappled(p, 510, [(0.55, 0.35, 0.2), (0.6, 0.58, 0.5), (0.2, 0.42, 0.4)], 0.06)
-    return Body("thin", solid, albedo, _two_finishes(p, 560, 0.3, 0.6, 0.1))
+    albedo = dappled(p, 510, [(0.55, 0.35, 0.2), (0.6, 0.58, 0.5), (0.2, 0.42, 0.4)], 0.06)
+    return Body("thin", solid, albedo, two_finishes(p, 560, 0.3, 0.6, 0.1))
 
 
 def duo() -> Body:
@@ -246,8 +246,8 @@ def duo() -> Body:
     both = _placed(solids.join([nut, cup]), facing)
     is_nut = np.arange(len(both.vertices)) < len(nut.vertices)
     p = both.vertices
-    glaze = _dappled(p, 610, [(0.5, 0.16, 0.1), (0.62, 0.42, 0.16), (0.22, 0.12, 0.12)], 0.08)
-    clay = _dappled(p, 640, [(0.42, 0.46, 0.36), (0.62, 0.56, 0.46)], 0.05)
+    glaze = dappled(p, 610, [(0.5, 0.16, 0.1), (0.62, 0.42, 0.16), (0.22, 0.12, 0.12)], 0.08)
+    clay = dappled(p, 640, [(0.42, 0.46, 0.36), (0.62, 0.56, 0.46)], 0.05)
     glossy = np.clip(0.2 + 0.03 * clouds(660, 0.12)(p), 0.15, 0.25)
     matte = np.clip(0.7 + 0.06 * clouds(661, 0.1)(p), 0.55, 0.82)
     albedo = np.where(is_nut[:, None], glaze, clay)

@@ -14,16 +14,14 @@ Needs one of Mitsuba's vectorised variants; `render.Foreground` is the plain way
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hardware.virtual.studio import tracer
-from hardware.virtual.studio.bake import Atlas
-from hardware.virtual.studio.glow import Glow
+from hardware.virtual.studio.glow import Seen
 from hardware.virtual.studio.objects import Body
-from hardware.virtual.studio.rooms import Room
 from hardware.virtual.studio.samples import Effort, Numbers
 from hardware.virtual.studio.truth import camera
 
@@ -37,7 +35,9 @@ Progress = Callable[[float], None]
 class _Exits:
     """Rays that left the body, camera frame."""
 
+    lane: Any  # which of the paths in flight each belongs to; None: all of them in order
     ray: Any
+    normal: Any  # shading normal where they left
     weight: Any  # radiance found is multiplied by this and summed
     density: Any  # of finding this direction by reflectance, all samples together; inf: seen directly
     finding: Any  # the part of it that may find lamps
@@ -57,12 +57,44 @@ class _Vertices:
     weight: Any
 
 
+class Lights(Protocol):
+    """What lights the body; points, normals and rays in the world."""
+
+    mi: Any
+    lamps: int  # that may be aimed at
+    only_lamps: bool  # whether all there is to be met counts as one of them
+
+    def view(self, world_from_cam: Float[np.ndarray, "4 4"]) -> None:
+        """The body stands elsewhere from now on."""
+        ...
+
+    def effort(self, count: int) -> Effort:
+        """How `count` samples a pixel are shared."""
+        ...
+
+    def look(self, ray: Any, normal: Any) -> Seen:
+        """What `ray` meets that leaves a surface of this shading normal."""
+        ...
+
+    def aim(self, lamp: Any, point: Any, u: Any, normal: Any) -> Any:
+        """Something with a `direction`."""
+        ...
+
+    def arriving(self, point: Any, normal: Any, aim: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Whether light arrives from where was aimed, its radiance, and the density of aiming there."""
+        ...
+
+    def choice(self, point: Any) -> list[Any]:
+        """Probability of each lamp."""
+        ...
+
+
 class Relighter:
     """Path-traces the pixels that the body touches, for several views that share their samples."""
 
-    def __init__(self, room: Room, atlas: Atlas, body: Body, touched: Bool[np.ndarray, "h w"], device: str):
-        self.mi = mi = tracer.load(device)
-        self.glow = Glow(mi, room, atlas)
+    def __init__(self, lights: Lights, body: Body, touched: Bool[np.ndarray, "h w"]):
+        self.mi = mi = lights.mi
+        self.glow = lights
         self.body = mi.load_dict({"type": "scene", "body": tracer.body_mesh(mi, body)})
         self.paint = tracer.LanePaint(mi, body)
         rows, columns = np.nonzero(touched)
@@ -163,7 +195,7 @@ class _Batch:
 
         def carry(cam_from_world: np.ndarray, view: int) -> np.ndarray:
             world_from_cam, salt = self._view(cam_from_world, view)
-            total = self._summed(self._found(exits, world_from_cam, counts), None)
+            total = self._summed(self._found(exits, world_from_cam, counts), exits.lane)
             for vertices in sets if self.glow.lamps else []:
                 noise = self.numbers.noise(vertices.lane, salt)
                 point = world_from_cam @ vertices.point
@@ -198,11 +230,12 @@ class _Batch:
         weight = dr.select(good, value / density, dr.select(hit, 0.0, 1.0 / (effort.diffuse + effort.glossy)))
         density, first = dr.select(hit, density, dr.inf), dr.full(mi.Bool, True, self.width)
         finding = finding + dr.zeros(mi.Float, self.width)
-        dr.eval(ray, weight, density, finding, first, good)
+        normal = at.sh_frame.n
+        dr.eval(ray, normal, weight, density, finding, first, good)
 
         active: Any = dr.compress(good)
         if dr.width(active) == 0:
-            return _Exits(ray, weight, density, finding, first), []
+            return self._that_count(_Exits(None, ray, normal, weight, density, finding, first)), []
         onward, sets = dr.gather(mi.Ray3f, ray, active), []
         for bounce in range(1, DEPTH + 1):
             at = self.body.ray_intersect(onward)
@@ -224,13 +257,33 @@ class _Batch:
             dr.eval(onward, carried, factor, sample)
             dr.scatter(ray.o, onward.o, active)
             dr.scatter(ray.d, onward.d, active)
+            dr.scatter(normal, vertices.shading, active)
             dr.scatter(weight, carried * factor, active)
             dr.scatter(density, sample.pdf, active)
             dr.scatter(finding, sample.pdf, active)
             dr.scatter(first, mi.Bool(False), active)
-            dr.eval(ray, weight, density, finding, first)
+            dr.eval(ray, normal, weight, density, finding, first)
         dr.eval(weight)
-        return _Exits(ray, weight, density, finding, first), sets
+        return self._that_count(_Exits(None, ray, normal, weight, density, finding, first)), sets
+
+    def _that_count(self, exits: _Exits) -> _Exits:
+        """Without what leads to lamps only and may not find any."""
+        mi = self.mi
+        import drjit as dr
+
+        if not self.glow.only_lamps:
+            return exits
+        finds = (exits.finding > 0) | ~dr.isfinite(exits.density)
+        lane: Any = dr.compress(finds & (dr.max(exits.weight) > 0))
+        if dr.width(lane) == 0:
+            lane = mi.UInt32(0)
+        kept = _Exits(
+            lane, dr.gather(mi.Ray3f, exits.ray, lane), dr.gather(mi.Normal3f, exits.normal, lane),
+            dr.gather(mi.Color3f, exits.weight, lane), dr.gather(mi.Float, exits.density, lane),
+            dr.gather(mi.Float, exits.finding, lane), dr.gather(mi.Bool, exits.first, lane),
+        )  # fmt: skip
+        dr.eval(kept.ray, kept.normal, kept.weight, kept.density, kept.finding, kept.first)
+        return kept
 
     def _found(self, exits: _Exits, world_from_cam: Any, counts: Any) -> Any:
         """What the leaving rays meet in the room."""
@@ -238,7 +291,7 @@ class _Batch:
         import drjit as dr
 
         ray = mi.Ray3f(world_from_cam @ exits.ray.o, world_from_cam @ exits.ray.d)
-        seen = self.glow.look(ray)
+        seen = self.glow.look(ray, world_from_cam @ exits.normal)
         tries = mi.Float(0.0)
         for lamp, share in enumerate(self.glow.choice(ray.o)):
             tries = dr.select(seen.lamp == lamp, share, tries)
@@ -254,21 +307,20 @@ class _Batch:
         import drjit as dr
 
         point = world_from_cam @ vertices.point
-        aim = self.glow.aim(lamp, point, u)
+        normal = world_from_cam @ mi.Normal3f(vertices.shading)
+        aim = self.glow.aim(lamp, point, u, normal)
         direction = world_from_cam.inverse() @ aim.direction
         at = dr.zeros(mi.SurfaceInteraction3f)
         at.p, at.n, at.wi = vertices.point, vertices.normal, vertices.wi
         at.sh_frame = mi.Frame3f(vertices.shading)
         out = at.to_local(direction)
         value, pdf = self.paint.eval_pdf(at, vertices.made, out)
-        density = probability * aim.density
-        active = (density > 0) & (dr.max(value) > 0)
+        active = dr.max(value) > 0
         active &= ~self.body.ray_test(at.spawn_ray(direction), active)
-        active &= self.glow.clear(point, aim, active)
-        value *= (
-            vertices.weight * aim.radiance * density / (dr.square(density) + dr.square(rival(at, out, pdf)))
-        )
-        return dr.select(active, value, 0.0)
+        arrives, radiance, density = self.glow.arriving(point, normal, aim, active)
+        density *= probability
+        value *= vertices.weight * radiance * density / (dr.square(density) + dr.square(rival(at, out, pdf)))
+        return dr.select(active & arrives & (density > 0), value, 0.0)
 
     def _vertices(self, at: Any, lane: Any, weight: Any) -> _Vertices:
         mi = self.mi
@@ -312,7 +364,9 @@ class _Batch:
         mi = self.mi
         import drjit as dr
 
-        world_from_cam = mi.Transform4f(np.linalg.inv(np.vstack([cam_from_world, [0, 0, 0, 1]])))
+        pose = np.linalg.inv(np.vstack([cam_from_world, [0, 0, 0, 1]]))
+        self.glow.view(pose)
+        world_from_cam = mi.Transform4f(pose)
         # Opaque, so that one kernel serves all views.
         dr.make_opaque(world_from_cam)
         return world_from_cam, dr.opaque(mi.UInt32, self.seed + 1 + view)

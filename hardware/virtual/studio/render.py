@@ -6,7 +6,7 @@ by following the reflectance only, while lamps are also aimed at. All other pixe
 baked room. A pixel is the mean over its own square in both, so edges blend.
 """
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,6 +20,15 @@ from hardware.virtual.studio.truth import FIELD_OF_VIEW_DEG
 PANORAMA = (128, 256)  # rows, columns
 BACKGROUND_SAMPLES = 16
 _FACE = 256  # pixels of a cube face: 0.35 degrees, a quarter of a panorama's pixel
+
+
+class Back(Protocol):
+    """A room without the body, from anywhere."""
+
+    def look(self, world_from_cam: Float[np.ndarray, "3 4"], width: int, height: int, seed: int,
+             field_deg: float = FIELD_OF_VIEW_DEG, samples: int = BACKGROUND_SAMPLES) -> Float[np.ndarray, "h w 3"]:  # fmt: skip
+        """The room as a pinhole camera sees it."""
+        ...
 
 
 class Backdrop:
@@ -44,20 +53,21 @@ class Backdrop:
         tracer.place(self.mi, sensor, world_from_cam)
         return np.array(self.mi.render(self.scene, sensor=sensor, spp=samples, seed=seed), dtype=np.float32)
 
-    def panorama(self, cam_from_world: Float[np.ndarray, "3 4"], world_point: Float[np.ndarray, "3"],
-                 seed: int) -> Float[np.ndarray, "128 256 3"]:  # fmt: skip
-        """Radiance that reaches a point from every direction, equirectangular in the camera's frame.
 
-        Column u and row v look along azimuth 2 pi (u + 0.5) / W - pi and polar angle pi (v + 0.5) / H from -y.
-        """
-        faces = np.stack([
-            self.look(np.column_stack([cam_from_world[:, :3].T @ turn, world_point]), _FACE, _FACE, seed + k, 90.0, 4)
-            for k, turn in enumerate(_FACES)
-        ])  # fmt: skip
-        face, row, column = _cube_lookup()
-        rows, columns = PANORAMA
-        finer = len(face) // (rows * columns)
-        return faces[face, row, column].reshape(rows, columns, finer, 3).mean(2)
+def panorama(back: Back, cam_from_world: Float[np.ndarray, "3 4"], world_point: Float[np.ndarray, "3"],
+             seed: int) -> Float[np.ndarray, "128 256 3"]:  # fmt: skip
+    """Radiance that reaches a point from every direction, equirectangular in the camera's frame.
+
+    Column u and row v look along azimuth 2 pi (u + 0.5) / W - pi and polar angle pi (v + 0.5) / H from -y.
+    """
+    faces = np.stack([
+        back.look(np.column_stack([cam_from_world[:, :3].T @ turn, world_point]), _FACE, _FACE, seed + k, 90.0, 4)
+        for k, turn in enumerate(_FACES)
+    ])  # fmt: skip
+    face, row, column = _cube_lookup()
+    rows, columns = PANORAMA
+    finer = len(face) // (rows * columns)
+    return faces[face, row, column].reshape(rows, columns, finer, 3).mean(2)
 
 
 # Six cameras, as camera-frame rotations (columns: right, down, forward).

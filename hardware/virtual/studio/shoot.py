@@ -16,17 +16,18 @@ from jaxtyping import Float
 
 from hardware.errors import StudioError
 from hardware.virtual.studio import (
-    bake,
-    mirror,
+    bodies,
     motion,
     objects,
     relight,
     render,
     rooms,
     samples,
-    tracer,
+    surroundings,
     truth,
 )
+from hardware.virtual.studio.bodies import Thing
+from hardware.virtual.studio.surroundings import Surroundings
 
 VERSION = 4  # raise when the rendered values would change
 NOISE = 0.015  # of an object pixel over the views, relative to its mean; average over the pixels
@@ -38,7 +39,10 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What to photograph, and how: names as `rooms`, `objects`, `motion` and `tracer` have them, pixels."""
+    """What to photograph, and how: names as `rooms`, `objects`, `motion`, `materials` and `tracer` have them, pixels.
+
+    A room may also be a Mitsuba 3 scene file, `place` then is in its own frame (None: one is searched), an object a mesh.
+    """
 
     room: str
     thing: str
@@ -48,6 +52,10 @@ class Order:
     motion: str
     seed: int
     device: str
+    object_size: float | None = None  # largest extent, metres
+    place: tuple[float, float, float] | None = None  # of the rig's centre
+    material: str | None = None
+    turn_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,9 +75,9 @@ class Studio:
     order: Order
     body: objects.Body
     journey: motion.Journey
-    room: rooms.Room
-    atlas: bake.Atlas
+    around: Surroundings
     cache: Path
+    notes: tuple[str, ...] = ()  # what was done to room and object, for the person to know
 
     def cams_from_world(self) -> Float[np.ndarray, "n 3 4"]:
         """Pose of every view."""
@@ -82,7 +90,7 @@ class Studio:
         order = self.order
         touched = truth.touched(self.body, order.width, order.height)
         front = self._object_pixels(poses, touched, lambda share, note: progress(0.9 * share, note))
-        back = render.Backdrop(self.room, self.atlas, order.device)
+        back = self.around.backdrop()
         for i, pose in enumerate(poses):
             progress(0.9 + 0.1 * i / len(poses), f"photographing the room, view {i + 1} of {len(poses)}")
             picture = back.look(self.journey.world_from_cam[i], order.width, order.height, order.seed + i)
@@ -92,13 +100,13 @@ class Studio:
     def truth(self, progress: Progress) -> truth.Truth:
         """What a reconstruction is compared with."""
         order, poses = self.order, self.cams_from_world()
-        back = render.Backdrop(self.room, self.atlas, order.device)
+        back = self.around.backdrop()
         middle = self.body.solid.vertices.mean(0)
         panoramas = []
         for i, pose in enumerate(poses):
             progress(i / len(poses), f"panorama {i + 1} of {len(poses)}")
             point = self.journey.world_from_cam[i] @ np.append(middle, 1.0)
-            panoramas.append(back.panorama(pose, point, order.seed + 1000 + 6 * i))
+            panoramas.append(render.panorama(back, pose, point, order.seed + 1000 + 6 * i))
         return truth.Truth(
             **truth.maps(self.body, order.width, order.height),
             camera=truth.camera(order.width, order.height),
@@ -108,10 +116,10 @@ class Studio:
 
     def _object_pixels(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
         """Path-traced radiance [n p 3] of the touched pixels; read from the cache when it is there."""
-        facts = [VERSION, bake.digest(self.room), self.body.name, poses.round(9).tolist(), self.order.width,
+        facts = [VERSION, self.around.key, self.body.name, poses.round(9).tolist(), self.order.width,
                  self.order.height, self.order.seed, NOISE]  # fmt: skip
         key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
-        path = self.cache / f"{self.room.name}-{self.body.name}-{key}.npz"
+        path = self.cache / f"{self.around.name}-{self.body.name}-{key}.npz"
         if path.exists():
             with np.load(path) as stored:
                 return stored["radiance"].astype(np.float32)
@@ -123,10 +131,10 @@ class Studio:
 
     def _traced(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
         note = f"path-tracing the object in {len(poses)} views"
-        seed, device = self.order.seed, self.order.device
-        if tracer.is_vectorised(tracer.load(device)):
-            return self._relit(poses, touched, lambda share: progress(share, note))
-        front = render.Foreground(self.room, self.atlas, self.body, touched, device)
+        seed, lights = self.order.seed, self.around.lights(self.body)
+        if lights is not None:
+            return self._relit(lights, poses, touched, lambda share: progress(share, note))
+        front = self.around.foreground(self.body, touched)
         pixels = []
         for i, pose in enumerate(poses):
             progress(i / len(poses), note)
@@ -134,12 +142,12 @@ class Studio:
         return np.stack(pixels)
 
     def _relit(
-        self, poses: np.ndarray, touched: np.ndarray, progress: Callable[[float], None]
+        self, lights: relight.Lights, poses: np.ndarray, touched: np.ndarray, progress: Callable[[float], None]
     ) -> Float[np.ndarray, "n p 3"]:
         """Each pixel by as many samples as it needs; those that say how many are used for nothing else (no bias)."""
-        lit = relight.Relighter(self.room, self.atlas, self.body, touched, self.order.device)
+        lit = relight.Relighter(lights, self.body, touched)
         some = poses[:: max(1, len(poses) // PILOT_VIEWS)]
-        pilot = samples.plan(self.room, samples.PILOT)
+        pilot = lights.effort(samples.PILOT)
         seeds = 16 * self.order.seed  # sixteen sets of numbers, no two alike
         noise = lit.noise(some, pilot, seeds + 14, lambda share: progress(0.1 * share))
         counts = samples.needed(noise, touched, NOISE)
@@ -152,7 +160,7 @@ class Studio:
             def tell(share: float, done: int = done, cost: int = cost) -> None:
                 progress(0.1 + 0.9 * (done + share * cost) / total)
 
-            effort = samples.plan(self.room, int(count))
+            effort = lights.effort(int(count))
             radiance[:, mine] = lit.look(poses, effort, seeds + int(count).bit_length(), tell, mine)
             done += cost
         return radiance
@@ -170,8 +178,33 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
         raise StudioError(f"{width} x {height} pixels: a Bayer sensor needs even sizes of at least 16")
     if order.seed < 0:
         raise StudioError(f"seed {order.seed}: a seed is a whole number >= 0; choose another")
-    furnished, body = rooms.furnish(order.room), objects.model(order.thing)
-    journey = motion.travel(order.motion, order.views, furnished.centre, order.seed)
     cache.mkdir(parents=True, exist_ok=True)
-    room, atlas = mirror.reflected(furnished, bake.bake(furnished, cache, order.device, progress))
-    return Studio(order, body, journey, room, atlas, cache)
+    stood = bodies.stand(Thing(order.thing, order.object_size, order.material, order.turn_deg), order.seed)
+    if _is_file(order.room):
+        from hardware.virtual.studio.interior import around
+
+        room, journey, notes = around.build(order, stood, cache, progress)
+        return Studio(order, stood.body, journey, room, cache, (*notes, *stood.notes))
+    if order.place is not None:
+        raise StudioError("--place: the rig's place in a built-in room is fixed; give one with a scene file")
+    room = surroundings.BuiltIn(order.room, cache, order.device, progress)
+    return Studio(order, stood.body, _journey(order, stood, room.centre), room, cache, stood.notes)
+
+
+def _is_file(room: str) -> bool:
+    """Whether a scene file is meant rather than a built-in room."""
+    return room not in rooms.ROOMS and ("/" in room or Path(room).suffix != "")
+
+
+def _journey(order: Order, stood: bodies.Stood, centre: Float[np.ndarray, "3"]) -> motion.Journey:
+    """In a built-in room, whose free space is known."""
+    if stood.scale == 1:
+        return motion.travel(order.motion, order.views, centre, order.seed)
+    journey = motion.carried(motion.travel(order.motion, order.views, np.zeros(3), order.seed), np.zeros(3), stood.scale)
+    corner = np.linalg.norm(stood.body.solid.vertices, axis=1).max() + np.linalg.norm(journey.world_from_cam[:, :, 3], axis=1).max()
+    if corner > rooms.FREE_M:
+        raise StudioError(
+            f"--object-size {order.object_size:g}: camera and object reach {corner:.2f} m from the room's centre, where"
+            f" {rooms.FREE_M:g} m are free; choose a smaller size"
+        )
+    return motion.carried(journey, centre, 1.0)
