@@ -13,7 +13,9 @@ from tempfile import TemporaryFile
 from app.bench import (
     ablation_chart,
     beside,
+    bound,
     chart,
+    choices,
     elsewhere,
     estimated,
     gate,
@@ -26,6 +28,7 @@ from app.bench import (
     sets,
     tables,
 )
+from app.bench.choices import Choice
 from app.bench.estimated import Estimated
 from app.bench.measured import Bench, Row
 from app.bench.record import BenchError, Metric, Record
@@ -47,18 +50,18 @@ class Call:
 
     def __init__(self, args: Namespace):
         self.args = args
-        size = SIZES["quick" if args.quick else args.size]
+        size = SIZES["quick" if args.quick else args.suite or args.size]
         poses = getattr(args, "poses", None)
         size = size if poses is None else replace(size, given=poses == "given")
         self.size: Size = size.thinned() if args.what == "views" else size
         # One set says as much about a switch or a chart as nine, in a ninth of the time.
         many = args.what == "table"
-        self.rooms = args.rooms or (self.size.rooms if many else self.size.rooms[:1])
-        self.objects = args.objects or (self.size.objects if many else self.size.objects[:1])
-        self.folder = args.sets or sets.default_folder()
-        sets.check_names(self.rooms, self.objects)
         if args.seed < 0:
             raise BenchError(f"--seed {args.seed}: give a whole number from 0 on")
+        self.rooms = choices.rooms(args.rooms or (self.size.rooms if many else self.size.rooms[:1]))
+        things = args.objects or (self.size.objects if many else self.size.objects[:1])
+        self.objects = choices.objects(things, args.material, args.seed)
+        self.folder = args.sets or sets.default_folder()
         least = getattr(args, "reference_pixels", None)
         if least is not None and (least <= 0 or least % TILE):
             raise BenchError(
@@ -70,7 +73,7 @@ class Call:
         for maps in self.maps:  # before hours of work
             for room in self.rooms:
                 for thing in self.objects:
-                    maps.files(f"{room}-{thing}")
+                    maps.files(f"{room.name}-{thing.name}")
         self.device = choose_device(args.device)
         self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
         self.behind = False  # of the reference, where that was looked at
@@ -79,12 +82,15 @@ class Call:
 
     def sets(self, count: int | None = None) -> list[Set]:
         """Every room and object, of all the size's photographs or `count` of them."""
-        size, seed = self.size, self.args.seed
-        return [
-            sets.ready(self.folder, room, thing, size, size.views, seed, self.device, count)
-            for room in self.rooms
-            for thing in self.objects
-        ]
+        return [self.set(room, thing, count) for room in self.rooms for thing in self.objects]
+
+    def set(self, room: Choice, thing: Choice, count: int | None) -> Set:
+        """One of them, with its bound if its accuracy is asked."""
+        size, seed, device = self.size, self.args.seed, self.device
+        on = sets.ready(self.folder, room, thing, size, size.views, seed, device, count)
+        return (
+            on if self.args.what == "scaling" else bound.bounded(on, room, thing, size, seed, device, count)
+        )
 
     def least(self, usual: int) -> int:
         """Pixels at least that the reference solves."""
@@ -189,8 +195,8 @@ def views(call: Call) -> list[Metric]:
     metrics: list[Metric] = []
     for group in dict.fromkeys(group for held in counted.values() for group in held):
         here = [(count, one) for count, held in counted.items() for one in held[group]]
-        print(f"over {group}\n\n{tables.by_views(here)}\n")
-        print(tables.notes([replace(one, set=f"{count} {one.set}") for count, one in here]) + "\n")
+        apart = [replace(one, set=f"{count} {one.set}") for count, one in here]
+        print(f"over {group}\n\n{tables.by_views(here)}\n\n{tables.by_set(apart)}\n\n{tables.notes(apart)}\n")
         named = [replace(one, set=f"{count}-views/{one.set}") for count, one in here]
         metrics += scores.as_metrics(named, few=group == FEW)
     return metrics
@@ -218,8 +224,7 @@ def draw(call: Call) -> list[Metric]:
     answered = [call.measured(methods, each) for each in call.sets()]
     scored = [one for of_set in answered for one in scores.score(of_set)]
     points = scores.means(scored)
-    print(tables.by_switch(scored))
-    print("\n" + tables.notes(scored) + "\n")
+    print(f"{tables.by_switch(scored)}\n\n{tables.by_set(scored)}\n\n{tables.notes(scored)}\n")
     _compare(call, {FEW: scored})
     for path in chart.write(points, call.args.out, _caption(call, scored)):
         print(path)
@@ -293,7 +298,9 @@ def _print_table(found: Groups, before: Sequence[Estimated]) -> None:
 
 def _print_switches(found: Groups) -> None:
     for group, scored in found.items():
-        print(f"over {group}\n\n{tables.by_switch(scored)}\n\n{tables.notes(scored)}\n")
+        print(
+            f"over {group}\n\n{tables.by_switch(scored)}\n\n{tables.by_set(scored)}\n\n{tables.notes(scored)}\n"
+        )
 
 
 def _metrics(
