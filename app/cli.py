@@ -78,11 +78,17 @@ def _parser() -> argparse.ArgumentParser:
 
     simulate = add("simulate", help="photograph a virtual object in a virtual room: OUT/session, OUT/truth")
     simulate.add_argument("out", type=Path)
-    simulate.add_argument("--room", required=True, help="name of a room (a wrong name lists them), or a Mitsuba 3 scene.xml")
     simulate.add_argument(
-        "--object", required=True, help="name of an object (a wrong name lists them), or a mesh: OBJ, PLY, GLB"
+        "--room", required=True, help="name of a room (a wrong name lists them), or a Mitsuba 3 scene.xml"
     )
-    simulate.add_argument("--object-size", type=float, metavar="M", help="its largest extent; 0.25 for a mesh")
+    simulate.add_argument(
+        "--object",
+        required=True,
+        help="name of an object (a wrong name lists them), or a mesh: OBJ, PLY, GLB",
+    )
+    simulate.add_argument(
+        "--object-size", type=float, metavar="M", help="its largest extent; 0.25 for a mesh"
+    )
     simulate.add_argument(
         "--place", type=float, nargs=3, metavar=("X", "Y", "Z"),
         help="where the rig stands, in the scene file's frame; searched if left out",
@@ -91,7 +97,9 @@ def _parser() -> argparse.ArgumentParser:
         "--material", metavar="KIND",
         help="paint, clay, glaze, metal, textured, from-file; a built-in object's own, or paint, if left out",
     )  # fmt: skip
-    simulate.add_argument("--turn", type=float, default=0.0, metavar="DEG", help="turn the object about the vertical")
+    simulate.add_argument(
+        "--turn", type=float, default=0.0, metavar="DEG", help="turn the object about the vertical"
+    )
     simulate.add_argument("--views", type=int, default=96)
     simulate.add_argument("--size", type=int, nargs=2, default=(512, 384), metavar=("W", "H"))
     simulate.add_argument("--motion", choices=("handheld", "turntable", "gimbal"), default="handheld")

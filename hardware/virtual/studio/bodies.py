@@ -47,7 +47,9 @@ def stand(thing: Thing, seed: int) -> Stood:
     if thing.material is None and thing.size_m is None and thing.turn_deg == 0:
         return Stood(body, 1.0)
     if thing.material == materials.FROM_FILE:
-        raise StudioError(f"--material from-file: {thing.name} is built in; choose another material, or give a mesh file")
+        raise StudioError(
+            f"--material from-file: {thing.name} is built in; choose another material, or give a mesh file"
+        )
     return _changed(body, thing, seed)
 
 

@@ -34,13 +34,21 @@ def _glaze(p: Points, seed: int) -> Made:
     first, second = (np.array(hue) for hue in _hues(seed, 2, 0.3, 0.5))
     share = step(clouds(seed + 2, 0.2, 2)(p), 0.9)[:, None]
     tone = first + (second - first) * share
-    return np.clip(tone * np.exp(0.1 * clouds(seed + 3, 0.03)(p))[:, None], 0.03, 0.9), np.full(len(p), 0.22), None
+    return (
+        np.clip(tone * np.exp(0.1 * clouds(seed + 3, 0.03)(p))[:, None], 0.03, 0.9),
+        np.full(len(p), 0.22),
+        None,
+    )
 
 
 def _metal(p: Points, seed: int) -> Made:
     """Satin bronze, a little uneven."""
     tone = np.array([0.82, 0.6, 0.4]) * np.exp(0.06 * clouds(seed, 0.05, 2)(p))[:, None]
-    return np.clip(tone, 0.03, 0.95), np.clip(0.42 + 0.06 * clouds(seed + 1, 0.1)(p), 0.3, 0.55), np.ones(len(p))
+    return (
+        np.clip(tone, 0.03, 0.95),
+        np.clip(0.42 + 0.06 * clouds(seed + 1, 0.1)(p), 0.3, 0.55),
+        np.ones(len(p)),
+    )
 
 
 def _textured(p: Points, seed: int) -> Made:
@@ -80,9 +88,8 @@ def dress(mesh: Mesh, material: str, seed: int, scale: float) -> Body:
     """
     check(material)
     if material == FROM_FILE:
-        assert mesh.albedo is not None and mesh.roughness is not None and mesh.metalness is not None
-        metalness = mesh.metalness if mesh.metalness.max() > 0 else None
-        albedo, roughness = mesh.albedo, mesh.roughness
+        albedo, roughness, metalness = mesh.looks()
+        metalness = metalness if metalness.max() > 0 else None
     else:
         used = mesh.vertices - mesh.vertices.mean(0)
         albedo, roughness, metalness = MATERIALS[material](used / scale, seed)

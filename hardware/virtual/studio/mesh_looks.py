@@ -55,7 +55,9 @@ def _of(part: Any) -> Looks | None:
     is_gltf = type(stated).__name__ == "PBRMaterial"
     material = stated if is_gltf else stated.to_pbr()
     factor = material.baseColorFactor
-    colour = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255 if np.max(factor) > 1 else 1)
+    colour = (
+        np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255 if np.max(factor) > 1 else 1)
+    )
     uv = getattr(visual, "uv", None)
     albedo = np.broadcast_to(colour if is_gltf else _linear(colour), (count, 3))
     if uv is not None and material.baseColorTexture is not None:
@@ -79,7 +81,11 @@ def _check_files(path: Path) -> None:
             raise StudioError(f"{path}: its material file {library} is not there; put it beside the mesh")
         for line in place.read_text(errors="replace").splitlines():
             words = line.split()
-            if words and words[0] in ("map_Kd", "map_Pr", "map_Pm") and not (place.parent / words[-1]).is_file():
+            if (
+                words
+                and words[0] in ("map_Kd", "map_Pr", "map_Pm")
+                and not (place.parent / words[-1]).is_file()
+            ):
                 raise StudioError(f"{place}: its texture {words[-1]} is not there; put it beside the mesh")
 
 

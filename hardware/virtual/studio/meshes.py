@@ -41,6 +41,16 @@ class Mesh:
     metalness: Float[np.ndarray, " v"] | None
     notes: tuple[str, ...]
 
+    def looks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Albedo, roughness and metalness.
+
+        Raises:
+            StudioError: it was read without.
+        """
+        if self.albedo is None or self.roughness is None or self.metalness is None:
+            raise StudioError(f"{self.name}: was read without what it is made of; read it with its looks")
+        return self.albedo, self.roughness, self.metalness
+
 
 def read(path: Path, with_looks: bool) -> Mesh:
     """The mesh in a file, whole and turned right side out; with its base colour, roughness and metalness if asked for.
@@ -201,15 +211,18 @@ def _finished(mesh: Mesh, extent: float) -> Mesh:
     """Edges divided until paint has somewhere to lie."""
     import trimesh
 
-    names = [name for name in ("normals", "albedo", "roughness", "metalness") if getattr(mesh, name) is not None]
+    names = [
+        name for name in ("normals", "albedo", "roughness", "metalness") if getattr(mesh, name) is not None
+    ]
+    subdivide: Any = trimesh.remesh.subdivide
     vertices, faces = mesh.vertices, mesh.faces
-    values = {name: getattr(mesh, name) for name in names}
+    values: dict[str, Any] = {name: getattr(mesh, name) for name in names}
     while len(faces) * 4 <= DIVIDED_FACES:
         edges = vertices[faces]
         longest = np.linalg.norm(edges - np.roll(edges, 1, 1), axis=2).max(1)
         if np.percentile(longest, 80) <= extent / FINEST:
             break
-        vertices, faces, values = trimesh.remesh.subdivide(vertices, faces, vertex_attributes=values)
+        vertices, faces, values = subdivide(vertices, faces, vertex_attributes=values)
     values["normals"] = values["normals"] / np.linalg.norm(values["normals"], axis=1, keepdims=True)
     return replace(mesh, vertices=vertices, faces=faces, **values)
 

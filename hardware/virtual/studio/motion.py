@@ -168,7 +168,8 @@ def carried(journey: Journey, centre: Float[np.ndarray, "3"], scale: float) -> J
     geometry = journey.geometry
     if geometry is not None:
         geometry = {
-            name: [scale * x for x in value] if name.endswith("point") else value for name, value in geometry.items()
+            name: [scale * x for x in value] if name.endswith("point") else value
+            for name, value in geometry.items()
         }
     return Journey(poses, journey.reports, geometry)
 

@@ -142,7 +142,11 @@ class Studio:
         return np.stack(pixels)
 
     def _relit(
-        self, lights: relight.Lights, poses: np.ndarray, touched: np.ndarray, progress: Callable[[float], None]
+        self,
+        lights: relight.Lights,
+        poses: np.ndarray,
+        touched: np.ndarray,
+        progress: Callable[[float], None],
     ) -> Float[np.ndarray, "n p 3"]:
         """Each pixel by as many samples as it needs; those that say how many are used for nothing else (no bias)."""
         lit = relight.Relighter(lights, self.body, touched)
@@ -200,8 +204,13 @@ def _journey(order: Order, stood: bodies.Stood, centre: Float[np.ndarray, "3"]) 
     """In a built-in room, whose free space is known."""
     if stood.scale == 1:
         return motion.travel(order.motion, order.views, centre, order.seed)
-    journey = motion.carried(motion.travel(order.motion, order.views, np.zeros(3), order.seed), np.zeros(3), stood.scale)
-    corner = np.linalg.norm(stood.body.solid.vertices, axis=1).max() + np.linalg.norm(journey.world_from_cam[:, :, 3], axis=1).max()
+    journey = motion.carried(
+        motion.travel(order.motion, order.views, np.zeros(3), order.seed), np.zeros(3), stood.scale
+    )
+    corner = (
+        np.linalg.norm(stood.body.solid.vertices, axis=1).max()
+        + np.linalg.norm(journey.world_from_cam[:, :, 3], axis=1).max()
+    )
     if corner > rooms.FREE_M:
         raise StudioError(
             f"--object-size {order.object_size:g}: camera and object reach {corner:.2f} m from the room's centre, where"

@@ -16,9 +16,18 @@ Progress = bake.Progress
 class Surroundings(Protocol):
     """A baked room."""
 
-    name: str
-    key: str  # of all that decides how it looks
-    centre: Float[np.ndarray, "3"]  # where the rig stands
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def key(self) -> str:
+        """Of all that decides how it looks."""
+        ...
+
+    @property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """Where the rig stands, world."""
+        ...
 
     def lights(self, body: Body) -> relight.Lights | None:
         """For the path tracer; None: Mitsuba has no vectorised variant here, `foreground` has to do."""

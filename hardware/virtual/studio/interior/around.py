@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 WANDERS = (1.0, 0.5, 0.25, 0.0)  # of how far hands wander, the first that has room
 
 
-def build(order: "Order", stood: Stood, cache: Path, progress: Progress) -> tuple["Around", motion.Journey, list[str]]:
+def build(
+    order: "Order", stood: Stood, cache: Path, progress: Progress
+) -> tuple["Around", motion.Journey, list[str]]:
     """Read and bake a scene file, find the rig a place, and plan its journey; what was simplified, in words.
 
     Raises:
@@ -47,7 +49,9 @@ def build(order: "Order", stood: Stood, cache: Path, progress: Progress) -> tupl
         notes = [f"{order.room}: simplified: {note}" for note in interior.notes]
         notes.append(f"the rig stands at --place {spot[0]:.3f} {spot[1]:.3f} {spot[2]:.3f}")
         if share < 1:
-            notes.append(f"hands wander {100 * motion.WANDER_M * share * stood.scale:.0f} cm about it: no more is free")
+            notes.append(
+                f"hands wander {100 * motion.WANDER_M * share * stood.scale:.0f} cm about it: no more is free"
+            )
         key = f"{interior.key}-{baked.key}"
         return Around(interior.name, key, centre, room), motion.carried(journey, centre, 1.0), notes
     assert calm is not None

@@ -3,8 +3,9 @@
 Each round gathers, at every point, what the room as it is known so far sends from directions by the cosine and towards lamps
 (two samples that share by the balance heuristic), and what comes out is known to the next points at once. The first rounds
 carry light around; the last ones take many samples, each of one bounce, so that noise does not add up along paths. Light
-that came straight from lamps stays as sharp as the points are; what came by way of surfaces is averaged over neighbours that
-face the same way. Nothing is lost: a closed room of albedo a that glows e ends at e / (1 - a).
+that came by way of surfaces is averaged over neighbours that face the same way; light straight from lamps too, where they
+differ by no more than noise, so that edges of shadows stay. Nothing is lost: a closed room of albedo a that glows e ends at
+e / (1 - a).
 """
 
 import os
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.interior import glow, lightmap
@@ -23,7 +24,10 @@ from hardware.virtual.studio.interior.read import Interior
 
 VERSION = 1  # raise when the baked values would change
 LANES = 1_500_000
+FORESEE = 4  # rounds before the look ahead: what further ones add still stands out of the noise
+MOST_LEFT = 0.97  # of the light of one round that the next may add
 NEIGHBOURS = 12
+EDGE = 8.0  # differences whose square is this many times the noise's are the room's own
 ALIKE = 0.9  # cosine between the normals of neighbours
 
 Progress = Callable[[float, str], None]
@@ -34,8 +38,11 @@ class Quality:
     """What a bake costs."""
 
     points: int = 700_000
-    first: tuple[int, ...] = (4,) * 14  # samples of each round that carries light around
-    last: tuple[int, ...] = (32,) * 6  # of those whose mean is kept
+    first: tuple[int, ...] = (4,) * 12  # samples of each round that carries light around
+    last: tuple[int, ...] = (32,) * 8  # of those whose mean is kept
+
+
+QUALITY = Quality()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,12 +55,13 @@ class Baked:
     key: str  # of the way it was baked
 
 
-def bake(room: Interior, cache: Path, device: str, progress: Progress, quality: Quality = Quality()) -> Baked:  # noqa: B008
+def bake(room: Interior, cache: Path, device: str, progress: Progress) -> Baked:
     """The room's light; read from `cache` when it was baked before, gone on with when that was cut off.
 
     Raises:
         StudioError: the device is not there.
     """
+    quality = QUALITY
     grid = lightmap.layout(room, quality.points)
     path = cache / f"{room.name}-{room.key}-{_digest(quality)}.npz"
     if path.exists():
@@ -87,9 +95,12 @@ class _Bake:
         mi, count = self.mi, self.grid.count
         rounds = (*self.quality.first, *self.quality.last)
         done, straight, around = 0, np.zeros((2 * count, 3), np.float32), np.zeros((2 * count, 3), np.float32)
+        totals = np.zeros((0, 3))  # light in the room after each of the latest rounds
+        squares = np.zeros(2 * count, np.float32)  # of the lamps' part: rounds tell how noisy it is
         if begun.exists():
             with np.load(begun) as stored:
                 done, straight, around = int(stored["done"]), stored["straight"], stored["around"]
+                squares, totals = stored["squares"], stored["totals"]
                 self.known.light = mi.Float(stored["light"])
         order = np.random.default_rng(0).permutation(2 * count).astype(np.uint32)
         order = order[self.two_sided[order % count] | (order < count)]
@@ -107,12 +118,41 @@ class _Bake:
                 else:
                     straight[some] += lamp * samples
                     around[some] += rest * samples
+                    squares[some] += np.square(lamp.mean(1)) * samples
                     taken = cost[turn + 1] - cost[len(self.quality.first)]
                     self._tell(some, (straight[some] + around[some]) / taken)
-            _store(begun, done=turn + 1, straight=straight, around=around, light=np.array(self.known.light))
-        taken = sum(self.quality.last)
-        smooth = self._smoothed((around / taken).reshape(2, count, 3))
-        return (straight / taken).reshape(2, count, 3) + smooth
+            if not keeping:
+                totals = np.concatenate([totals, [self._total()]])[-3:]
+                if turn + 1 == FORESEE:
+                    self._foreseen(totals)
+            _store(
+                begun,
+                done=turn + 1,
+                totals=totals,
+                straight=straight,
+                around=around,
+                squares=squares,
+                light=np.array(self.known.light),
+            )
+        taken, straight = sum(self.quality.last), (straight / sum(self.quality.last)).reshape(2, count, 3)
+        spread = np.maximum(squares.reshape(2, count) / taken - np.square(straight.mean(-1)), 0)
+        variance = spread / max(len(self.quality.last) - 1, 1)
+        return self._smoothed(straight, variance) + self._smoothed(
+            (around / taken).reshape(2, count, 3), None
+        )
+
+    def _total(self) -> Float[np.ndarray, "3"]:
+        """Mean over all points."""
+        return np.array(self.known.light).reshape(-1, 4)[:, :3].mean(0, dtype=float)
+
+    def _foreseen(self, totals: Float[np.ndarray, "3 3"]) -> None:
+        """Brighten the room as a whole by what further rounds would bring (Aitken); later rounds put it where it belongs."""
+        before, latest = totals[1] - totals[0], totals[2] - totals[1]
+        ratio = np.clip(latest / np.where(before > 0, before, np.inf), 0, MOST_LEFT)
+        factor = 1 + latest * ratio / (1 - ratio) / np.maximum(totals[2], 1e-30)
+        light = np.array(self.known.light).reshape(-1, 4)
+        light[:, :3] *= np.maximum(factor, 1)
+        self.known.light = self.mi.Float(light.ravel().astype(np.float32))
 
     def _tell(self, some: np.ndarray, light: np.ndarray) -> None:
         import drjit as dr
@@ -130,7 +170,9 @@ class _Bake:
         point, sign = some % self.grid.count, np.where(some < self.grid.count, 1.0, -1.0)[:, None]
         normal = self.normal[point] * sign
         arrays = [self.at[point] + normal * self.known.nudge, normal, self.shading[point] * sign]
-        start, flat, shading = (mi.Vector3f(*(mi.Float(a[:, k].astype(np.float32)) for k in range(3))) for a in arrays)
+        start, flat, shading = (
+            mi.Vector3f(*(mi.Float(a[:, k].astype(np.float32)) for k in range(3))) for a in arrays
+        )
         lane = dr.arange(mi.UInt32, len(some) * samples)
         mine, number = lane // samples, lane % samples
         ident = dr.gather(mi.UInt32, mi.UInt32(some), mine)
@@ -163,13 +205,17 @@ class _Bake:
         mi = self.mi
         x, y = mi.sample_tea_32(ident, salt)
         golden = mi.UInt32(np.uint32(round(0.6180339887 * 2**32) & 0xFFFFFFFF))
-        x += mi.UInt32((2**32 // count)) * number
+        x += mi.UInt32(2**32 // count) * number
         y += golden * number
         return mi.Point2f(mi.Float(x >> 8), mi.Float(y >> 8)) * 2.0**-24
 
-    def _smoothed(self, light: Float[np.ndarray, "2 n 3"]) -> Float[np.ndarray, "2 n 3"]:
-        """Means over the nearest points that face the same way, each side for itself."""
-        tree = cKDTree(self.at)
+    def _smoothed(
+        self, light: Float[np.ndarray, "2 n 3"], variance: Float[np.ndarray, "2 n"] | None
+    ) -> Float[np.ndarray, "2 n 3"]:
+        """Means over the nearest points that face the same way, each side for itself; not across edges that stand out
+        of the noise, where it is known.
+        """
+        tree = KDTree(self.at)
         out = np.empty_like(light)
         for begin in range(0, len(self.at), 200_000):
             part = slice(begin, min(begin + 200_000, len(self.at)))
@@ -184,16 +230,19 @@ class _Bake:
                 there = np.where(turned[..., None] > 0, light[side][near], light[1 - side][near])
                 dark = there.max(-1) <= 0  # nothing reaches it, or its side sends nothing
                 used = np.where(dark & (distance > 0), 0.0, weight)
+                if variance is not None:
+                    noisy = np.where(turned > 0, variance[side][near], variance[1 - side][near])
+                    noisy = noisy.mean(1, keepdims=True)  # of one point it is itself a rough estimate
+                    apart = np.square(there.mean(-1) - light[side, part].mean(-1)[:, None])
+                    used = used * np.exp(-apart / np.maximum(EDGE * noisy, 1e-20))
                 out[side, part] = (there * used[..., None]).sum(1) / np.maximum(used.sum(1), 1e-20)[:, None]
         return np.where((light.max(-1) > 0)[..., None], out, 0.0)
-
-
 
 
 def _digest(quality: Quality) -> str:
     import hashlib
 
-    return hashlib.sha256(repr((VERSION, quality, NEIGHBOURS, ALIKE)).encode()).hexdigest()[:8]
+    return hashlib.sha256(repr((VERSION, quality, NEIGHBOURS, ALIKE, EDGE)).encode()).hexdigest()[:8]
 
 
 def _store(path: Path, **arrays: Any) -> None:
@@ -201,5 +250,3 @@ def _store(path: Path, **arrays: Any) -> None:
     partial = path.with_name(f"{path.stem}.{os.getpid()}.partial.npz")
     np.savez(partial, **arrays)
     partial.rename(path)
-
-

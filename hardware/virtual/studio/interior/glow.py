@@ -40,7 +40,9 @@ class Room:
         corners = room.vertices[room.faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         twice = np.linalg.norm(across, axis=1)
-        self.faces = _floats(mi, np.concatenate([across / np.maximum(twice, 1e-20)[:, None], twice[:, None] / 2], 1))
+        self.faces = _floats(
+            mi, np.concatenate([across / np.maximum(twice, 1e-20)[:, None], twice[:, None] / 2], 1)
+        )
         self.uv = _floats(mi, room.uv[room.faces].reshape(-1, 6))
         self.numbers = mi.UInt32(np.ravel(np.stack([room.look, grid.first, grid.cells], 1)).astype(np.uint32))
         self.looks = _Pictures(mi, room)
@@ -118,7 +120,9 @@ class Room:
         direction = dr.select(to_sky, away, to / dr.maximum(distance, 1e-12))
         return direction, dr.select(to_sky, dr.inf, distance)
 
-    def _irradiance(self, first: Any, cells: Any, b: Any, c: Any, behind: Any, active: Any) -> tuple[Any, Any]:
+    def _irradiance(
+        self, first: Any, cells: Any, b: Any, c: Any, behind: Any, active: Any
+    ) -> tuple[Any, Any]:
         """Linear between the three points around; the number of the nearest."""
         mi = self.mi
         import drjit as dr
@@ -169,7 +173,9 @@ class _Pictures:
         self.mi = mi
         facts, albedo, glow, begin, glowing = [], [], [], 0, False
         for look in room.looks:
-            rows, columns = (max(a, b) for a, b in zip(look.albedo.shape[:2], look.emission.shape[:2], strict=True))
+            rows, columns = (
+                max(a, b) for a, b in zip(look.albedo.shape[:2], look.emission.shape[:2], strict=True)
+            )
             facts.append([begin, rows, columns, look.repeats, look.two_sided, *look.low, *look.size])
             albedo.append(np.broadcast_to(look.albedo, (rows, columns, 3)).reshape(-1, 3))
             glow.append(np.broadcast_to(look.emission, (rows, columns, 3)).reshape(-1, 3))
@@ -199,9 +205,14 @@ class _Pictures:
 
         def wrapped(k: Any, count: Any) -> Any:
             n = mi.Int32(count)
-            return mi.UInt32(dr.select(again, (mi.Int32(k) + n) % dr.maximum(n, 1), dr.clip(mi.Int32(k), 0, n - 1)))
+            return mi.UInt32(
+                dr.select(again, (mi.Int32(k) + n) % dr.maximum(n, 1), dr.clip(mi.Int32(k), 0, n - 1))
+            )
 
-        xs, ys = [wrapped(left, columns), wrapped(left + 1, columns)], [wrapped(top, rows), wrapped(top + 1, rows)]
+        xs, ys = (
+            [wrapped(left, columns), wrapped(left + 1, columns)],
+            [wrapped(top, rows), wrapped(top + 1, rows)],
+        )
         reflecting = active & (~behind | (two_sided > 0))
 
         def fetched(table: Any, where: Any) -> Any:

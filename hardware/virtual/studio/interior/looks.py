@@ -75,7 +75,8 @@ class Found:
     def notes(self) -> tuple[str, ...]:
         """What was simplified, in shares of the surfaces' area."""
         return tuple(
-            f"{kind} ({100 * area / max(self.total, 1e-12):.2g} % of the area)" for kind, area in self.areas.items()
+            f"{kind} ({100 * area / max(self.total, 1e-12):.2g} % of the area)"
+            for kind, area in self.areas.items()
         )
 
     def _covers(self, index: int, span: tuple[np.ndarray, np.ndarray]) -> bool:
@@ -101,7 +102,9 @@ class Found:
             return float(through[0]), "translucent, made opaque"
         return float(through[0]), ""
 
-    def _albedo(self, bsdf: Any, uv: Float[np.ndarray, "n 2"], count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def _albedo(
+        self, bsdf: Any, uv: Float[np.ndarray, "n 2"], count: int, seed: int = 0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Share sent back [n 3], and share let through [n], but not by holes."""
         mi = self.mi
         import drjit as dr
@@ -136,7 +139,9 @@ class Found:
             through[begin : begin + step] = np.array(dr.block_sum(gone, count)) / count
         return back, through
 
-    def _of_what_is_there(self, bsdf: Any, uv: Float[np.ndarray, "n 2"], count: int) -> Float[np.ndarray, "n 3"]:
+    def _of_what_is_there(
+        self, bsdf: Any, uv: Float[np.ndarray, "n 2"], count: int
+    ) -> Float[np.ndarray, "n 3"]:
         """Albedo of the opaque part."""
         albedo, _ = self._albedo(bsdf, uv, count)
         if self.mi.has_flag(bsdf.flags(), self.mi.BSDFFlags.Null):
@@ -159,8 +164,10 @@ class Found:
         edge = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2).max(1)
         cuts = int(np.clip(np.ceil(np.median(edge) / CUT_M), 1, CUTS))
         weights, small = _grid(cuts)
+
         def spread(values: np.ndarray) -> np.ndarray:
             return np.einsum("wk,fkc->fwc", weights, values[part.faces]).reshape(-1, values.shape[1])
+
         uv = spread(part.uv)
         faces = (np.arange(len(part.faces))[:, None, None] * len(weights) + small).reshape(-1, 3)
         opaque = self._opacity(part.bsdf, uv[faces].mean(1)) > 0.5
@@ -181,11 +188,15 @@ class Found:
             return Look(plain[None], glow[None, :1], np.zeros(2), np.ones(2), True, sides)
         again, _ = self._albedo(bsdf, some + rng.integers(-2, 3, (TELLING, 2)), SAMPLES)
         glow_again = self._glow(emitter, some + rng.integers(-2, 3, (TELLING, 2)))
-        repeats = bool(np.abs(again - there).mean() < 0.01 * there.mean() + 1e-6 and np.allclose(glow, glow_again))
+        repeats = bool(
+            np.abs(again - there).mean() < 0.01 * there.mean() + 1e-6 and np.allclose(glow, glow_again)
+        )
         if repeats:
             low, size = np.zeros(2), np.ones(2)
         rows, columns = self._texels(bsdf, emitter, size)
-        y, x = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
+        y, x = np.meshgrid(
+            (np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij"
+        )
         uv = low + np.stack([x.ravel(), y.ravel()], 1) * size
         albedo = self._of_what_is_there(bsdf, uv, SAMPLES)
         shape = (rows, columns, 3)
@@ -228,7 +239,9 @@ def _areas(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, " f"]:
 
 def _grid(cuts: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """A triangle in `cuts`^2 equal ones: corner weights and faces."""
-    number = {(i, j): k for k, (i, j) in enumerate((i, j) for j in range(cuts + 1) for i in range(cuts + 1 - j))}
+    number = {
+        (i, j): k for k, (i, j) in enumerate((i, j) for j in range(cuts + 1) for i in range(cuts + 1 - j))
+    }
     weights = np.array([[cuts - i - j, i, j] for i, j in number]) / cuts
     faces = []
     for i, j in number:

@@ -26,7 +26,9 @@ BALL_M = 0.02
 Ball = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]  # where, scene frame, and radiance
 
 
-def image(mi: Any, scene: Any, turn: Float[np.ndarray, "3 3"], path: Path) -> tuple[Float[np.ndarray, "h w 3"], list[Ball]]:
+def image(
+    mi: Any, scene: Any, turn: Float[np.ndarray, "3 3"], path: Path
+) -> tuple[Float[np.ndarray, "h w 3"], list[Ball]]:
     """The picture, and balls for what lamps have no size.
 
     Raises:
@@ -63,7 +65,12 @@ def directions() -> Float[np.ndarray, "h w 3"]:
     azimuth = 2 * np.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS
     across = np.sin(polar)[:, None]
     return np.stack(
-        [across * np.cos(azimuth), across * np.sin(azimuth), np.broadcast_to(np.cos(polar)[:, None], (ROWS, COLUMNS))], -1
+        [
+            across * np.cos(azimuth),
+            across * np.sin(azimuth),
+            np.broadcast_to(np.cos(polar)[:, None], (ROWS, COLUMNS)),
+        ],
+        -1,
     )
 
 
@@ -79,7 +86,13 @@ def with_balls(room: "Interior", balls: list[Ball]) -> "Interior":
     from hardware.virtual.studio import solids
 
     ball = solids.ball(12, lambda d: np.full(len(d), BALL_M))
-    looks, vertices, normals, faces, look = list(room.looks), [room.vertices], [room.normals], [room.faces], [room.look]
+    looks, vertices, normals, faces, look = (
+        list(room.looks),
+        [room.vertices],
+        [room.normals],
+        [room.faces],
+        [room.look],
+    )
     count = len(room.vertices)
     for place, radiance in balls:
         vertices.append(ball.vertices + room.world_from_scene @ place)
@@ -87,7 +100,9 @@ def with_balls(room: "Interior", balls: list[Ball]) -> "Interior":
         faces.append(ball.faces + count)
         look.append(np.full(len(ball.faces), len(looks)))
         looks.append(
-            Look(np.zeros((1, 1, 3)), radiance.reshape(1, 1, 3), np.zeros(2), np.ones(2), True, two_sided=False)
+            Look(
+                np.zeros((1, 1, 3)), radiance.reshape(1, 1, 3), np.zeros(2), np.ones(2), True, two_sided=False
+            )
         )
         count += len(ball.vertices)
     uv = np.concatenate([room.uv, np.zeros((count - len(room.uv), 2))])
@@ -106,12 +121,16 @@ def _seen(mi: Any, emitter: Any, turn: np.ndarray) -> Float[np.ndarray, "h w 3"]
     around = np.median([np.roll(level, k, 1) for k in (-8, -6, 6, 8)], axis=0)
     bright = np.flatnonzero(level.ravel() > np.maximum(3 * around.ravel(), 1e-9))
     some = bright[np.argsort(-level.ravel()[bright])][:4096]
-    grown = np.unique(np.concatenate([(some + dy * COLUMNS + dx) % len(every) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]))
+    grown = np.unique(
+        np.concatenate([(some + dy * COLUMNS + dx) % len(every) for dy in (-1, 0, 1) for dx in (-1, 0, 1)])
+    )
     picture.reshape(-1, 3)[grown] = _means(mi, emitter, turn, grown, MORE)
     return picture.astype(np.float32)
 
 
-def _means(mi: Any, emitter: Any, turn: np.ndarray, texels: np.ndarray, count: int) -> Float[np.ndarray, "n 3"]:
+def _means(
+    mi: Any, emitter: Any, turn: np.ndarray, texels: np.ndarray, count: int
+) -> Float[np.ndarray, "n 3"]:
     import drjit as dr
 
     side = round(count**0.5)
@@ -130,11 +149,15 @@ def _means(mi: Any, emitter: Any, turn: np.ndarray, texels: np.ndarray, count: i
         across = dr.safe_sqrt(1 - z * z)
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lane))
         si.wi = -(frame @ mi.Vector3f(across * dr.cos(azimuth), across * dr.sin(azimuth), z))
-        value = mi.Color3f(emitter.eval(si))
+        value = mi.Color3f(emitter.eval(si)) + dr.zeros(mi.Color3f, dr.width(lane))
         dr.eval(value)
         values[begin : begin + step] = np.array(dr.block_sum(value, count)).T / count
     return values
 
 
 def _rgb(value: Any) -> Float[np.ndarray, "3"]:
-    return np.broadcast_to(np.array(value, float).ravel(), 3) if np.size(value) == 1 else np.array(value, float).ravel()[:3]
+    return (
+        np.broadcast_to(np.array(value, float).ravel(), 3)
+        if np.size(value) == 1
+        else np.array(value, float).ravel()[:3]
+    )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from hardware.errors import StudioError
 from hardware.virtual.studio.interior import glow
@@ -45,7 +45,7 @@ def sweep(world_from_cam: Float[np.ndarray, "n 3 4"], body: Float[np.ndarray, "p
     there = there.reshape(-1, 3)
     reach = np.linalg.norm(there, axis=1)
     directions = _even(DIRECTIONS)
-    near = cKDTree(directions).query_ball_point(
+    near = KDTree(directions).query_ball_point(
         there / np.maximum(reach, 1e-12)[:, None], 2 * np.sin(np.radians(SPREAD_DEG) / 2)
     )
     farthest = np.zeros(DIRECTIONS)
@@ -121,7 +121,9 @@ def _outdoors(free: Float[np.ndarray, "c d"]) -> Bool[np.ndarray, " c"]:
     return ~np.isfinite(free).any(1) | (np.isinf(free).mean(1) > OUTDOORS)
 
 
-def _free(room: glow.Room, places: Float[np.ndarray, "c 3"], directions: Float[np.ndarray, "d 3"]) -> np.ndarray:
+def _free(
+    room: glow.Room, places: Float[np.ndarray, "c 3"], directions: Float[np.ndarray, "d 3"]
+) -> np.ndarray:
     """Distance of the nearest surface in each direction [c d]; inf: none."""
     origins = np.repeat(places, len(directions), 0)
     return _distances(room, origins, np.tile(directions, (len(places), 1))).reshape(len(places), -1)

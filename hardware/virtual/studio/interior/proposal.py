@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from scipy.cluster.vq import kmeans2
+from scipy.ndimage import uniform_filter
 
 from hardware.virtual.studio.glow import Seen
 from hardware.virtual.studio.interior import glow
@@ -19,13 +20,13 @@ from hardware.virtual.studio.interior.table import Table
 from hardware.virtual.studio.samples import Effort
 
 PLACES = 6
-FINE, BLOCK = (64, 128), 4
+FINE, BLOCK = (128, 256), 8
 NORMALS = 12  # a side of the octahedral map of normals
 ACROSS = 0.1  # added to cosines: normals lie about their cell's middle
 BEYOND = -0.35  # cosine to a cell's normal below which none of its normals faces a direction
 FAINT = 0.03  # of the mean: what texels that looked dark are taken for
 LOOKS = 4  # rays a texel
-LAMPS_SHARE = 0.25  # of the tries
+LAMPS_SHARE = 0.06  # of the tries
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +46,7 @@ class Proposal:
     def __init__(self, room: glow.Room, points: Float[np.ndarray, "n 3"], seed: int = 0):
         """`points` lie on the object, in the camera's frame."""
         self.room, self.mi = room, room.mi
-        places, _ = kmeans2(points, min(PLACES, len(points)), seed=seed, minit="++")
+        places, _ = kmeans2(points, min(PLACES, len(points)), rng=np.random.default_rng(seed), minit="++")
         self.places = places[np.isfinite(places).all(1)]
         self.normals = _octahedral_middles()
         self.lamps_share = LAMPS_SHARE if room.lamps else 0.0
@@ -53,7 +54,7 @@ class Proposal:
 
     def effort(self, count: int) -> Effort:
         """How `count` samples a pixel are shared."""
-        return Effort(max(4, count // 4), max(4, count // 2), (count,))
+        return Effort(max(4, count // 4), max(4, count // 4), (count,))
 
     def view(self, world_from_cam: Float[np.ndarray, "4 4"]) -> None:
         """Look around from the object where it stands in this view."""
@@ -106,7 +107,6 @@ class Proposal:
     def arriving(self, point: Any, normal: Any, aim: Aim, active: Any) -> tuple[Any, Any, Any]:
         """Whether what was aimed at is met, the radiance that is, and the density of aiming there."""
         mi = self.mi
-        import drjit as dr
 
         met = self.room.meet(mi.Ray3f(mi.Point3f(point), aim.direction), active)
         density = self._density(point, normal, aim.direction) + self.lamps_share * met.density
@@ -143,7 +143,9 @@ class Proposal:
         return (place * NORMALS + row) * NORMALS + column, place
 
     def _looked(self, place: np.ndarray) -> Float[np.ndarray, "h w"]:
-        """Root mean square of the radiance in every texel, never quite dark."""
+        """Root mean square of the radiance in and around every texel, never quite dark: a few centimetres beside the place,
+        edges lie elsewhere, and what is bright there must not be thought dark.
+        """
         mi = self.mi
         import drjit as dr
 
@@ -155,7 +157,8 @@ class Proposal:
         dr.make_opaque(at)
         value = dr.mean(self.room.meet(mi.Ray3f(at, direction)).radiance)
         dr.eval(value)
-        level = np.sqrt(np.square(np.array(value, float)).reshape(*FINE, LOOKS).mean(-1))
+        power = np.square(np.array(value, float)).reshape(*FINE, LOOKS).mean(-1)
+        level = np.sqrt(uniform_filter(power, 3, mode=("nearest", "wrap")))  # type: ignore[arg-type]
         return level + FAINT * level.mean()
 
 
@@ -172,6 +175,9 @@ def _octahedral_middles() -> Float[np.ndarray, "n 3"]:
     middle = (np.arange(NORMALS) + 0.5) / NORMALS * 2 - 1
     y, x = np.meshgrid(middle, middle, indexing="ij")
     z = 1 - np.abs(x) - np.abs(y)
-    folded = np.where(z < 0, (1 - np.abs(y)) * np.sign(x), x), np.where(z < 0, (1 - np.abs(x)) * np.sign(y), y)
+    folded = (
+        np.where(z < 0, (1 - np.abs(y)) * np.sign(x), x),
+        np.where(z < 0, (1 - np.abs(x)) * np.sign(y), y),
+    )
     normals = np.stack([folded[0].ravel(), folded[1].ravel(), z.ravel()], 1)
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -203,7 +203,9 @@ def _check(room: Interior, path: Path) -> None:
         )
     glowing = np.array([look.emission.max() > 0 for look in room.looks])
     if not glowing[room.look].any() and not room.outside.max() > 0:
-        raise StudioError(f"{path}: the scene has no emitter that gives light; add a lamp, a sky or an envmap")
+        raise StudioError(
+            f"{path}: the scene has no emitter that gives light; add a lamp, a sky or an envmap"
+        )
 
 
 def _keyed(room: Interior) -> Interior:

@@ -34,7 +34,9 @@ class Table:
     def chance(self, table: Any, row: Any, column: Any, active: Any = True) -> Any:
         import drjit as dr
 
-        return dr.gather(self.mi.Float, self.chances, (table * self.rows + row) * self.columns + column, active)
+        return dr.gather(
+            self.mi.Float, self.chances, (table * self.rows + row) * self.columns + column, active
+        )
 
     def _find(self, sums: Any, begin: Any, count: int, u: Any, active: Any) -> tuple[Any, Any]:
         """First entry whose running sum exceeds `u`, and how far into it `u` reaches."""

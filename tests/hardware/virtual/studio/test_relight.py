@@ -122,7 +122,7 @@ def test_aimed_rays_meet_their_lamp_with_the_stated_density(mi):
         dr.eval(u)
         aim = lights.aim(mi.UInt32(lamp), point, u)
         seen = lights.look(mi.Ray3f(point, aim.direction))
-        clear = np.array(lights.clear(point, aim, True))
+        clear = np.array(lights.arriving(point, None, aim, True)[0])
         mine = np.array(seen.is_lamp) & (np.array(seen.lamp) == lamp)
         assert (clear == mine).mean() > 0.995
         both = clear & mine
@@ -138,7 +138,7 @@ def test_shared_paths_have_the_mean_of_plain_ones(mi, roughness, metal):
     body = cup(roughness, metal)
     mask = truth.maps(body, 24, 18)["mask"]
     plain = render.Foreground(room, atlas, body, mask, "cpu")
-    lit = relight.Relighter(room, atlas, body, mask, "cpu")
+    lit = relight.Relighter(glow.Glow(mi, room, atlas), body, mask)
     effort = samples.Effort(64, 32, (16, 16, 32))
     fast = np.stack([lit.look(POSES, effort, seed, lambda _: None) for seed in range(8)]).mean(-1)
     slow = np.stack([[plain.look(p, 1024, 100 * s + i) for i, p in enumerate(POSES)] for s in range(8)]).mean(
@@ -160,7 +160,7 @@ def test_noise_falls_faster_than_that_of_independent_samples(mi):
     room, atlas = nook()
     body = cup(0.5)
     mask = truth.maps(body, 16, 12)["mask"]
-    lit = relight.Relighter(room, atlas, body, mask, "cpu")
+    lit = relight.Relighter(glow.Glow(mi, room, atlas), body, mask)
 
     def noise(n: int) -> float:
         effort = samples.Effort(n, n, (n, n, n))
@@ -194,7 +194,7 @@ def test_the_stated_noise_is_that_of_independent_pictures(mi):
     room, atlas = nook()
     body = cup(0.5)
     mask = truth.maps(body, 24, 18)["mask"]
-    lit = relight.Relighter(room, atlas, body, mask, "cpu")
+    lit = relight.Relighter(glow.Glow(mi, room, atlas), body, mask)
     effort = samples.Effort(16, 16, (16, 16, 16))
     stated = np.sqrt(np.square([lit.noise(POSES, effort, 2 * s, lambda _: None) for s in range(6)]).mean(0))
     pictures = np.stack([lit.look(POSES, effort, 100 + s, lambda _: None).mean(-1) for s in range(12)])
@@ -206,7 +206,7 @@ def test_some_of_the_pixels_are_as_bright_as_among_all(mi):
     room, atlas = nook()
     body = cup(0.5)
     mask = truth.maps(body, 24, 18)["mask"]
-    lit = relight.Relighter(room, atlas, body, mask, "cpu")
+    lit = relight.Relighter(glow.Glow(mi, room, atlas), body, mask)
     effort = samples.Effort(256, 256, (64, 64, 64))
     some = np.arange(mask.sum())[::3]
     whole, part = lit.look(POSES, effort, 3, lambda _: None), lit.look(POSES, effort, 4, lambda _: None, some)
