@@ -243,7 +243,9 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             "--objects", type=_names, nargs="+", action=_Together, metavar="OBJECT",
             help="names, or meshes: OBJ, PLY, GLB",
         )  # fmt: skip
-        order.add_argument("--material", metavar="KIND", help="of meshes, as simulate has it; paint if left out")
+        order.add_argument(
+            "--material", metavar="KIND", help="of meshes, as simulate has it; paint if left out"
+        )
         order.add_argument(
             "--sets",
             type=Path,

@@ -18,6 +18,7 @@ from app.bench.sizes import SIZES
 from app.bench.stored import evenly, fewer_gaussians, fewer_pixels, fewer_views, unlit_by_lamps
 from app.cli import main
 from engine.errors import Cancelled
+from hardware.virtual.studio.interior import read
 from tests.app.bench.synthetic import GAUSSIANS, LAMPS, VIEWS, a_set, method, stored
 from tests.app.calls import refused
 from tests.engine.ball import ball
@@ -354,6 +355,72 @@ def test_a_table_of_parts_is_that_of_one_call(
     assert main(["bench", "table", "--from", *files]) == 0
     assert "NOT of one engine" in capsys.readouterr().out
     assert "are theirs" in refused(capsys, "bench", "table", "--from", *files, "--json", tmp_path / "x.json")
+
+
+def test_a_record_from_before_there_were_bounds_is_still_a_table(
+    tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
+):
+    words = ["bench", "table", "--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    assert main([*words, "--json", str(tmp_path / "m.json")]) == 0
+    now = capsys.readouterr().out
+    record = json.loads((tmp_path / "m.json").read_text())
+    for row in [row for held in record["rows"].values() for row in held]:
+        for key in ("thing", "bound", "to_bound", "depth_within", "depth_between"):
+            del row[key]
+    (tmp_path / "m.json").write_text(json.dumps(record))
+    assert main(["bench", "table", "--from", str(tmp_path / "m.json")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert next(line for line in now.splitlines() if line.startswith("| blob ")) in lines
+
+
+def test_a_suite_takes_files_in_the_form_of_the_papers_table(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    asked = []
+
+    def ready(folder, room, thing, size, views, seed, device, count):
+        asked.append((room.asked, thing.asked, size, views))
+        return a_set(room.name, thing.name)
+
+    monkeypatch.setattr(sets, "ready", ready)
+    monkeypatch.setattr(read, "read", lambda path: SimpleNamespace(name=path.parent.name, key=str(path)))
+    mesh = tmp_path / "bust.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    rooms = ["attic/scene.xml", "cellar-bar/scene.xml"]
+    to = ["--sets", str(tmp_path / "sets"), "--device", "cpu", "--json", str(tmp_path / "m.json")]
+    assert (
+        main(
+            [
+                "bench",
+                "table",
+                "--suite",
+                "paper",
+                "--rooms",
+                *rooms,
+                "--objects",
+                str(mesh),
+                "blob,sphere",
+                *to,
+            ]
+        )
+        == 0
+    )
+    said = capsys.readouterr().out
+    assert [line.split("|")[1].strip() for line in said.splitlines() if line.startswith("|")][2:6] == [
+        "bust", "blob", "sphere", "average",
+    ]  # fmt: skip
+    assert "cellar-bar-bust" in said
+    assert "150 views of 512 x 512 hand-held, linear images), true poses and masks given" in said
+    assert [(room, Path(thing).name) for room, thing, *_ in asked] == [
+        (room, thing) for room in rooms for thing in ("bust.obj", "blob", "sphere")
+    ]
+    assert {(size.files, size.width, size.height, views) for *_, size, views in asked} == {
+        ("linear", 512, 512, 150)
+    }
+    assert main(["bench", "table", "--from", str(tmp_path / "m.json")]) == 0
+    assert "| cellar-bar-bust " in capsys.readouterr().out
+    small = SIZES["paper-small"]
+    assert (small.files, small.views, small.width, small.height) == ("raw", 96, 512, 384)
 
 
 def test_only_the_methods_asked_for_are_measured(
