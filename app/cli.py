@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from app import commands, cores
 from engine.errors import Cancelled, RoomlightError
@@ -295,7 +296,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
 class _Together(argparse.Action):
     """The tuples of several words as one."""
 
-    def __call__(self, parser, namespace, values, option_string=None) -> None:
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
         setattr(namespace, self.dest, tuple(name for names in values for name in names))
 
 

@@ -152,7 +152,7 @@ def known_of(
         session_per_studio(report.scale) if raw else 1.0, 1, progress,
     )  # fmt: skip
     who = subject(frames, mask, camera, np.arange(len(frames.names)), params)
-    who = replace(who, material=_material(built.body, *mask.shape[::-1], mask))
+    who = replace(who, material=_material(built.body, mask))
     # Images that no camera took hold no noise but the path tracer's; a floor keeps black from being certain.
     noise = frames.noise if raw else (0.0, 1e-6 * float(frames.radiance[:, mask].mean()))
     return Known(who, light, truth, Scatter(*noise, shoot.NOISE))
@@ -168,10 +168,9 @@ def session_per_studio(exposure: float) -> float:
     return camera.electrons_per_radiance_s() * shutter_s / camera.full_electrons
 
 
-def _material(
-    body: Body, width: int, height: int, mask: Bool[np.ndarray, "h w"]
-) -> Float[np.ndarray, "p 2"] | None:
+def _material(body: Body, mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "p 2"] | None:
     """As `engine.surface.brdf` has it."""
+    height, width = mask.shape
     if body.metalness is None:
         return None if body.specular == PAINT[0] else np.tile([body.specular, 0.0], (int(mask.sum()), 1))
     metal = studio_truth.maps(replace(body, roughness=body.metalness), width, height)["roughness"][mask]

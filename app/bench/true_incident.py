@@ -22,7 +22,7 @@ from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.glow import Glow
 from hardware.virtual.studio.interior.around import Around
-from hardware.virtual.studio.surroundings import BuiltIn
+from hardware.virtual.studio.surroundings import Surroundings
 
 SIDE = 64  # pixels along a cube's edge: 1.4 degrees, of four rays each
 FINER = 2  # strata along each edge of a pixel
@@ -33,7 +33,7 @@ Look = Callable[[Any], np.ndarray]
 
 
 def incident_of(
-    around: BuiltIn | Around,
+    around: Surroundings,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     lattice: Lattice,
     directions: int,
@@ -54,12 +54,13 @@ def incident_of(
             return np.array(room.meet(ray).radiance).T
 
     else:
-        mi = tracer.load(around.device)
+        own: Any = around  # `surroundings.BuiltIn`
+        mi = tracer.load(own.device)
         if not tracer.is_vectorised(mi):
             raise StudioError(
                 "Mitsuba finds no libLLVM here and would follow one ray at a time; install it (Debian: libllvm19)"
             )
-        glow = built = Glow(mi, around.room, around.atlas)
+        glow = built = Glow(mi, own.room, own.atlas)
 
         def look(ray: Any) -> np.ndarray:
             met = built.look(ray)

@@ -52,6 +52,8 @@ def made(cheap: None, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str
                 "hdr",
                 run.Watcher(),
             )
+            assert truth.cam_from_world is not None
+            assert truth.camera is not None
             frames = run.loader(results.steps_of(session))("hdr", "frames", Frames)
             everywhere = np.ones(len(truth.cam_from_world), bool)
             poses = Poses(
