@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from app import commands, cores
 from engine.errors import Cancelled, RoomlightError
@@ -226,15 +227,26 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         size = order.add_mutually_exclusive_group()
         size.add_argument("--quick", action="store_true", help="tiny sets: tries the machinery in minutes")
         size.add_argument("--size", choices=("small", "standard"), default="standard", help="of the sets")
+        size.add_argument(
+            "--suite", choices=("paper", "paper-small"),
+            help="the paper's protocol: 150 HDR images of 512 x 512; or its twin, 96 brackets of RAW files of 512 x 384",
+        )  # fmt: skip
         if name != "views":
             order.add_argument(
                 "--poses", choices=("given", "estimated"),
                 help="the truth's poses and mask, or those found from the RAW files; as the size has it if left out",
             )  # fmt: skip
         order.add_argument(
-            "--rooms", type=_names, metavar="ROOM,ROOM", help="as the size has them if left out"
+            "--rooms", type=_names, nargs="+", action=_Together, metavar="ROOM",
+            help="names, or Mitsuba 3 scene files; as the size has them if left out",
+        )  # fmt: skip
+        order.add_argument(
+            "--objects", type=_names, nargs="+", action=_Together, metavar="OBJECT",
+            help="names, or meshes: OBJ, PLY, GLB",
+        )  # fmt: skip
+        order.add_argument(
+            "--material", metavar="KIND", help="of meshes, as simulate has it; paint if left out"
         )
-        order.add_argument("--objects", type=_names, metavar="OBJECT,OBJECT")
         order.add_argument(
             "--sets",
             type=Path,
@@ -281,7 +293,17 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
 
 
+class _Together(argparse.Action):
+    """The tuples of several words as one."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        setattr(namespace, self.dest, tuple(name for names in values for name in names))
+
+
 def _names(text: str) -> tuple[str, ...]:
+    """Names with commas between; or one file's, whatever it is called."""
+    if Path(text).is_file():
+        return (text,)
     names = tuple(word.strip() for word in text.split(","))
     if not all(names) or len(set(names)) < len(names):
         raise argparse.ArgumentTypeError(f"{text!r}: give different names with commas, as in study,lamps")

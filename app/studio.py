@@ -8,9 +8,12 @@ import datetime
 import os
 import shutil
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import OpenEXR
 
 from engine import session as sessions
 from engine.errors import SessionError
@@ -23,8 +26,13 @@ START = datetime.datetime(2024, 6, 1, 10, 0, 0)
 BETWEEN_VIEWS_S = 10.0
 
 
-def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> tuple[str, ...]:
+def simulate(
+    out: Path, order: Order, vignetting: float, progress: Progress, files: str = "raw"
+) -> tuple[str, ...]:
     """Write OUT/session and OUT/truth; both appear by renames when everything is done. What was simplified, in words.
+
+    Args:
+        files: "raw": brackets by a camera; or "linear": the radiance itself, one EXR of floats a view, by no camera.
 
     Raises:
         StudioError: what was ordered cannot be built, or no lens loses such a share of light.
@@ -38,7 +46,7 @@ def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> 
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
     try:
-        notes = _photograph(partial, order, sensor.Sensor(vignetting=vignetting), progress)
+        notes = _photograph(partial, order, sensor.Sensor(vignetting=vignetting), files, progress)
         with sessions.told(out):
             (partial / "truth").rename(out / "truth")
             (partial / "session").rename(out / "session")
@@ -47,37 +55,67 @@ def simulate(out: Path, order: Order, vignetting: float, progress: Progress) -> 
     return notes
 
 
-def _photograph(partial: Path, order: Order, camera: sensor.Sensor, progress: Progress) -> tuple[str, ...]:
-    """Fill `partial` with a session of RAW brackets and the truth beside it."""
+def _photograph(
+    partial: Path, order: Order, camera: sensor.Sensor, kind: str, progress: Progress
+) -> tuple[str, ...]:
+    """Fill `partial` with a session and the truth beside it."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roomlight" / "studio"
     built = virtual.build(order, cache, progress.part(0, 0.4).step)
     pictures = list(built.shoot(progress.part(0.4, 0.85).step))
-    shutter_s = sensor.meter(np.stack([view.radiance for view in pictures]), camera)
     geometry = built.journey.geometry
     rig = {"kind": order.motion, "geometry": geometry} if geometry is not None else None
-    facts = {"make": dng.MAKE, "model": dng.MODEL, "width": order.width, "height": order.height}
-    session = sessions.create(partial / "session", "raw", facts, rig)
-    rng = np.random.default_rng(order.seed)
+    model = {"make": dng.MAKE, "model": dng.MODEL} if kind == "raw" else {"model": None}
+    session = sessions.create(
+        partial / "session", kind, {**model, "width": order.width, "height": order.height}, rig
+    )
+    write = _brackets(pictures, camera, order.seed) if kind == "raw" else _as_it_is
     with tempfile.TemporaryDirectory(dir=partial) as scratch:
         for view in pictures:
-            start = START + datetime.timedelta(seconds=BETWEEN_VIEWS_S * view.index)
-            files, exposures = [], []
-            for k, photograph in enumerate(sensor.bracket(view.radiance, shutter_s, camera, start, rng)):
-                path = Path(scratch) / f"view{view.index:04d}_e{k}.dng"
-                dng.write(path, photograph)
-                files.append(path)
-                exposures.append(
-                    {
-                        "source": path.name,
-                        "shutter_s": photograph.shutter_s,
-                        "iso": photograph.iso,
-                        "aperture": photograph.aperture,
-                        "time": photograph.time.isoformat(),
-                    }
-                )
-            sessions.add_shot(session, f"view{view.index:04d}", files, exposures, view.rig)
+            files, facts = write(view, Path(scratch))
+            sessions.add_shot(session, f"view{view.index:04d}", files, facts, view.rig)
             for path in files:
                 path.unlink()
-            progress.step(0.85 + 0.05 * view.index / order.views, "writing RAW files")
+            progress.step(0.85 + 0.05 * view.index / order.views, "writing photographs")
     built.truth(progress.part(0.9, 1.0).step).save(partial / "truth")
     return built.notes
+
+
+Written = tuple[list[Path], list[dict[str, Any]]]
+"""One view's files, and what is known of how each was exposed."""
+
+
+def _brackets(
+    pictures: Sequence[virtual.View], camera: sensor.Sensor, seed: int
+) -> Callable[[virtual.View, Path], Written]:
+    """Writes a view into a folder as RAW files, metered over all; views in their order, or noise is another."""
+    shutter_s = sensor.meter(np.stack([view.radiance for view in pictures]), camera)
+    rng = np.random.default_rng(seed)
+
+    def write(view: virtual.View, folder: Path) -> Written:
+        start = START + datetime.timedelta(seconds=BETWEEN_VIEWS_S * view.index)
+        files, facts = [], []
+        for k, photograph in enumerate(sensor.bracket(view.radiance, shutter_s, camera, start, rng)):
+            path = folder / f"view{view.index:04d}_e{k}.dng"
+            dng.write(path, photograph)
+            files.append(path)
+            facts.append(
+                {
+                    "source": path.name,
+                    "shutter_s": photograph.shutter_s,
+                    "iso": photograph.iso,
+                    "aperture": photograph.aperture,
+                    "time": photograph.time.isoformat(),
+                }
+            )
+        return files, facts
+
+    return write
+
+
+def _as_it_is(view: virtual.View, folder: Path) -> Written:
+    """Write a view's radiance as one file of floats."""
+    path = folder / f"view{view.index:04d}.exr"
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(view.radiance, np.float32)}) as file:
+        file.write(str(path))
+    return [path], [{"source": path.name}]

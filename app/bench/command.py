@@ -14,7 +14,6 @@ from app.bench import (
     ablation_chart,
     beside,
     chart,
-    elsewhere,
     estimated,
     gate,
     parts,
@@ -23,99 +22,14 @@ from app.bench import (
     scaling,
     scaling_chart,
     scores,
-    sets,
     tables,
 )
+from app.bench.call import FEW, WHOLE, Call, Groups, grouped
 from app.bench.estimated import Estimated
-from app.bench.measured import Bench, Row
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
-from app.bench.sets import Set
 from app.bench.sizes import SIZES, Size
-from engine.pipeline.run import choose_device
 from engine.session import nearest_existing
-
-WHOLE, FEW = "whole objects", "the reference's pixels"
-"""Groups of rows: of each, a set's rows are compared over the pixels that all of them answered."""
-TILE = 16  # pixels: the reference is given them in tiles
-
-Groups = dict[str, list[Scored]]
-
-
-class Call:
-    """What one call of the command measures on; sets are made as they are asked for."""
-
-    def __init__(self, args: Namespace):
-        self.args = args
-        size = SIZES["quick" if args.quick else args.size]
-        poses = getattr(args, "poses", None)
-        size = size if poses is None else replace(size, given=poses == "given")
-        self.size: Size = size.thinned() if args.what == "views" else size
-        # One set says as much about a switch or a chart as nine, in a ninth of the time.
-        many = args.what == "table"
-        self.rooms = args.rooms or (self.size.rooms if many else self.size.rooms[:1])
-        self.objects = args.objects or (self.size.objects if many else self.size.objects[:1])
-        self.folder = args.sets or sets.default_folder()
-        sets.check_names(self.rooms, self.objects)
-        if args.seed < 0:
-            raise BenchError(f"--seed {args.seed}: give a whole number from 0 on")
-        least = getattr(args, "reference_pixels", None)
-        if least is not None and (least <= 0 or least % TILE):
-            raise BenchError(
-                f"--reference-pixels {least}: give a multiple of {TILE}: they are solved in tiles of {TILE}"
-            )
-        if self.folder.exists() and not self.folder.is_dir():
-            raise BenchError(f"{self.folder}: is no folder; name another with --sets")
-        self.maps = [elsewhere.named(said, args.maps_frame) for said in getattr(args, "maps", ())]
-        for maps in self.maps:  # before hours of work
-            for room in self.rooms:
-                for thing in self.objects:
-                    maps.files(f"{room}-{thing}")
-        self.device = choose_device(args.device)
-        self.bench = Bench(self.folder, self.device, args.seed, args.fresh)
-        self.behind = False  # of the reference, where that was looked at
-        self.rows: Groups = {}  # of the table, for the record
-        self.estimated: list[Estimated] = []  # likewise, where mask and poses are estimated
-
-    def sets(self, count: int | None = None) -> list[Set]:
-        """Every room and object, of all the size's photographs or `count` of them."""
-        size, seed = self.size, self.args.seed
-        return [
-            sets.ready(self.folder, room, thing, size, size.views, seed, self.device, count)
-            for room in self.rooms
-            for thing in self.objects
-        ]
-
-    def least(self, usual: int) -> int:
-        """Pixels at least that the reference solves."""
-        return getattr(self.args, "reference_pixels", None) or usual
-
-    def chosen(self, methods: Sequence[rows.Method]) -> tuple[rows.Method, ...]:
-        """What --methods leaves of them.
-
-        Raises:
-            BenchError: it names what is none.
-        """
-        return rows.chosen(methods, self.args.methods)
-
-    def measured(self, methods: Sequence[rows.Method], on: Set) -> list[Row]:
-        """The maps computed elsewhere and every method on a set."""
-        return self.bench.rows(on, [*(maps.row(on.name) for maps in self.maps), *methods])
-
-    def groups(self, methods: Sequence[rows.Method], on: Sequence[Set]) -> Groups:
-        return _grouped([self.measured(methods, each) for each in on])
-
-
-def _grouped(answered: Sequence[Sequence[Row]]) -> Groups:
-    """All but the reference over whole objects; the reference and ours beside it over the few pixels that it solves."""
-    found: Groups = {WHOLE: [], FEW: []}
-    for of_set in answered:
-        slow = [row for row in of_set if row.method.kind == "reference"]
-        whole = [row for row in of_set if row.method.kind != "reference"]
-        found[WHOLE] += scores.score(whole) if whole else []
-        ours = [row for row in whole if row.method.key in rows.BESIDE]
-        found[FEW] += scores.score([*ours, *slow]) if slow else []
-    return {group: held for group, held in found.items() if held}
 
 
 def run(args: Namespace) -> int:
@@ -189,8 +103,8 @@ def views(call: Call) -> list[Metric]:
     metrics: list[Metric] = []
     for group in dict.fromkeys(group for held in counted.values() for group in held):
         here = [(count, one) for count, held in counted.items() for one in held[group]]
-        print(f"over {group}\n\n{tables.by_views(here)}\n")
-        print(tables.notes([replace(one, set=f"{count} {one.set}") for count, one in here]) + "\n")
+        apart = [replace(one, set=f"{count} {one.set}") for count, one in here]
+        print(f"over {group}\n\n{tables.by_views(here)}\n\n{tables.by_set(apart)}\n\n{tables.notes(apart)}\n")
         named = [replace(one, set=f"{count}-views/{one.set}") for count, one in here]
         metrics += scores.as_metrics(named, few=group == FEW)
     return metrics
@@ -218,12 +132,11 @@ def draw(call: Call) -> list[Metric]:
     answered = [call.measured(methods, each) for each in call.sets()]
     scored = [one for of_set in answered for one in scores.score(of_set)]
     points = scores.means(scored)
-    print(tables.by_switch(scored))
-    print("\n" + tables.notes(scored) + "\n")
+    print(f"{tables.by_switch(scored)}\n\n{tables.by_set(scored)}\n\n{tables.notes(scored)}\n")
     _compare(call, {FEW: scored})
     for path in chart.write(points, call.args.out, _caption(call, scored)):
         print(path)
-    return _metrics(_grouped(answered))
+    return _metrics(grouped(answered))
 
 
 def scale(call: Call) -> list[Metric]:
@@ -293,7 +206,9 @@ def _print_table(found: Groups, before: Sequence[Estimated]) -> None:
 
 def _print_switches(found: Groups) -> None:
     for group, scored in found.items():
-        print(f"over {group}\n\n{tables.by_switch(scored)}\n\n{tables.notes(scored)}\n")
+        print(
+            f"over {group}\n\n{tables.by_switch(scored)}\n\n{tables.by_set(scored)}\n\n{tables.notes(scored)}\n"
+        )
 
 
 def _metrics(

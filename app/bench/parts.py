@@ -16,8 +16,8 @@ from app.bench.scores import Scored, by_method
 
 ALIKE = ("command", "size", "inputs", "seed")
 """What records must have in common to be of one table."""
-UNSURE = ("seconds", "rendered", "in_band")
-"""What of a row may be unknown."""
+UNSURE = ("seconds", "rendered", "in_band", "bound", "to_bound", "depth_within", "depth_between")
+"""What of a row may be unknown; older records do not name all of it."""
 
 
 def row(one: Scored) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def _scored(entry: Mapping[str, Any], path: Path) -> Scored:
     try:
         values = {key: _number(value) for key, value in entry["values"].items()}
         changed = {
-            "values": values, "runs": tuple(entry["runs"]), **{name: _number(entry[name]) for name in UNSURE},
+            "values": values, "runs": tuple(entry["runs"]), **{name: _number(entry.get(name)) for name in UNSURE},
         }  # fmt: skip
         return Scored(**{**entry, **changed})
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.bench import depth
 from app.bench.gate import RATIO
 from app.bench.measured import Row
 from app.bench.record import BenchError, Metric
@@ -61,6 +62,11 @@ class Scored:
     runs: tuple[str, ...]  # that measured the seconds, set by set
     rendered: float = math.nan  # median relative error of views kept out, rendered again
     in_band: float = math.nan  # share of normals within their stated 95 %; NaN: none is stated
+    thing: str = ""  # the object; rows of older records do not say it
+    bound: float = math.nan  # least mean error of normals that the photographs allow, degrees; NaN: not known
+    to_bound: float = math.nan  # error of normals over it
+    depth_within: float = math.nan  # of the parts of the true depth (`depth`), pixel widths
+    depth_between: float = math.nan
 
 
 def score(rows: Sequence[Row]) -> list[Scored]:
@@ -74,18 +80,24 @@ def score(rows: Sequence[Row]) -> list[Scored]:
         raise BenchError(
             f"{rows[0].set.name}: no pixel of the truth was answered by every row; nothing to compare"
         )
+    on = rows[0].set
+    bound = math.nan if on.bound is None else on.bound.over(common)
+    camera, truth = on.stored.poses.camera, on.truth
+    part = depth.parts_of(truth.depth, truth.normal, truth.mask, camera)
     scored = []
     for row in rows:
         found = metrics.evaluate(_masked(row.surface, common), row.set.truth)
         albedo = found.albedo_psnr_matched_db if row.method.matched else found.albedo_psnr_db
         error = row.surface.stderr_normal[common]
         stated = bool(((error > 0) & (error < ANY)).any())
+        deep = depth.depth_error(row.surface.depth, truth.depth, part, common, camera)
         values = {"normal": found.normal_mean_deg, "albedo": albedo, "roughness": found.roughness_mae}
         scored.append(
             Scored(
                 row.set.name, row.method.key, row.method.title, row.method.kind, values, row.seconds,
                 row.extrapolated, int(common.sum()), (row.run,), row.rendered,
-                found.normal_in_band if stated else math.nan,
+                found.normal_in_band if stated else math.nan, on.thing, bound, found.normal_mean_deg / bound,
+                deep.within, deep.between,
             )
         )  # fmt: skip
     return scored
@@ -104,7 +116,17 @@ def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
         runs=tuple(run for s in scored for run in s.runs),
         rendered=statistics.fmean(s.rendered for s in scored),
         in_band=statistics.fmean(s.in_band for s in scored),
+        bound=statistics.fmean(s.bound for s in scored),
+        to_bound=statistics.fmean(s.to_bound for s in scored),
+        depth_within=statistics.fmean(s.depth_within for s in scored),
+        depth_between=_known_mean([s.depth_between for s in scored]),
     )
+
+
+def _known_mean(values: Sequence[float]) -> float:
+    """Over those that have one: an object of one part has no error between parts."""
+    known = [value for value in values if not math.isnan(value)]
+    return statistics.fmean(known) if known else math.nan
 
 
 def by_method(scored: Iterable[Scored]) -> dict[str, list[Scored]]:
@@ -133,8 +155,8 @@ def object_means(scored: Sequence[Scored]) -> list[Scored]:
 
 
 def thing(one: Scored) -> str:
-    """The object of a set ROOM-OBJECT."""
-    return one.set.partition("-")[2]
+    """The object of a set ROOM-OBJECT; older records know rooms without a hyphen alone."""
+    return one.thing or one.set.partition("-")[2]
 
 
 def _of(scored: Sequence[Scored], name: str) -> dict[str, list[Scored]]:
@@ -168,6 +190,12 @@ def as_metrics(scored: Sequence[Scored], few: bool = False) -> list[Metric]:
             )
         if not math.isnan(one.in_band):
             found.append(Metric(f"{at}/in_band", one.in_band, "share of pixels, ideally 0.95", "higher"))
+        for name, value, unit in (
+            ("bound", one.bound, "deg"), ("normal_to_bound", one.to_bound, "bounds"),
+            ("depth_within", one.depth_within, "pixel widths"), ("depth_between", one.depth_between, "pixel widths"),
+        ):  # fmt: skip
+            if not math.isnan(value):
+                found.append(Metric(f"{at}/{name}", value, unit, "lower"))
         found.append(Metric(f"{at}/seconds", one.seconds, "s", "lower", None, one.extrapolated))
         beside = usual.get(one.set)
         share = ratio(one, beside) if beside is not None and beside is not one else None

@@ -1,22 +1,24 @@
 """Sets of photographs with a known truth: made by the studio on first use, kept in a folder, taken to their light.
 
-A set's folder is named by all that decides it. It appears by one rename: a making that was killed leaves nothing
+A set's folder is named by all that decides it (`choices`). It appears by one rename: a making that was killed leaves nothing
 that counts as a set, and the next one sweeps up what it left.
 """
 
 import os
 import shutil
+import sys
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
 from app import places, studio, terminal
+from app.bench.choices import Choice
 from app.bench.given import give_truth
-from app.bench.record import BenchError
+from app.bench.information import Bound
 from app.bench.sizes import Size
 from app.bench.stored import Stored, evenly, load
 from engine import session as sessions
@@ -25,16 +27,20 @@ from engine.pipeline.settings import Settings
 from engine.progress import Progress
 from engine.truth import Truth, read_truth
 
+if TYPE_CHECKING:
+    from hardware.virtual.studio.shoot import Order
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Set:
     """One room and object, processed up to its light."""
 
-    room: str
+    room: str  # as tables show it
     thing: str
     session: Path
     stored: Stored
     truth: Truth
+    bound: Bound | None = None  # the least error that its photographs allow; None: not known
 
     @property
     def name(self) -> str:
@@ -45,45 +51,48 @@ def default_folder() -> Path:
     return places.cache() / "bench"
 
 
-def key(room: str, thing: str, size: Size, views: int, seed: int) -> str:
-    """The folder's name: room, object, motion, views, pixels, seed, and the studio's version."""
+def key(room: Choice, thing: Choice, size: Size, views: int, seed: int) -> str:
+    """The folder's name: room, object, motion, views, pixels, seed, the studio's version, and files other than RAW."""
     from hardware.virtual.studio import shoot
 
-    return f"{room}-{thing}-{size.motion}-{views}x{size.width}x{size.height}-seed{seed}-studio{shoot.VERSION}"
+    pixels = f"{views}x{size.width}x{size.height}"
+    files = "" if size.files == "raw" else f"-{size.files}"
+    return f"{room.key}-{thing.key}-{size.motion}-{pixels}-seed{seed}-studio{shoot.VERSION}{files}"
 
 
-def check_names(rooms: tuple[str, ...], things: tuple[str, ...]) -> None:
-    """Refuse names that the studio does not know before any work begins.
+def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, device: str) -> "Order":
+    """What the studio is asked for."""
+    from hardware.virtual.studio.shoot import Order
 
-    Raises:
-        BenchError: saying which, and what there is.
-    """
-    from hardware.virtual.studio import objects
-    from hardware.virtual.studio import rooms as furnished
+    return Order(
+        room.asked,
+        thing.asked,
+        views,
+        size.width,
+        size.height,
+        size.motion,
+        seed,
+        device,
+        material=thing.material,
+    )
 
-    for what, names, known in (
-        ("room", rooms, furnished.ROOMS), ("object", things, objects.OBJECTS),
-    ):  # fmt: skip
-        for name in names:
-            if name not in known:
-                raise BenchError(f"there is no {what} called {name!r}; choose of {', '.join(known)}")
 
-
-def photographed(folder: Path, room: str, thing: str, size: Size, views: int, seed: int, device: str) -> Path:
+def photographed(
+    folder: Path, room: Choice, thing: Choice, size: Size, views: int, seed: int, device: str
+) -> Path:
     """The set's folder, with `session` and `truth`; made if it is not there."""
     place = folder / key(room, thing, size, views, seed)
     if place.is_dir():
         return place
-    from hardware.virtual.studio.shoot import Order
-
     with sessions.told(folder):
         folder.mkdir(parents=True, exist_ok=True)
         _sweep(folder, place.name)
     partial = folder / f".{place.name}.{os.getpid()}.making"
-    order = Order(room, thing, views, size.width, size.height, size.motion, seed, device)
+    order = order_of(room, thing, size, views, seed, device)
     try:
-        with job(f"making {room}-{thing}") as progress:
-            studio.simulate(partial, order, 0.0, progress)
+        with job(f"making {room.name}-{thing.name}") as progress:
+            notes = studio.simulate(partial, order, 0.0, progress, size.files)
+        print("\n".join(notes or ()), file=sys.stderr)
         with sessions.told(place):
             partial.rename(place)
     finally:
@@ -93,8 +102,8 @@ def photographed(folder: Path, room: str, thing: str, size: Size, views: int, se
 
 def ready(
     folder: Path,
-    room: str,
-    thing: str,
+    room: Choice,
+    thing: Choice,
     size: Size,
     views: int,
     seed: int,
@@ -113,8 +122,8 @@ def ready(
         if not session.exists():
             chosen = None if count is None else evenly(count, views)
             give_truth(place / "session", truth, session, chosen)
-    enlighten(session, f"{room}-{thing}", size.settings, seed, device)
-    return Set(room, thing, session, load(session), read_truth(truth))
+    enlighten(session, f"{room.name}-{thing.name}", size.settings, seed, device)
+    return Set(room.name, thing.name, session, load(session), read_truth(truth))
 
 
 def enlighten(

@@ -31,6 +31,7 @@ class Size:
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
     # How the studio carries camera and object: every way up, so that most of the room is seen even in few views.
     motion: str = "gimbal"
+    files: str = "raw"  # brackets of RAW files; or "linear": one float image a view, without a camera's noise
 
     @property
     def inputs(self) -> str:
@@ -39,7 +40,9 @@ class Size:
     def told(self) -> str:
         """For a table's head."""
         light = ", a light of few Gaussians" if self.settings else ""
-        views = f"{self.views} views of {self.width} x {self.height} on a {self.motion}"
+        held = "hand-held" if self.motion == "handheld" else f"on a {self.motion}"
+        views = f"{self.views} views of {self.width} x {self.height} {held}"
+        views += "" if self.files == "raw" else f", {self.files} images"
         return f"sets of size {self.name} ({views}), {self.inputs}{light}"
 
     def thinned(self) -> "Size":
@@ -62,4 +65,16 @@ SIZES = {
         "standard", 96, 512, 384, ROOMS, ("blob", "relief", "duo"), False, (10, 20, 40, 80, 150),
         (512, 1024, 2048, 4096), *PUBLISHED, 60_000_000, 0.1, 60_000,
     ),
+    "paper": Size(
+        "paper", 150, 512, 512, ROOMS, OBJECTS, True, (40, 80, 150), (512, 1024, 2048, 4096), *PUBLISHED,
+        60_000_000, 0.1, 60_000, motion="handheld", files="linear",
+    ),
+    "paper-small": Size(
+        "paper-small", 96, 512, 384, ROOMS, OBJECTS, True, (40, 80, 96), (512, 1024, 2048, 4096), *PUBLISHED,
+        60_000_000, 0.1, 60_000, motion="handheld",
+    ),
 }  # fmt: skip
+SUITES = ("paper", "paper-small")
+"""Of these, those that are protocols: the paper's own (its Sec. 4.1: 150 HDR images of 512 x 512 from poses every way, three
+rooms by six objects, poses and masks given), and its twin from RAW files that a day is enough for. Files take the
+places of our rooms and objects."""

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from app import cores
 from app.bench import sets
+from app.bench.choices import built_in
 from app.bench.markdown import markdown
 from app.bench.sizes import SIZES
 from app.bench.stored import Stored, fewer_views
@@ -229,7 +230,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         for case in CASES:
             if args.only in case.title:
                 size = replace(SIZE, motion=case.motion)
-                on = sets.ready(args.folder, case.room, case.thing or args.object, size, size.views, 0, "cpu")
+                on = sets.ready(
+                    args.folder,
+                    built_in(case.room),
+                    built_in(case.thing or args.object),
+                    size,
+                    size.views,
+                    0,
+                    "cpu",
+                )
                 rows.append(measured(case, on))
                 print(table(rows[-1:]).splitlines()[-1], file=sys.stderr)
     except (RoomlightError, StudioError) as fault:

@@ -25,6 +25,7 @@ import numpy as np
 
 from app import cores
 from app.bench import sets
+from app.bench.choices import built_in
 from app.bench.markdown import markdown
 from app.bench.rows import params_of
 from app.bench.sizes import SIZES
@@ -83,7 +84,7 @@ def measured(folder: Path, by: int, preset: str) -> Row:
     """The set enlarged and solved in this process."""
     cores.prepare()
     size = SIZES["small"]
-    on = sets.ready(folder, "study", "blob", size, size.views, 0, "cpu")
+    on = sets.ready(folder, built_in("study"), built_in("blob"), size, size.views, 0, "cpu")
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         given, truth = enlarged(on.stored, on.truth, by, Path(scratch))
         memory, clock = Memory(), Clock()

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from app.bench.bound import session_per_studio
 from engine.errors import TruthError
 from engine.geometry import align_similarity, fibonacci_sphere, inverse
 from engine.hdr import HdrReport
@@ -26,7 +27,6 @@ from engine.surface.near import near_of
 from engine.truth import read_truth
 from engine.types import Emitters, Gaussians, Lamps, Masks, Poses
 from hardware.errors import StudioError
-from hardware.virtual import sensor
 from hardware.virtual.studio import objects, rooms
 from tests.bench import incident
 
@@ -126,16 +126,6 @@ def names_of(folder: str) -> tuple[str, str]:
     if not (room and thing):
         raise StudioError(f"{folder}: a set's folder is called ROOM-OBJECT; rename it")
     return room, thing
-
-
-def session_per_studio(exposure: float) -> float:
-    """The session's radiance of a studio radiance of 1: the share of a green site that it fills.
-
-    `exposure` is that of the session's middle photograph, s * ISO / 100 / f^2, as `HdrReport.scale` has it.
-    """
-    camera = sensor.Sensor()
-    shutter_s = exposure * camera.aperture**2 * 100 / camera.iso
-    return camera.electrons_per_radiance_s() * shutter_s / camera.full_electrons
 
 
 def true_energy(s: Set, onto: incident.Binning) -> Float[np.ndarray, "n d 3"]:

@@ -26,29 +26,25 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from app import cores, places, results
-from app.bench import sets
+from app import cores, places
+from app.bench import choices, sets
+from app.bench.bound import Known, known_of
+from app.bench.choices import built_in
+from app.bench.information import Scatter
 from app.bench.markdown import markdown, shown
 from app.bench.sizes import OBJECTS, ROOMS, SIZES
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
-from engine.hdr import HdrReport
 from engine.metrics import psnr
-from engine.pipeline import run
 from engine.progress import Progress
 from engine.surface.deepen import deepened
 from engine.surface.detail import Picture
-from engine.surface.newton import State, begin, iterate
-from engine.surface.pixels import Subject, SurfaceParams, depth_of, search, sight_of, subject
-from engine.surface.rough import reach
+from engine.surface.newton import State, iterate
+from engine.surface.pixels import SurfaceParams, depth_of, search, sight_of
 from engine.surface.solve import until_still
-from engine.surface.transport import Incident, Sight, blocks, lattice_around
-from engine.truth import Truth
+from engine.surface.transport import Sight, blocks
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot
-from tests.bench import true_incident
-from tests.bench.bound import Scatter, derivatives, expected_angle, information
-from tests.bench.light_sets import session_per_studio
 
 SIZE = SIZES["small"]
 PROBES = (3, 3, 3)
@@ -106,15 +102,11 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known:
-    """A set's photographs with the light and the truth they were taken of."""
+class Furnished:
+    """A set under the studio's light, and its photographs."""
 
-    who: Subject
-    picture: Picture  # its photographs
-    views: Int[np.ndarray, " n"]  # of these, that serve
-    light: Incident
-    truth: Truth
-    scatter: Scatter
+    known: Known
+    picture: Picture
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -123,18 +115,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     rooms, things = (tuple(filter(None, names.split(","))) for names in (args.rooms, args.objects))
     rows = []
     try:
-        sets.check_names(rooms, things)
+        chosen = choices.rooms(rooms), choices.objects(things, None, 0)
         params = SurfaceParams(
             directions=args.directions, rounds=ROUNDS, held_out=0, relight=False, model_error=args.model_error
         )
-        for room in rooms:
-            for thing in things:
+        for room in chosen[0]:
+            for thing in chosen[1]:
                 one = sets.ready(args.folder, room, thing, SIZE, SIZE.views, 0, "cpu")
                 with sets.job(one.name) as progress:
-                    known = furnished(one, params, progress.part(0, 0.2))
-                    row = score(one.name, known, params, args.one_in, progress.part(0.2, 0.3))
+                    given = furnished(one, params, progress.part(0, 0.2))
+                    row = score(one.name, given, params, args.one_in, progress.part(0.2, 0.3))
                     if args.one_in == 1:
-                        row = solved(row, known, params, progress.part(0.3, 1))
+                        row = solved(row, given, params, progress.part(0.3, 1))
                 rows.append(row)
                 print(table(rows[-1:]).splitlines()[-1], file=sys.stderr)
     except (RoomlightError, StudioError) as fault:
@@ -147,34 +139,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Known:
+def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Furnished:
     """A set under the studio's light; the truth's poses are its poses.
 
     Raises:
         StudioError: Mitsuba has no vectorised variant here.
     """
-    order = shoot.Order(one.room, one.thing, SIZE.views, SIZE.width, SIZE.height, SIZE.motion, 0, "cpu")
+    order = sets.order_of(built_in(one.room), built_in(one.thing), SIZE, SIZE.views, 0, "cpu")
     studio = shoot.build(order, places.cache() / "studio", progress.part(0, 0.3).step)
-    frames, masks, poses, *_ = one.stored.inputs
-    report = run.loader(results.steps_of(one.session))("hdr", "report", HdrReport)
-    mask = masks.object & one.truth.mask
-    lattice = lattice_around(poses.camera, mask, reach(one.truth.depth[mask]), PROBES)
-    light = true_incident.incident_of(
-        studio.around.room, studio.around.atlas, poses.cam_from_world, lattice, params.directions,
-        session_per_studio(report.scale), 1, "cpu", progress.part(0.3, 1),
-    )  # fmt: skip
-    views = np.nonzero(poses.registered)[0]
-    who = subject(frames, mask, poses.camera, views, params)
-    picture = Picture(frames, mask, poses.camera)
-    return Known(who, picture, views, light.views(views), one.truth, Scatter(*frames.noise, shoot.NOISE))
+    known = known_of(one, studio, np.arange(SIZE.views), params, PROBES, progress.part(0.3, 1))
+    return Furnished(known, Picture(one.stored.frames, known.who.mask, one.stored.poses.camera))
 
 
-def score(name: str, known: Known, params: SurfaceParams, one_in: int, progress: Progress) -> Row:
+def score(name: str, given: Furnished, params: SurfaceParams, one_in: int, progress: Progress) -> Row:
     """What the photographs of some blocks of pixels allow, and where Gauss-Newton ends near their truth."""
+    known = given.known
     who, truth = known.who, known.truth
     parts = blocks(who.mask)[::one_in]
     pixels = np.concatenate(parts)
-    true = true_state(known)
+    true = known.true_state()
     sight = sight_of(who, true, truth.depth, known.light.directions, params, progress.part(0, 0.1))
     least, sensor = bounds(known, true, sight, params, parts)
     near = from_truth(known, true, sight, params, parts, progress.part(0.1, 1))
@@ -187,17 +170,20 @@ def score(name: str, known: Known, params: SurfaceParams, one_in: int, progress:
     )  # fmt: skip
 
 
-def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) -> Row:
+def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress) -> Row:
     """The row with what our solver makes of the photographs, from nothing but the light and the distance."""
-    who, light, true = known.who, known.light, true_state(known)
+    known = given.known
+    who, light, true = known.who, known.light, known.true_state()
     begun, z = time.perf_counter(), float(known.truth.depth[who.mask].mean())
     sight = who.flat(z)
     state = search(who, light, sight, params, progress.part(0, 0.1))
     depth = depth_of(who, state, z, progress.part(0.1, 0.12))
 
     def deeper(state: State, depth: Float[np.ndarray, "h w"], span: Progress) -> Float[np.ndarray, "h w"]:
-        drift = np.zeros(len(known.views))
-        return deepened(known.picture, known.views, drift, who.material, state, depth, light, z, params, span)
+        views = np.arange(SIZE.views)
+        return deepened(
+            given.picture, views, np.zeros(len(views)), who.material, state, depth, light, z, params, span
+        )
 
     last = deeper if params.deepen else None
     state, *_, rounds = until_still(
@@ -217,26 +203,15 @@ def solved(row: Row, known: Known, params: SurfaceParams, progress: Progress) ->
     )
 
 
-def true_state(known: Known) -> State:
-    """The truth as the solver's unknowns."""
-    mask, truth = known.who.mask, known.truth
-    return begin(truth.normal[mask], truth.albedo[mask], truth.roughness[mask])
-
-
 def bounds(
     known: Known, true: State, sight: Sight, params: SurfaceParams, parts: list[Int[np.ndarray, " _"]]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Degrees that each normal is off at least on average: with the path tracer's noise, and without."""
-    responses = known.who.responses(known.light, params, "cpu", sight)
     sensor = Scatter(known.scatter.shot, known.scatter.floor, 0.0)
-    found: list[list[np.ndarray]] = [[], []]
-    for pixels in parts:
-        radiance, jacobian = derivatives(responses, sight, pixels, true)
-        usable = known.who.seen.weight[pixels].reshape(radiance.shape) > 0
-        jacobian *= usable[..., None]
-        for row, scatter in zip(found, (known.scatter, sensor), strict=True):
-            row.append(expected_angle(information(radiance, jacobian, scatter)))
-    least, without = (np.degrees(np.concatenate(row)) for row in found)
+    least, without = (
+        np.concatenate(list(known.least(true, sight, params, parts, scatter)))
+        for scatter in (known.scatter, sensor)
+    )
     return least, without
 
 

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from app import studio
-from app.bench import measured, rows, scaling, sets
+from app.bench import bound, measured, rows, scaling, sets
+from app.bench.choices import built_in
 from app.bench.measured import Bench, row_key
 from app.bench.record import BenchError
 from app.bench.sizes import SIZES
 from app.bench.stored import evenly, fewer_gaussians, fewer_pixels, fewer_views, unlit_by_lamps
 from app.cli import main
 from engine.errors import Cancelled
+from hardware.virtual.studio.interior import read
 from tests.app.bench.synthetic import GAUSSIANS, LAMPS, VIEWS, a_set, method, stored
 from tests.app.calls import refused
 from tests.engine.ball import ball
@@ -37,7 +39,8 @@ def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Sets and solvers that cost nothing; what was solved."""
     seen: list[str] = []
-    monkeypatch.setattr(sets, "ready", lambda folder, room, thing, *rest: a_set(room, thing))
+    monkeypatch.setattr(sets, "ready", lambda folder, room, thing, *rest: a_set(room.name, thing.name))
+    monkeypatch.setattr(bound, "bounded", lambda on, *rest: on)
     solvers = (method("draft", 3.0, 1.0, calls=seen), method("standard", 2.0, 4.0, calls=seen))
     monkeypatch.setattr(rows, "preset_rows", lambda: solvers)
     monkeypatch.setattr(rows, "others", lambda size, least: (method(DEAREST, 4.0, 8e3, "reference", seen),))
@@ -102,15 +105,18 @@ def test_a_rows_key_changes_with_all_that_decides_it(monkeypatch: pytest.MonkeyP
 
 def test_a_sets_folder_changes_with_all_that_decides_it(monkeypatch: pytest.MonkeyPatch):
     wide = replace(QUICK, width=192)
+    booth, blob = built_in("booth"), built_in("blob")
     keys = {
-        sets.key("booth", "blob", QUICK, 24, 0), sets.key("plain", "blob", QUICK, 24, 0),
-        sets.key("booth", "duo", QUICK, 24, 0), sets.key("booth", "blob", wide, 24, 0),
-        sets.key("booth", "blob", QUICK, 25, 0), sets.key("booth", "blob", QUICK, 24, 1),
-        sets.key("booth", "blob", replace(QUICK, motion="turntable"), 24, 0),
+        sets.key(booth, blob, QUICK, 24, 0), sets.key(built_in("plain"), blob, QUICK, 24, 0),
+        sets.key(booth, built_in("duo"), QUICK, 24, 0), sets.key(booth, blob, wide, 24, 0),
+        sets.key(booth, blob, QUICK, 25, 0), sets.key(booth, blob, QUICK, 24, 1),
+        sets.key(booth, blob, replace(QUICK, motion="turntable"), 24, 0),
+        sets.key(booth, blob, replace(QUICK, files="linear"), 24, 0),
     }  # fmt: skip
+    assert "booth-blob-gimbal-24x128x96-seed0-studio4" in keys
     monkeypatch.setattr("hardware.virtual.studio.shoot.VERSION", 99)
-    keys.add(sets.key("booth", "blob", QUICK, 24, 0))
-    assert len(keys) == 8
+    keys.add(sets.key(booth, blob, QUICK, 24, 0))
+    assert len(keys) == 9
 
 
 def test_a_killed_making_leaves_no_set_and_is_swept_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -124,14 +130,15 @@ def test_a_killed_making_leaves_no_set_and_is_swept_up(tmp_path: Path, monkeypat
         (out / "session").mkdir()
 
     monkeypatch.setattr(studio, "simulate", make)
-    left = tmp_path / f".{sets.key('booth', 'blob', QUICK, 24, 0)}.{2**30}.making"  # no such process
+    booth, blob = built_in("booth"), built_in("blob")
+    left = tmp_path / f".{sets.key(booth, blob, QUICK, 24, 0)}.{2**30}.making"  # no such process
     left.mkdir()
     with pytest.raises(KeyboardInterrupt):
-        sets.photographed(tmp_path, "booth", "blob", QUICK, 24, 0, "cpu")
+        sets.photographed(tmp_path, booth, blob, QUICK, 24, 0, "cpu")
     assert os.listdir(tmp_path) == []
-    place = sets.photographed(tmp_path, "booth", "blob", QUICK, 24, 0, "cpu")
+    place = sets.photographed(tmp_path, booth, blob, QUICK, 24, 0, "cpu")
     assert sorted(os.listdir(place)) == ["session", "truth"]
-    assert sets.photographed(tmp_path, "booth", "blob", QUICK, 24, 0, "cpu") == place
+    assert sets.photographed(tmp_path, booth, blob, QUICK, 24, 0, "cpu") == place
     assert len(made) == 2
 
 
@@ -233,7 +240,7 @@ def test_small_sets_may_be_taken_from_their_raw_files(
 
     def ready(folder, room, thing, size, *rest):
         asked.append(size)
-        return a_set(room, thing)
+        return a_set(room.name, thing.name)
 
     monkeypatch.setattr(sets, "ready", ready)
     to = ["--sets", str(tmp_path / "sets"), "--device", "cpu", "--json", str(tmp_path / "m.json")]
@@ -247,7 +254,7 @@ def test_masks_and_poses_that_were_estimated_are_a_table_too_and_kept_in_the_rec
     tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     def ready(folder, room, thing, *rest):
-        on = a_set(room, thing)
+        on = a_set(room.name, thing.name)
         registered = np.arange(VIEWS) != 3
         poses = replace(on.stored.poses, registered=registered)
         truth = replace(on.truth, cam_from_world=on.stored.poses.cam_from_world)
@@ -259,7 +266,7 @@ def test_masks_and_poses_that_were_estimated_are_a_table_too_and_kept_in_the_rec
     to = ["--poses", "estimated", "--sets", str(tmp_path / "sets"), "--device", "cpu", "--json", str(path)]
     assert main([*words, *to]) == 0
     said = capsys.readouterr().out
-    assert "masks and poses as estimated" in said
+    said = said.partition("masks and poses as estimated")[2]
     expected = ["booth-blob", "1.000", "91.7", "0.000", "0.00"]
     (line,) = [line for line in said.splitlines() if line.startswith("| booth-blob ")]
     assert [cell.strip() for cell in line.strip("|").split("|")] == expected
@@ -350,6 +357,72 @@ def test_a_table_of_parts_is_that_of_one_call(
     assert "are theirs" in refused(capsys, "bench", "table", "--from", *files, "--json", tmp_path / "x.json")
 
 
+def test_a_record_from_before_there_were_bounds_is_still_a_table(
+    tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
+):
+    words = ["bench", "table", "--quick", "--sets", str(tmp_path / "sets"), "--device", "cpu"]
+    assert main([*words, "--json", str(tmp_path / "m.json")]) == 0
+    now = capsys.readouterr().out
+    record = json.loads((tmp_path / "m.json").read_text())
+    for row in [row for held in record["rows"].values() for row in held]:
+        for key in ("thing", "bound", "to_bound", "depth_within", "depth_between"):
+            del row[key]
+    (tmp_path / "m.json").write_text(json.dumps(record))
+    assert main(["bench", "table", "--from", str(tmp_path / "m.json")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert next(line for line in now.splitlines() if line.startswith("| blob ")) in lines
+
+
+def test_a_suite_takes_files_in_the_form_of_the_papers_table(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    asked = []
+
+    def ready(folder, room, thing, size, views, seed, device, count):
+        asked.append((room.asked, thing.asked, size, views))
+        return a_set(room.name, thing.name)
+
+    monkeypatch.setattr(sets, "ready", ready)
+    monkeypatch.setattr(read, "read", lambda path: SimpleNamespace(name=path.parent.name, key=str(path)))
+    mesh = tmp_path / "bust.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    rooms = ["attic/scene.xml", "cellar-bar/scene.xml"]
+    to = ["--sets", str(tmp_path / "sets"), "--device", "cpu", "--json", str(tmp_path / "m.json")]
+    assert (
+        main(
+            [
+                "bench",
+                "table",
+                "--suite",
+                "paper",
+                "--rooms",
+                *rooms,
+                "--objects",
+                str(mesh),
+                "blob,sphere",
+                *to,
+            ]
+        )
+        == 0
+    )
+    said = capsys.readouterr().out
+    assert [line.split("|")[1].strip() for line in said.splitlines() if line.startswith("|")][2:6] == [
+        "bust", "blob", "sphere", "average",
+    ]  # fmt: skip
+    assert "cellar-bar-bust" in said
+    assert "150 views of 512 x 512 hand-held, linear images), true poses and masks given" in said
+    assert [(room, Path(thing).name) for room, thing, *_ in asked] == [
+        (room, thing) for room in rooms for thing in ("bust.obj", "blob", "sphere")
+    ]
+    assert {(size.files, size.width, size.height, views) for *_, size, views in asked} == {
+        ("linear", 512, 512, 150)
+    }
+    assert main(["bench", "table", "--from", str(tmp_path / "m.json")]) == 0
+    assert "| cellar-bar-bust " in capsys.readouterr().out
+    small = SIZES["paper-small"]
+    assert (small.files, small.views, small.width, small.height) == ("raw", 96, 512, 384)
+
+
 def test_only_the_methods_asked_for_are_measured(
     tmp_path: Path, calls: list[str], capsys: pytest.CaptureFixture[str]
 ):
@@ -389,7 +462,7 @@ def test_maps_computed_elsewhere_are_a_row_without_seconds(
         cells = [cell.strip() for cell in row.strip("|").split("|")]
         assert cells[1] == "0.00"
         assert float(cells[2]) > 60  # half as bright: the albedo is compared after matching the mean
-        assert cells[3:] == ["nan", "-", "-", "-", "-"]
+        assert cells[3:] == ["nan", "-", "-", "-", "-2.00", "-", "-"]
     values = {m["key"]: m["value"] for m in json.loads((tmp_path / "m.json").read_text())["metrics"]}
     assert values["mean/some_net/seconds"] is None
     drawn = ["--out", str(tmp_path / "drawn")]
@@ -441,7 +514,12 @@ def test_scaling_tells_its_child_where_the_set_is_whatever_folder_that_works_in(
     ("words", "why"),
     [
         (["--rooms", "cellar"], "no room called 'cellar'"),
+        (["--rooms", "cellar/scene.xml"], "there is no such scene file"),
+        (["--rooms", "booth", "booth"], "names one room twice"),
         (["--objects", "bear"], "no object called 'bear'"),
+        (["--objects", "nowhere/bear.obj"], "there is no such mesh"),
+        (["--objects", "bear.stl"], "meshes are read from"),
+        (["--material", "clay"], "--material clay: is for mesh files"),
         (["--seed", "-1"], "--seed -1"),
         (["--gate", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--sets", __file__], "is no folder"),

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from app.bench import chart, scores, tables
+from app.bench.information import Bound
 from app.bench.markdown import markdown
 from app.bench.measured import Row
 from app.bench.rows import Method
@@ -40,6 +41,44 @@ def test_objects_are_averaged_over_rooms_and_then_over_all():
     assert cells(text, "duo")[1] == "9.00"
     assert cells(text, "average")[1::3] == ["5.00", "2.00"]
     assert cells(text, "object")[1] == "ours, draft: Normal ↓"
+
+
+def test_every_set_is_told_with_its_bound_and_errors_as_a_ratio_to_it():
+    rows = [
+        replace(scored("bust", "draft", 0.9, 1.0, room="grey-white-room"), thing="bust", bound=0.3, to_bound=3.0,
+                depth_within=0.25, depth_between=1.5),
+        replace(scored("cow", "draft", 1.0, 1.0, room="grey-white-room"), thing="cow", bound=0.5, to_bound=2.0,
+                depth_within=0.75),
+        scored("blob", "fine", 1.0, 1.0),
+    ]  # fmt: skip
+    text = tables.by_set(rows)
+    assert cells(text, "grey-white-room-bust") == [
+        "grey-white-room-bust",
+        "0.300",
+        "0.90",
+        "3.00",
+        "0.25",
+        "1.50",
+        *4 * "-",
+    ]
+    assert cells(text, "grey-white-room-cow")[1:6] == ["0.500", "1.00", "2.00", "0.75", "-"]
+    assert cells(text, "study-blob")[1:] == ["-", *4 * "-", "1.00", "-", "-", "-"]
+    assert cells(tables.by_set(rows[:2]), "mean")[1:] == ["0.400", "0.95", "2.50", "0.50", "1.50"]
+    assert cells(tables.by_switch(rows[:1]), "ours, draft")[6] == "3.00"
+    assert "each pixel's photographs allow" in tables.notes(rows)
+    assert [one.set for one in scores.object_means(rows[:2])] == ["mean-bust", "mean-cow"]
+    told = {m.key: (m.value, m.tolerance) for m in scores.as_metrics(rows)}
+    assert told["grey-white-room-bust/draft/normal_to_bound"] == (3.0, None)
+    assert "study-blob/fine/bound" not in told
+
+
+def test_what_a_switch_is_worth_is_a_mean_over_sets_with_its_standard_error():
+    usual = [scored("a", "standard", 1.0, 1.0), scored("b", "standard", 2.0, 1.0)]
+    off = [scored("a", "no_steps", 1.1, 1.0), scored("b", "no_steps", 2.3, 1.0)]
+    text = tables.by_switch([*usual, *off])
+    assert cells(text, "ours, no_steps")[7] == "+0.20 ± 0.10"  # 0.1 and 0.3
+    assert cells(text, "ours, standard")[7] == "-"
+    assert cells(tables.by_switch([usual[0], off[0]]), "ours, no_steps")[7] == "+0.10"
 
 
 def test_views_are_rows_in_order():
@@ -142,6 +181,19 @@ def test_every_row_is_compared_over_the_pixels_that_all_answered():
     part[: part.shape[0] // 2] = False
     whole, some = scores.score([row(1.0), row(5.0, part)])
     assert whole.pixels == some.pixels == part.sum()
+
+
+def test_a_scores_bound_is_that_of_the_pixels_compared():
+    true = leaning(0).mask
+    left = np.arange(true.shape[1]) < true.shape[1] // 2
+    known = Bound(true, np.where(left, 1.0, 3.0)[np.nonzero(true)[1]])
+    (whole,) = scores.score([replace(row(3.0), set=replace(a_set(), bound=known))])
+    assert whole.to_bound == pytest.approx(whole.values["normal"] / whole.bound)
+    assert 1 < whole.bound < 3
+    (half,) = scores.score([replace(row(3.0, true & left), set=replace(a_set(), bound=known))])
+    assert half.bound == 1.0
+    assert half.depth_within == pytest.approx(0, abs=1e-6)
+    assert np.isnan(scores.score([row(3.0)])[0].bound)
 
 
 def test_rows_without_a_common_pixel_are_refused():

@@ -8,7 +8,7 @@ difference: derivatives and deviations are divided by the same number. Angles ar
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import ellipe
 
 from engine.surface.newton import STEP, State, variants
@@ -17,6 +17,21 @@ from engine.surface.transport import Responses, Sight
 SHARED = 0.8
 """Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88
 between two renderings of 240 pixels of study-blob in 6 views; 0.01 between views."""
+LEAST = 40
+"""A mean over fewer pixels says nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bound:
+    """Of `chosen` pixels of the object, in row order."""
+
+    chosen: Bool[np.ndarray, "h w"]
+    normal_deg: Float[np.ndarray, " k"]  # mean angle to the true normal
+
+    def over(self, mask: Bool[np.ndarray, "h w"]) -> float:
+        """The mean over the chosen ones of some pixels, degrees; NaN where they are too few."""
+        found = self.normal_deg[mask[self.chosen]]
+        return float(found.mean()) if len(found) >= LEAST else float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,12 +1,12 @@
 """The studio's own light as the surface solver takes it: energy at a lattice of probes, and globes as lamps.
 
 Rays are followed from every probe into the baked room, jittered anew in every view, and sorted into direction cells as
-the product sorts its Gaussians. Where a ray meets a globe it brings nothing: globes are lamps, as exact as the studio
-knows them. The light is a function of the place in the world, so nothing is rendered but what arrives. Camera frame,
-the studio's metres.
+the product sorts its Gaussians. Where a ray meets a globe of a built-in room it brings nothing: globes are lamps, as exact
+as the studio knows them. The light is a function of the place in the world, so nothing is rendered but what arrives. Camera
+frame, the studio's metres.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -20,24 +20,25 @@ from engine.surface.near import Near
 from engine.surface.transport import Incident, Lattice, direction_cells
 from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
-from hardware.virtual.studio.bake import Atlas
 from hardware.virtual.studio.glow import Glow
-from hardware.virtual.studio.rooms import Room
+from hardware.virtual.studio.interior.around import Around
+from hardware.virtual.studio.surroundings import Surroundings
 
 SIDE = 64  # pixels along a cube's edge: 1.4 degrees, of four rays each
 FINER = 2  # strata along each edge of a pixel
 SHADOW_RAYS = 256  # from the middle of the lattice to each globe, in each view
 
+Look = Callable[[Any], np.ndarray]
+"""Radiance along Mitsuba rays in the world, [r 3]."""
+
 
 def incident_of(
-    room: Room,
-    atlas: Atlas,
+    around: Surroundings,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     lattice: Lattice,
     directions: int,
     session_per_studio: float,
     seed: int,
-    device: str,
     progress: Progress,
 ) -> Incident:
     """What arrives at the lattice in each view, in the session's radiance.
@@ -45,12 +46,27 @@ def incident_of(
     Raises:
         StudioError: Mitsuba has no vectorised variant here.
     """
-    mi = tracer.load(device)
-    if not tracer.is_vectorised(mi):
-        raise StudioError(
-            "Mitsuba finds no libLLVM here and would follow one ray at a time; install it (Debian: libllvm19)"
-        )
-    glow = Glow(mi, room, atlas)
+    if isinstance(around, Around):
+        glow, room = None, around.room
+        mi: Any = room.mi
+
+        def look(ray: Any) -> np.ndarray:
+            return np.array(room.meet(ray).radiance).T
+
+    else:
+        own: Any = around  # `surroundings.BuiltIn`
+        mi = tracer.load(own.device)
+        if not tracer.is_vectorised(mi):
+            raise StudioError(
+                "Mitsuba finds no libLLVM here and would follow one ray at a time; install it (Debian: libllvm19)"
+            )
+        glow = built = Glow(mi, own.room, own.atlas)
+
+        def look(ray: Any) -> np.ndarray:
+            met = built.look(ray)
+            globe = np.array(met.is_lamp & (met.lamp < len(built.globes)))
+            return np.where(globe[:, None], 0, np.array(met.radiance).T)
+
     cells, points = direction_cells(directions), lattice.points()
     sorted_into = shared_cells(cells, SIDE)
     omega = np.broadcast_to(pixel_solid_angles(SIDE), (6, SIDE, SIDE))
@@ -61,10 +77,12 @@ def incident_of(
     energy = np.zeros((len(points), directions, len(cam_from_world), 3), np.float32)
     for view, pose in enumerate(cam_from_world):
         progress.step(view / len(cam_from_world), "looking at the room from the object")
-        for probe, seen in enumerate(_looked(glow, pose, points, _jittered(rng))):
+        for probe, seen in enumerate(_looked(mi, look, pose, points, _jittered(rng))):
             energy[probe, :, view] = session_per_studio * (matrix @ seen)
     flat = energy.reshape(len(points), directions, -1)
-    near = _globes(glow, cam_from_world, points.mean(0), directions, session_per_studio, rng)
+    near = Near.none(len(cam_from_world), directions)
+    if glow is not None and glow.globes:
+        near = _globes(glow, cam_from_world, points.mean(0), directions, session_per_studio, rng)
     return Incident(lattice, cells, sharpened(flat, cells), near)
 
 
@@ -82,22 +100,19 @@ def _jittered(rng: np.random.Generator) -> Float[np.ndarray, "r 3"]:
 
 
 def _looked(
-    glow: Glow,
+    mi: Any,
+    look: Look,
     cam_from_world: Float[np.ndarray, "3 4"],
     points: Float[np.ndarray, "m 3"],
     directions: Float[np.ndarray, "r 3"],
 ) -> Iterator[Float[np.ndarray, "q 3"]]:
-    """Probe by probe the mean radiance of each pixel of its cube map, the studio's scale; globes are black."""
-    mi: Any = glow.mi
+    """Probe by probe the mean radiance of each pixel of its cube map, the studio's scale."""
     world_from_cam = inverse(cam_from_world)
     towards = directions @ world_from_cam[:, :3].T
     origins = points @ world_from_cam[:, :3].T + world_from_cam[:, 3]
     for origin in origins:
         ray = mi.Ray3f(mi.Point3f(np.repeat(origin[:, None], len(towards), 1)), mi.Vector3f(towards.T))
-        met = glow.look(ray)
-        radiance, globe = np.array(met.radiance).T, np.array(met.is_lamp & (met.lamp < len(glow.globes)))
-        radiance = np.where(globe[:, None], 0, radiance)
-        yield radiance.reshape(-1, FINER**2, 3).mean(1)
+        yield look(ray).reshape(-1, FINER**2, 3).mean(1)
 
 
 def _globes(
@@ -110,8 +125,6 @@ def _globes(
 ) -> Near:
     """The globes as lamps, each as far as the room leaves it open."""
     globes = glow.globes
-    if not globes:
-        return Near.none(len(cam_from_world), directions)
     mi: Any = glow.mi
     centres = np.stack([globe.centre for globe in globes])
     open_share = np.zeros((len(cam_from_world), len(globes)))
@@ -122,7 +135,7 @@ def _globes(
             aim = glow.aim(
                 mi.UInt32(np.full(SHADOW_RAYS, k)), point, mi.Point2f(rng.random((2, SHADOW_RAYS)))
             )
-            open_share[view, k] = np.array(glow.clear(point, aim, aim.density > 0)).mean()
+            open_share[view, k] = np.array(glow.arriving(point, None, aim, aim.density > 0)[0]).mean()
     radiance = session_per_studio * np.stack([globe.radiance for globe in globes])
     return Near(
         centres @ np.swapaxes(cam_from_world[:, :, :3], 1, 2) + cam_from_world[:, None, :, 3],

@@ -1,18 +1,21 @@
 """The studio's light at a probe is what the studio's panoramas show there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from app.bench.true_incident import incident_of
 from engine.geometry import sphere_solid_angle
 from engine.light.probes import panorama_directions
 from engine.progress import Progress
 from engine.surface.transport import Lattice
 from hardware.virtual.studio import render, tracer
 from hardware.virtual.studio.bake import pack
+from hardware.virtual.studio.interior.around import Around
 from hardware.virtual.studio.rooms import Panel
-from tests.bench.true_incident import incident_of
 from tests.hardware.virtual.studio.test_relight import POSES, nook
 
 AT, CELLS = np.array([0.05, -0.02, 0.4]), 256
@@ -25,15 +28,21 @@ def rays_in_bundles() -> None:
         pytest.skip("no libLLVM here: rays are followed one by one")
 
 
+def around(room: Any, atlas: Any) -> Any:
+    """What of a built-in room is asked."""
+    return SimpleNamespace(room=room, atlas=atlas, device="cpu")
+
+
 def test_light_and_where_it_comes_from_are_those_of_the_panoramas() -> None:
-    light = incident_of(*nook(), POSES, Lattice(AT, AT, (1, 1, 1)), CELLS, 2.0, 0, "cpu", Progress())
+    light = incident_of(around(*nook()), POSES, Lattice(AT, AT, (1, 1, 1)), CELLS, 2.0, 0, Progress())
     (point,), (globe,) = light.lattice.points(), nook()[0].globes
     rows, columns = render.PANORAMA
     edges = np.cos(np.pi * np.arange(rows + 1) / rows)
     omega = ((edges[:-1] - edges[1:]) * 2 * np.pi / columns)[:, None]
     fine, back = panorama_directions(rows), render.Backdrop(*nook(), "cpu")
     for view, pose in enumerate(POSES):
-        want = 2.0 * omega[..., None] * render.panorama(back, pose, pose[:, :3].T @ (point - pose[:, 3]), 7)
+        there = pose[:, :3].T @ (point - pose[:, 3])
+        want = 2.0 * omega[..., None] * render.panorama(back, pose, there, 7)
         mine = light.energy[0].reshape(CELLS, -1, 3)[:, view]
         to_globe = light.near.centres[view, 0] - point
         distance = float(np.linalg.norm(to_globe))
@@ -60,7 +69,29 @@ def test_a_globe_shines_as_it_does_in_the_studio_unless_it_is_boxed_in() -> None
     pictures = [panel.albedo.astype(np.float32) for panel in boxed.panels]
     lattice = Lattice(AT, AT, (1, 1, 1))
     for each, lit, want in ((room, atlas, 2 * globe.radiance), (boxed, pack(boxed.panels, pictures), 0.0)):
-        near = incident_of(each, lit, POSES, lattice, CELLS, 2.0, 0, "cpu", Progress()).near
+        near = incident_of(around(each, lit), POSES, lattice, CELLS, 2.0, 0, Progress()).near
         np.testing.assert_allclose(near.radiance[:, 0], np.broadcast_to(want, (2, 3)), rtol=1e-6)
         away = np.linalg.norm(near.centres[:, 0] - POSES[:, :, 3], axis=1)
         np.testing.assert_allclose(away, np.linalg.norm(globe.centre))
+
+
+def test_a_room_out_of_a_file_sends_what_its_rays_meet_turned_into_the_cameras_frame() -> None:
+    mi = tracer.load("cpu")
+
+    class Upwards:
+        """Brighter the higher one looks."""
+
+        def __init__(self) -> None:
+            self.mi = mi
+
+        def meet(self, ray: Any) -> Any:
+            return SimpleNamespace(radiance=mi.Color3f(2.0 + ray.d.z))
+
+    room = Around("upwards", "", np.zeros(3), Upwards())  # pyright: ignore[reportArgumentType]
+    light = incident_of(room, POSES, Lattice(AT, AT, (1, 1, 1)), CELLS, 3.0, 0, Progress())
+    for view, pose in enumerate(POSES):
+        energy = light.energy[0].reshape(CELLS, -1, 3)[:, view, 0]
+        assert energy.sum() == pytest.approx(3 * 2 * 4 * np.pi, rel=0.002)
+        up = pose[:, 2]  # world z in the camera's frame
+        np.testing.assert_allclose(light.directions.T @ energy, 3 * 4 * np.pi / 3 * up, atol=0.1)
+    assert not len(light.near.radii)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.bench.bound import Scatter, expected_angle, information
+from app.bench.information import Scatter, expected_angle, information
 
 SENSOR = Scatter(shot=0.0, floor=0.01, path=0.0)
 

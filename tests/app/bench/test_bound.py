@@ -1,0 +1,153 @@
+"""The noise bound of a set: from the light that its photographs were taken in, kept beside it, of these photographs alone."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app import places, results
+from app.bench import bound, given, sets
+from app.bench.choices import built_in
+from app.bench.information import Bound, derivatives
+from app.bench.sizes import SIZES, Size
+from app.bench.stored import Stored
+from engine import session as sessions
+from engine.pipeline import run, table
+from engine.pipeline.settings import Settings
+from engine.progress import Progress
+from engine.surface.pixels import SurfaceParams, sight_of
+from engine.surface.transport import blocks
+from engine.truth import read_truth
+from engine.types import Frames, Masks, Poses
+from hardware.errors import StudioError
+from hardware.virtual.studio import shoot, tracer
+from tests.app.bench.synthetic import a_set, stored
+from tests.app.test_studio import cheap
+
+__all__ = ["cheap"]  # a bare room and a ball, for this file too
+ROOM, THING = built_in("window"), built_in("sphere")
+SMALL = replace(SIZES["quick"], views=10, width=48, height=36)
+
+
+@pytest.fixture(scope="module")
+def made(cheap: None, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[sets.Set, Size]]:
+    """A set of one kind of files, without its light: nobody asks for that here."""
+    if not tracer.is_vectorised(tracer.load("cpu")):
+        pytest.skip("no libLLVM here: rays are followed one by one")
+    folder, found = tmp_path_factory.mktemp("sets"), {}
+
+    def make(files: str) -> tuple[sets.Set, Size]:
+        size = replace(SMALL, files=files)
+        if files not in found:
+            place = sets.photographed(folder, ROOM, THING, size, size.views, 0, "cpu")
+            session, truth = place / "given.session", read_truth(place / "truth")
+            given.give_truth(place / "session", place / "truth", session)
+            run.process(
+                sessions.open_session(session),
+                table.stages(),
+                Settings("standard", 0, {}),
+                "cpu",
+                "hdr",
+                run.Watcher(),
+            )
+            assert truth.cam_from_world is not None
+            assert truth.camera is not None
+            frames = run.loader(results.steps_of(session))("hdr", "frames", Frames)
+            everywhere = np.ones(len(truth.cam_from_world), bool)
+            poses = Poses(
+                truth.camera, truth.cam_from_world, everywhere, np.zeros((0, 3)), "given", float("nan")
+            )
+            masks = Masks(truth.mask, ~frames.clipped)
+            inputs = Stored("f00d", frames, masks, poses, stored().gaussians, stored().lamps)
+            found[files] = sets.Set("window", "sphere", session, inputs, truth)
+        return found[files], size
+
+    return make
+
+
+@pytest.mark.parametrize("files", ["raw", "linear"])
+def test_under_its_light_the_true_surface_sends_what_was_photographed(made, files: str) -> None:
+    on, size = made(files)
+    assert sessions.open_session(on.session).kind == files
+    assert all(
+        len(shot.files) == (3 if files == "raw" else 1)
+        for shot in sessions.shots(sessions.open_session(on.session))
+    )
+    params = SurfaceParams(directions=1024)
+    built = shoot.build(
+        sets.order_of(ROOM, THING, size, 10, 0, "cpu"), places.cache() / "studio", lambda *_: None
+    )
+    known = bound.known_of(on, built, np.arange(10), params, (2, 2, 2), Progress())
+    true = known.true_state()
+    sight = sight_of(known.who, true, on.truth.depth, known.light.directions, params, Progress())
+    responses, (pixels, *_) = (
+        known.who.responses(known.light, params, "cpu", sight),
+        blocks(on.truth.mask)[3:],
+    )
+    sent, _ = derivatives(responses, sight, pixels, true)
+    taken = on.stored.frames.radiance[:, on.truth.mask][:, pixels].transpose(1, 0, 2)
+    np.testing.assert_allclose(sent.mean((0, 1)), taken.mean((0, 1)), rtol=0.1)  # of few paths each
+    assert np.corrcoef(sent.mean((0, 2)), taken.mean((0, 2)))[0, 1] > 0.98
+    assert known.scatter.path == shoot.NOISE
+    assert (known.scatter.shot > 0) == (files == "raw")
+
+
+def test_fewer_photographs_allow_less_and_a_sensor_takes_its_share(made) -> None:
+    means = {}
+    for files, count in (("raw", None), ("linear", None), ("linear", 8)):
+        on, size = made(files)
+        if count is not None:
+            few = np.round(np.linspace(0, 9, count)).astype(int)
+            frames = on.stored.frames.views(few)
+            on = replace(on, stored=replace(on.stored, frames=frames))
+        found = bound.of_set(on, ROOM, THING, size, 0, "cpu", count, Progress())
+        assert found.normal_deg.shape == (int(found.chosen.sum()),)
+        assert not (found.chosen & ~on.truth.mask).any()
+        means[files, count] = found.over(on.truth.mask)
+    assert 0.05 < means["linear", None] < means["linear", 8] < 90
+    assert means["linear", None] < means["raw", None]
+
+
+def test_a_bound_is_worked_out_once_and_kept_beside_its_set(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int | None] = []
+    on = replace(a_set(), session=tmp_path / "given.session")
+    mask = on.truth.mask
+
+    def of_set(on, room, thing, size, seed, device, count, progress) -> Bound:
+        asked.append(count)
+        return Bound(mask, np.full(int(mask.sum()), 0.25))
+
+    monkeypatch.setattr(bound, "of_set", of_set)
+    for count in (None, None, 8, 8):
+        kept = bound.bounded(on, ROOM, THING, SMALL, 0, "cpu", count).bound
+        assert kept is not None
+        assert kept.over(mask) == 0.25
+    monkeypatch.setattr(bound, "VERSION", 99)
+    bound.bounded(on, ROOM, THING, SMALL, 0, "cpu")
+    assert asked == [None, 8, None]
+
+
+def test_where_no_rays_are_followed_a_set_has_no_bound_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def of_set(*_: object) -> Bound:
+        raise StudioError("Mitsuba finds no libLLVM here")
+
+    monkeypatch.setattr(bound, "of_set", of_set)
+    on = bound.bounded(replace(a_set(), session=tmp_path / "given.session"), ROOM, THING, SMALL, 0, "cpu")
+    assert on.bound is None
+    assert "booth-blob: no noise bound: Mitsuba finds no libLLVM here" in capsys.readouterr().err
+
+
+def test_a_mean_is_over_the_pixels_that_were_compared_if_they_are_enough() -> None:
+    chosen = np.zeros((20, 20), bool)
+    chosen[::2] = True
+    known = Bound(chosen, np.repeat([1.0, 3.0], 100))
+    upper = np.arange(20)[:, None] < 10
+    assert known.over(np.ones((20, 20), bool)) == 2.0
+    assert known.over(np.broadcast_to(upper, (20, 20))) == 1.0
+    assert np.isnan(known.over(chosen & (np.arange(20) < 2)))
