@@ -12,7 +12,7 @@ from engine.surface import newton
 from engine.surface.clearance import Ground
 from engine.surface.deepen import _Cost, deepened
 from engine.surface.detail import Picture
-from engine.surface.integrate import solver_of
+from engine.surface.graph_laplacian import solver_of
 from engine.surface.pixels import SurfaceParams, depth_of, image, sight_of, subject
 from engine.surface.relax import seams
 from engine.surface.soft import Soft
