@@ -9,10 +9,12 @@ import pytest
 from app.cli import main
 from engine import session as sessions
 from engine.truth import read_truth
-from hardware.virtual.studio import objects, rooms, samples, solids
+from hardware.virtual.studio import objects, rooms, samples, solids, tracer
+from hardware.virtual.studio.interior import gather
 from hardware.virtual.studio.objects import Body
 from hardware.virtual.studio.rooms import Panel, Room, Sheet
 from tests.app.calls import digest, refused
+from tests.hardware.virtual.studio.interior import scenes
 
 SIDE_M = 3.0
 
@@ -114,3 +116,22 @@ def test_what_is_there_is_never_written_over(tmp_path: Path, capsys: pytest.Capt
     (tmp_path / "truth").mkdir()
     assert "truth: exists already; choose another folder" in refused(capsys, *words(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["truth"]
+
+
+def test_a_scene_file_and_a_mesh_make_a_session_and_say_what_was_done(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not tracer.is_vectorised(tracer.load("cpu")):
+        pytest.skip("no libLLVM here: rooms from files are refused")
+    monkeypatch.setattr(gather, "QUALITY", gather.Quality(100, (4,) * 4, (4,)))
+    inner = scenes.box(1.5, scenes.matte("0.5")) + scenes.lamp(1.4, 0.4, "5")
+    room, thing = (
+        scenes.scene(tmp_path / "box.xml", inner),
+        scenes.ball(tmp_path / "ball.obj", inside_out=True),
+    )
+    assert main(words(tmp_path / "out", room=room, object=thing, material="clay", views=2)) == 0
+    said = capsys.readouterr().out
+    assert "the rig stands at --place" in said
+    assert "inside out" in said
+    assert len(sessions.shots(sessions.open_session(tmp_path / "out" / "session"))) == 2
+    assert read_truth(tmp_path / "out" / "truth").mask.any()

@@ -33,8 +33,8 @@ class Look:
     def digest(self) -> bytes:
         import hashlib
 
-        facts = [np.float32(self.albedo), np.float32(self.emission), np.float32([*self.low, *self.size])]
-        whole = b"".join(np.ascontiguousarray(fact).tobytes() for fact in facts)
+        facts = (self.albedo, self.emission, self.low, self.size)
+        whole = b"".join(np.ascontiguousarray(fact, np.float32).tobytes() for fact in facts)
         return hashlib.sha256(whole + bytes([self.repeats, self.two_sided])).digest()
 
 

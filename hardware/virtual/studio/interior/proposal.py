@@ -158,7 +158,9 @@ class Proposal:
         value = dr.mean(self.room.meet(mi.Ray3f(at, direction)).radiance)
         dr.eval(value)
         power = np.square(np.array(value, float)).reshape(*FINE, LOOKS).mean(-1)
-        level = np.sqrt(uniform_filter(power, 3, mode=("nearest", "wrap")))  # type: ignore[arg-type]
+        around = uniform_filter(power, 3, mode=("nearest", "wrap"))  # type: ignore[arg-type]
+        # A running sum may come out a hair below zero where nothing is bright.
+        level = np.sqrt(np.maximum(around, 0))
         return level + FAINT * level.mean()
 
 

@@ -95,7 +95,7 @@ def test_an_object_is_lit_as_a_plain_path_trace_says(mi, tmp_path, monkeypatch):
         f'{scenes.matte("0")}<emitter type="area"><rgb name="radiance" value="{colour}"/></emitter></shape>'
         for turn, colour in zip(turns, colours, strict=True)
     )
-    inner = walls + scenes.lamp(0.8, 0.1, "60, 50, 40")
+    inner = walls + scenes.lamp(0.8, 0.25, "10, 8, 7")
     made, room = baked(mi, scenes.scene(tmp_path / "walls.xml", inner), monkeypatch)
     t = np.linspace(0, np.pi / 2, 24)
     outer = np.stack([0.1 * np.sin(t), 0.1 * np.cos(t)], 1)
@@ -120,7 +120,7 @@ def test_an_object_is_lit_as_a_plain_path_trace_says(mi, tmp_path, monkeypatch):
     moved = solids.moved(cup, to_scene[:3, :3], to_scene[:3, 3])
     there = objects.Body("cup", moved, body.albedo, body.roughness)
     whole = mi.load_dict({
-        "type": "scene", "integrator": {"type": "path", "max_depth": 9}, "body": tracer.body_mesh(mi, there),
+        "type": "scene", "integrator": {"type": "path", "max_depth": 8}, "body": tracer.body_mesh(mi, there),
         **{f"wall{k}": shape for k, shape in enumerate(plain.shapes())},
         "sensor": tracer.lens(mi, 24, 18, truth.FIELD_OF_VIEW_DEG),
     })  # fmt: skip
