@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.interior import glow, lightmap
 from hardware.virtual.studio.interior.read import Interior
