@@ -40,9 +40,9 @@ from hardware.virtual.studio import shoot
 from hardware.virtual.studio import truth as studio_truth
 from hardware.virtual.studio.objects import Body
 
-VERSION = 1  # raise when a kept bound would be another
+VERSION = 2  # raise when a kept bound would be another
 PIXELS = 400  # about so many are asked
-PARAMS = SurfaceParams(directions=2048)
+PARAMS = SurfaceParams(directions=1024)
 PROBES = (2, 2, 2)
 
 

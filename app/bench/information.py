@@ -17,6 +17,8 @@ from engine.surface.transport import Responses, Sight
 SHARED = 0.8
 """Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88
 between two renderings of 240 pixels of study-blob in 6 views; 0.01 between views."""
+DIMMEST = 0.1
+"""Of a pixel's mean over the views."""
 LEAST = 40
 """A mean over fewer pixels says nothing."""
 
@@ -39,7 +41,8 @@ class Scatter:
     """Of a radiance x: variance `shot` x + `floor`^2 of its own, and (`path`^2 `level`) x of the path tracer, of which the part
     `shared` is the same in all channels of a view. `level` is the pixel's mean over the views.
 
-    That the path tracer's variance grows with x was measured between two renderings, over a tenfold range of x.
+    That the path tracer's variance grows with x was measured between two renderings, over a tenfold range of x; below `DIMMEST`
+    of the level it is taken to stay as it is there, or views in which a pixel is all but dark would tell without any noise.
     """
 
     shot: float
@@ -53,7 +56,8 @@ def information(
 ) -> Float[np.ndarray, "p u u"]:
     """Fisher information of the unknowns: derivatives of the true radiance by each, over its scatter."""
     radiance = np.maximum(radiance, 0)  # beside bright light a cell may hold a little less than nothing
-    traced = scatter.path**2 * radiance.mean(1, keepdims=True) * radiance
+    level = radiance.mean(1, keepdims=True)
+    traced = scatter.path**2 * level * np.maximum(radiance, DIMMEST * level)
     own = scatter.shot * radiance + scatter.floor**2 + (1 - scatter.shared) * traced
     common = np.sqrt(scatter.shared * traced)
     # Per view the scatter is own + common common^T: its inverse by Sherman and Morrison.

@@ -49,6 +49,17 @@ def test_the_path_tracers_noise_is_relative_to_the_pixels_mean() -> None:
     assert found[0, 0, 0] == pytest.approx(1 / (0.015**2 * 0.2 * 0.3))
 
 
+def test_a_view_in_which_a_pixel_is_all_but_dark_tells_no_more_than_a_dim_one() -> None:
+    jacobian = np.zeros((1, 2, 3, 1))
+    jacobian[0, 1, 0, 0] = 1.0
+    told = []
+    for dim in (1e-9, 0.1, 1.0):
+        radiance = np.array([2 - dim, dim]).reshape(1, 2, 1).repeat(3, 2)
+        told.append(information(radiance, jacobian, Scatter(0.0, 0.0, 0.015))[0, 0, 0])
+    assert told[0] == pytest.approx(told[1])
+    assert told[1] == pytest.approx(10 * told[2])
+
+
 def test_the_mean_angle_is_that_of_drawn_tilts() -> None:
     covariance = np.array([[[4.0, 1.5], [1.5, 1.0]]]) * 1e-4
     drawn = np.random.default_rng(0).multivariate_normal([0, 0], covariance[0], 200_000)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.interior import glow, lightmap
 from hardware.virtual.studio.interior.read import Interior
@@ -59,14 +60,20 @@ def bake(room: Interior, cache: Path, device: str, progress: Progress) -> Baked:
     """The room's light; read from `cache` when it was baked before, gone on with when that was cut off.
 
     Raises:
-        StudioError: the device is not there.
+        StudioError: the device is not there, or what is kept is not of this room.
     """
     quality = QUALITY
     grid = lightmap.layout(room, quality.points)
     path = cache / f"{room.name}-{room.key}-{_digest(quality)}.npz"
     if path.exists():
         with np.load(path) as stored:
-            return Baked(room, grid, stored["light"].astype(np.float32), _digest(quality))
+            light = stored["light"].astype(np.float32)
+        # Rays would read past its end without a word.
+        if light.shape != (2, grid.count, 3):
+            raise StudioError(
+                f"{path}: holds the light of {light.shape} points, the room has {grid.count}; remove it"
+            )
+        return Baked(room, grid, light, _digest(quality))
     cache.mkdir(parents=True, exist_ok=True)
     light = _Bake(room, grid, tracer.load(device), quality).run(path.with_suffix(".begun.npz"), progress)
     _store(path, light=light.astype(np.float32))

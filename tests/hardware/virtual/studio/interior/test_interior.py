@@ -83,6 +83,12 @@ def test_a_bake_that_was_cut_off_goes_on_and_ends_the_same(mi, tmp_path, monkeyp
     again = gather.bake(room, tmp_path / "other", "cpu", lambda share, note: None)
     np.testing.assert_array_equal(again.light, whole.light)
     assert not list((tmp_path / "other").glob("*.begun.npz"))
+    (kept,) = (tmp_path / "other").glob("*.npz")
+    np.savez(kept, light=whole.light[:, 1:])
+    with pytest.raises(
+        StudioError, match=r"box-.*\.npz: holds the light of .* points, the room has \d+; remove it"
+    ):
+        gather.bake(room, tmp_path / "other", "cpu", lambda share, note: None)
 
 
 def test_an_object_is_lit_as_a_plain_path_trace_says(mi, tmp_path, monkeypatch):
