@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pycolmap
+import trimesh
 from PIL import Image
 
 from app.capture import order
@@ -23,6 +24,7 @@ from engine.types import Frames
 from hardware import plan
 from hardware.interfaces import Bracket, Exposure
 from hardware.virtual import dng, sensor
+from hardware.virtual.studio import meshes
 from tests.app import sessions
 from tests.engine import folders, foreign_raw
 from tests.engine.test_posefiles import metashape_xml, random_poses
@@ -199,6 +201,19 @@ def _write_order(folder: Path) -> Path:
     return folder
 
 
+def _write_mesh(suffix: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        folder.mkdir(parents=True)
+        trimesh.creation.icosphere(2).export(folder / f"ball.{suffix}")
+        return folder / f"ball.{suffix}"
+
+    return write
+
+
+def _read_mesh(path: Path) -> object:
+    return meshes.stand(meshes.read(path, False), 0.2, 0.0)
+
+
 def _write_plan(folder: Path) -> Path:
     folder.mkdir(parents=True)
     (folder / "plan.csv").write_text("pan_deg,tilt_deg,name\n0,0,front\n10.5,-20,\n# turned\n20,0,side\n")
@@ -244,5 +259,8 @@ KINDS: dict[str, Sample] = {
         ),
     ),
     "capture order": Sample(_write_order, order.read, ("capture/order.json",)),
+    "mesh obj": Sample(_write_mesh("obj"), _read_mesh),
+    "mesh ply": Sample(_write_mesh("ply"), _read_mesh),
+    "mesh glb": Sample(_write_mesh("glb"), _read_mesh),
     "capture plan": Sample(_write_plan, plan.read_plan),
 }  # fmt: skip

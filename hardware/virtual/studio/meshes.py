@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hardware.errors import StudioError
 from hardware.virtual.studio import solids
@@ -62,7 +62,7 @@ def read(path: Path, with_looks: bool) -> Mesh:
         raise StudioError(f"{path}: meshes are read from {', '.join(KINDS)}; convert it")
     if not path.is_file():
         raise StudioError(f"{path}: there is no such mesh; give a file or the name of an object")
-    parts = [part for part in _loaded(path) if len(part.faces)]
+    parts = _loaded(path)
     if not parts:
         raise StudioError(f"{path}: holds no faces; export it as a mesh of triangles")
     looks: list[Any] = [None] * len(parts)
@@ -77,8 +77,8 @@ def read(path: Path, with_looks: bool) -> Mesh:
     if bad:
         raise StudioError(f"{path}: {bad} of {len(vertices)} vertices are not numbers; repair the mesh")
     extent = float(np.ptp(vertices[faces], axis=(0, 1)).max())
-    if not extent > 0:
-        raise StudioError(f"{path}: all faces lie in one point; export it again")
+    if not extent > 0 or not _has_area(vertices[faces] / extent).any():
+        raise StudioError(f"{path}: none of its faces has an area; export it again")
     given = [_normals_of(part) for part in parts]
     known = None if any(n is None for n in given) else np.concatenate(given)  # type: ignore[arg-type]
     values = {
@@ -138,7 +138,19 @@ def _loaded(path: Path) -> list[Any]:
     except Exception as fault:  # trimesh raises what its parsers raise
         said = " ".join(str(fault).split())[:200]
         raise StudioError(f"{path}: cannot be read as a mesh ({said}); export it again") from fault
-    return [part for part in parts if isinstance(part, trimesh.Trimesh)]
+    parts = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    for part in parts:
+        faces, count = np.asarray(part.faces), len(part.vertices)
+        if (
+            faces.ndim != 2
+            or np.shape(part.vertices) != (count, 3)
+            or faces.min() < 0
+            or faces.max() >= count
+        ):
+            raise StudioError(
+                f"{path}: damaged, its faces name vertices that it does not hold; export it again"
+            )
+    return parts
 
 
 def _normals_of(part: Any) -> Float[np.ndarray, "v 3"] | None:
@@ -174,11 +186,17 @@ def _thinned(mesh: Mesh, known: np.ndarray | None, extent: float) -> tuple[Mesh,
     return thin, None  # the file's normals were those of other corners
 
 
+def _has_area(corners: Float[np.ndarray, "f 3 3"]) -> Bool[np.ndarray, " f"]:
+    """Of faces in units of the mesh's extent."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(np.linalg.norm(across, axis=1) > 1e-14)
+
+
 def _right_side_out(mesh: Mesh, known: np.ndarray | None, extent: float) -> Mesh:
     """Fronts outside: a mesh whose faces enclose less than nothing is turned over. With normals."""
     corners = (mesh.vertices - mesh.vertices[mesh.faces].mean((0, 1)))[mesh.faces] / extent
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    mesh = replace(mesh, faces=mesh.faces[np.linalg.norm(across, axis=1) > 1e-14])
+    mesh = replace(mesh, faces=mesh.faces[_has_area(corners)])
     volume = float((corners[:, 0] * across).sum() / 6)
     if volume < -1e-9:
         note = "turned inside out: it is turned back"

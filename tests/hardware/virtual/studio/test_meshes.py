@@ -93,7 +93,7 @@ def test_a_glb_brings_its_own_colours_roughness_and_metalness(tmp_path):
         ("body.stl", "solid", "meshes are read from .obj, .ply, .glb"),
         ("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
         ("nan.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "1 of 3 vertices are not numbers"),
-        ("flat.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "all faces lie in one point"),
+        ("flat.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "none of its faces has an area"),
         ("cut.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "cannot be read as a mesh"),
         ("cut.glb", "glTF", "cannot be read as a mesh"),
     ],
