@@ -14,7 +14,7 @@ import OpenEXR
 from jaxtyping import Float32
 
 from engine.color import REC709, Primaries, as_rec709
-from engine.errors import RawError
+from engine.errors import RawError, reason
 
 FLAT = (OpenEXR.scanlineimage, OpenEXR.tiledimage)
 SQUARE = 0.01  # the aspect of a pixel may differ from 1 by so much
@@ -64,7 +64,7 @@ def _opened(path: Path, header_only: bool = False) -> Iterator[Any]:
         with OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
             yield file
     except (RuntimeError, ValueError, OSError) as fault:
-        told = " ".join(str(fault).split())
+        told = reason(fault)
         raise RawError(
             f"{path}: cannot be read as OpenEXR, it may be cut off ({told}); export it again"
         ) from fault
