@@ -1,10 +1,9 @@
 """Write a Bayer mosaic as a DNG file that LibRaw (and any RAW developer) opens like a camera's own.
 
-Source: Adobe DNG specification 1.4, TIFF 6.0, Exif 2.3. Two directories (image, Exif) and one strip of
-uncompressed 16-bit words, so that a small photograph costs under a kilobyte more than its pixels. The file
-is laid out here rather than by a TIFF library because LibRaw takes ISO from the Exif directory only, which
-such a library cannot nest. The mosaic is RGGB; levels are counts; the colour matrix maps CIE XYZ under D65 to
-camera RGB.
+Source: Adobe DNG specification 1.4, TIFF 6.0, Exif 2.3. Two directories (image, Exif) and one strip, losslessly
+compressed as cameras do (ITU-T T.81, process 14). The file is laid out here rather than by a TIFF library because
+LibRaw takes ISO from the Exif directory only, which such a library cannot nest. The mosaic is RGGB; levels are counts;
+the colour matrix maps CIE XYZ under D65 to camera RGB.
 """
 
 import datetime
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 from jaxtyping import Float, UInt16
 
@@ -63,20 +63,21 @@ def write(path: Path, photograph: Photograph) -> None:
     if peak > photograph.white:
         raise StudioError(f"{path}: count {peak} is above the white level {photograph.white}; clip it first")
 
-    pixels = photograph.mosaic.astype("<u2").tobytes()
+    # Two rows beside each other: what is predicted from then has the same colour (DNG 1.4, page 23), which halves the file.
+    pixels = imagecodecs.ljpeg_encode(photograph.mosaic.reshape(h // 2, 2 * w), bitspersample=16)
     exif_tags = _exif(photograph)
     # The offsets inside do not change the size of a directory, so one dry run tells where things will lie.
-    exif_at = HEADER_BYTES + len(_directory(_image(photograph, 0, 0), HEADER_BYTES))
+    exif_at = HEADER_BYTES + len(_directory(_image(photograph, 0, 0, 0), HEADER_BYTES))
     strip_at = exif_at + len(_directory(exif_tags, exif_at))
     path.write_bytes(
         struct.pack("<2sHI", b"II", 42, HEADER_BYTES)
-        + _directory(_image(photograph, exif_at, strip_at), HEADER_BYTES)
+        + _directory(_image(photograph, exif_at, strip_at, len(pixels)), HEADER_BYTES)
         + _directory(exif_tags, exif_at)
         + pixels
     )
 
 
-def _image(photograph: Photograph, exif_at: int, strip_at: int) -> list[Tag]:
+def _image(photograph: Photograph, exif_at: int, strip_at: int, strip_bytes: int) -> list[Tag]:
     """The image directory: what the pixels are and what they mean."""
     h, w = photograph.mosaic.shape
     return [
@@ -84,7 +85,7 @@ def _image(photograph: Photograph, exif_at: int, strip_at: int) -> list[Tag]:
         (256, LONG, [w]),
         (257, LONG, [h]),
         (258, SHORT, [16]),  # BitsPerSample
-        (259, SHORT, [1]),  # Compression: none
+        (259, SHORT, [7]),  # Compression: lossless JPEG
         (262, SHORT, [CFA_PHOTOMETRIC]),
         (271, ASCII, _text(photograph.make)),
         (272, ASCII, _text(photograph.model)),
@@ -92,7 +93,7 @@ def _image(photograph: Photograph, exif_at: int, strip_at: int) -> list[Tag]:
         (274, SHORT, [1]),  # Orientation: as the sensor lies
         (277, SHORT, [1]),  # SamplesPerPixel
         (278, LONG, [h]),  # RowsPerStrip
-        (279, LONG, [h * w * 2]),  # StripByteCounts
+        (279, LONG, [strip_bytes]),  # StripByteCounts
         (284, SHORT, [1]),  # PlanarConfiguration: contiguous
         (306, ASCII, _text(photograph.time.strftime("%Y:%m:%d %H:%M:%S"))),
         (33421, SHORT, [2, 2]),  # CFARepeatPatternDim

@@ -48,8 +48,11 @@ def write(
         numbers = {tag[0] for tag in changes} | set(without)
         return sorted([tag for tag in tags if tag[0] not in numbers] + list(changes))
 
+    # Uncompressed, if nothing else is said.
+    changes = {tag[0]: tag for tag in (*placed, (259, dng.SHORT, [1]), *changed)}
+
     def image(exif_at: int) -> bytes:
-        return dng._directory(with_changes(dng._image(facts, exif_at, 0), [*placed, *changed]), 8)
+        return dng._directory(with_changes(dng._image(facts, exif_at, 0, 0), list(changes.values())), 8)
 
     header = struct.pack("<2sHI", b"II", 42, 8)
     exif_at = len(header) + len(image(0))
@@ -68,7 +71,7 @@ def write_maker(
     pixels: Sequence[bytes] | None = None,
 ) -> Path:
     """As a maker's own file: a TIFF without one tag of DNG, which LibRaw opens by the names in it."""
-    own = [tag[0] for tag in dng._image(_any_photograph(), 0, 0) if tag[0] >= FIRST_OF_DNG]
+    own = [tag[0] for tag in dng._image(_any_photograph(), 0, 0, 0) if tag[0] >= FIRST_OF_DNG]
     mosaic = counts() if mosaic is None else mosaic
     return write(path, mosaic, pixels, make, model, changed, exif, own)
 

@@ -66,7 +66,7 @@ def test_tags_say_what_another_reader_expects(tmp_path):
     with tifffile.TiffFile(path) as tiff:
         tags = {tag.code: tag.value for tag in tiff.pages.first.tags.values()}
     assert (tags[271], tags[272]) == (dng.MAKE, dng.MODEL)
-    assert tags[259] == 1  # uncompressed
+    assert tags[259] == 7  # lossless JPEG
     assert tags[34665]["DateTimeOriginal"] == "2024:02:29 23:59:58"
     assert tags[34665]["SubsecTimeOriginal"] == "007"
     assert bytes(tags[33422]) == bytes((0, 1, 1, 2))
