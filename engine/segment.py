@@ -27,7 +27,6 @@ SQUARE = np.ones((3, 3), np.uint8)
 OBJECT_PARTS, ROOM_PARTS = 4, 5  # Gaussians: albedos and shadows of the object, walls and lamps of the room
 BORDER = 0.06  # of the shorter side: the frame in which mostly room is seen
 ROOM_TAIL = 1.0  # percentile of the room's own density: what is rarer does not change like the room
-LEFT = 0.5  # share of an answer that the same guess at full size must agree with, or it is not asked
 HINT = 2.5  # a stroke's pull on the pixels beside it, in units of what their own evidence may weigh at most
 
 
@@ -128,7 +127,7 @@ def segment(
         full = measure(_selected(frames, chosen, 1))
         best = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
         if guessed:  # also what hardly stands out on small images may do so at full size
-            best = _sharper(best, full, begun)
+            best = _sharper(best, full, begun, by)
     if by > 1 or strokes is not None:
         best = _grow(full, best, params, params.refine_rounds, rng, strokes)
         if best is None:
@@ -213,13 +212,17 @@ def _first_guesses(steadiness: Steadiness) -> Iterator[Bool[np.ndarray, "h w"]]:
         yield _above(cv2.medianBlur(np.asarray(odd, np.float32), 5), 5.0)
 
 
-def _sharper(found: Bool[np.ndarray, "h w"], full: Steadiness, begun: int) -> Bool[np.ndarray, "h w"]:
-    """What of an answer found on smaller images the first guess that it grew from says at full size too.
+def _sharper(
+    found: Bool[np.ndarray, "h w"], full: Steadiness, begun: int, by: int
+) -> Bool[np.ndarray, "h w"]:
+    """An answer found on images smaller `by` a factor, without the gaps that the first guess it grew from has at full size.
 
     Gaps too narrow for the smaller images would be learnt as the object, and never be cut out again.
     """
-    both = found & next(islice(_first_guesses(full), begun, None))
-    return both if both.sum() >= LEFT * found.sum() else found
+    missed = found & ~next(islice(_first_guesses(full), begun, None))
+    # What is broader than that was plain on the smaller images, which knew better than a first guess.
+    broad = cv2.morphologyEx(missed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2 * by + 1, 2 * by + 1), np.uint8))
+    return found & ~(missed & (broad == 0))
 
 
 def _above(evidence: Float32[np.ndarray, "h w"], least: float) -> Bool[np.ndarray, "h w"]:

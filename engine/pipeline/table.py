@@ -25,7 +25,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             "hdr", 3, HdrParams(), (), work.hdr, reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
-            "segment", 4, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
+            "segment", 5, SegmentParams(), ("hdr",), work.segment, reads=_edits("mask.png", "strokes.png"),
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(

@@ -1,4 +1,4 @@
-"""The bundled session for tests: copies of it, whole or thinned, and its truth at half the size."""
+"""The bundled session for tests: copies of it, whole or thinned, and its truth at a third of the size."""
 
 import shutil
 from pathlib import Path
@@ -15,6 +15,7 @@ from engine.truth import read_truth
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "demo" / "session"
 TRUTH = ROOT / "demo" / "truth"
+SMALLER = 3
 
 
 def copy(source: Path, to: Path, views: int | None = None) -> Path:
@@ -42,24 +43,27 @@ def give_truth(folder: Path) -> float:
     return float(np.median(truth.depth[truth.mask]))
 
 
-def half_truth(to: Path) -> Path:
-    """The truth for photographs averaged down by two, as an .npz."""
-    truth = read_truth(TRUTH)
-    height, width = truth.mask.shape
+def small_truth(to: Path) -> Path:
+    """The truth for photographs averaged down by `SMALLER`, as an .npz."""
+    truth, n = read_truth(TRUTH), SMALLER
+    height, width = truth.mask.shape[0] // n, truth.mask.shape[1] // n
 
-    def halved(image: np.ndarray) -> np.ndarray:
-        blocks = (image * truth.mask[..., None]).reshape(height // 2, 2, width // 2, 2, -1)
-        share = truth.mask.reshape(height // 2, 2, width // 2, 2, 1).mean((1, 3))
-        return blocks.mean((1, 3)) / np.maximum(share, 0.25)
+    def blocks(image: np.ndarray) -> np.ndarray:
+        return image.reshape(height, n, width, n, -1).mean((1, 3))
 
-    normal = halved(truth.normal)
+    share = blocks(truth.mask[..., None])
+
+    def averaged(image: np.ndarray) -> np.ndarray:
+        return blocks(image * truth.mask[..., None]) / np.maximum(share, 1 / n**2)
+
+    normal = averaged(truth.normal)
     np.savez(
         to,
         normal=normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9),
-        albedo=halved(truth.albedo),
-        roughness=halved(truth.roughness[..., None])[..., 0],
-        depth=halved(truth.depth[..., None])[..., 0],
-        mask=truth.mask.reshape(height // 2, 2, width // 2, 2).mean((1, 3)) >= 0.5,
+        albedo=averaged(truth.albedo),
+        roughness=averaged(truth.roughness[..., None])[..., 0],
+        depth=averaged(truth.depth[..., None])[..., 0],
+        mask=share[..., 0] >= 0.5,
         cam_from_world=truth.cam_from_world,
     )
     return to
