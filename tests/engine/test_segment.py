@@ -205,13 +205,13 @@ def test_a_stop_is_heard(capture):
         segment(capture.frames, PARAMS, None, Progress(cancelled=lambda: True))
 
 
-def test_only_what_the_smaller_images_could_not_tell_is_taken_back_at_full_size(monkeypatch):
+def test_only_what_the_smaller_images_could_not_tell_is_taken_back_at_full_size(capture, monkeypatch):
     """The first guess at full size missed a side of a bust's crown, dark before a dark wall, and saw a narrow gap."""
     found, guess = np.zeros((2, H, W), bool)
     found[20:100, 40:120] = guess[20:100, 40:120] = True
     guess[20:60, 40:60] = False  # the side
     guess[80:82, 40:100] = False  # the gap
     monkeypatch.setattr(segmenting, "_first_guesses", lambda full: iter([guess]))
-    left = segmenting._sharper(found, None, 0, 2)
+    left = segmenting._sharper(found, segmenting.measure(capture.frames), 0, 2)
     assert left[20:60, 40:60].all()
     assert not left[80:82, 40:100].any()
