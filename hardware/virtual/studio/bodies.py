@@ -8,11 +8,12 @@ import numpy as np
 from hardware.errors import StudioError
 from hardware.virtual.studio import materials, meshes, objects, solids
 from hardware.virtual.studio.objects import Body
+from hardware.virtual.studio.order import MESH_SIZE_M
 
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """What to photograph; None: as a built-in object has it, else `meshes.SIZE_M` and paint."""
+    """What to photograph; None: as a built-in object has it, else `MESH_SIZE_M` and paint."""
 
     name: str  # of a built-in object, or a mesh file
     size_m: float | None = None
@@ -39,7 +40,7 @@ def stand(thing: Thing, seed: int) -> Stood:
     if is_file(thing.name):
         material = thing.material or "paint"
         mesh = meshes.read(Path(thing.name), material == materials.FROM_FILE)
-        size = meshes.SIZE_M if thing.size_m is None else thing.size_m
+        size = MESH_SIZE_M if thing.size_m is None else thing.size_m
         mesh, scale = meshes.stand(mesh, size, thing.turn_deg)
         notes = tuple(f"{thing.name}: {note}" for note in mesh.notes)
         return Stood(materials.dress(mesh, material, seed, scale), scale, notes)

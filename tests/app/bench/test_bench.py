@@ -410,7 +410,7 @@ def test_a_suite_takes_files_in_the_form_of_the_papers_table(
         "bust", "blob", "sphere", "average",
     ]  # fmt: skip
     assert "cellar-bar-bust" in said
-    assert "150 views of 512 x 512 hand-held, linear images), true poses and masks given" in said
+    assert "150 views of 512 x 512 from random poses, linear images), true poses and masks given" in said
     assert [(room, Path(thing).name) for room, thing, *_ in asked] == [
         (room, thing) for room in rooms for thing in ("bust.obj", "blob", "sphere")
     ]

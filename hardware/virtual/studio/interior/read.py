@@ -41,6 +41,11 @@ class Interior:
     notes: tuple[str, ...]
 
 
+def called(path: Path) -> str:
+    """What a scene file is called: after its stem, a `scene.xml` after its folder."""
+    return path.parent.name if path.stem == "scene" else path.stem
+
+
 def read(path: Path) -> Interior:
     """The room in a scene file.
 
@@ -69,7 +74,7 @@ def read(path: Path) -> Interior:
     vertices = np.concatenate([part.vertices for part, _ in meshes]) @ turn.T
     sky, balls = outside.image(mi, scene, turn, path)
     room = Interior(
-        path.parent.name if path.stem == "scene" else path.stem, "", vertices,
+        called(path), "", vertices,
         np.concatenate([part.normals for part, _ in meshes]) @ turn.T,
         np.concatenate([part.uv for part, _ in meshes]),
         np.concatenate([faces + start for (_, faces), start in zip(meshes, starts[:-1], strict=True)]),

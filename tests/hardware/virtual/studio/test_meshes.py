@@ -57,7 +57,7 @@ def test_the_front_is_towards_the_camera_and_up_is_up(tmp_path):
     tip = body.solid.vertices[body.solid.vertices[:, 2].argmin()]
     assert top[0] < 0.01
     assert np.ptp(body.solid.vertices[:, 1]) == pytest.approx(0.2)
-    assert tip[2] < objects.DISTANCE_M * 0.2 / meshes.SIZE_M
+    assert tip[2] < objects.DISTANCE_M * 0.2 / meshes.USUAL_M
 
 
 @pytest.mark.parametrize("material", ["paint", "clay", "glaze", "metal", "textured"])

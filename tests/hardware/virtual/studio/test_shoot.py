@@ -6,7 +6,7 @@ import pytest
 from engine.geometry import inverse
 from engine.rig import RigLog, angle_between, logged_poses
 from hardware.errors import StudioError
-from hardware.virtual.studio import bake, mirror, motion, objects, paint, rooms, truth
+from hardware.virtual.studio import bake, mirror, motion, objects, order, paint, rooms, truth
 
 CENTRE = np.array([0.0, 0.0, 1.35])
 SIZE = (160, 120)
@@ -153,7 +153,7 @@ def test_a_rig_reports_where_it_is_up_to_its_encoders_noise(kind):
     assert np.linalg.norm(off, axis=1).max() < 0.002
 
 
-@pytest.mark.parametrize("kind", list(motion.MOTIONS))
+@pytest.mark.parametrize("kind", order.MOTIONS)
 def test_the_rig_stays_in_the_free_space_and_repeats(kind):
     journey = motion.travel(kind, 48, CENTRE, 7)
     again = motion.travel(kind, 48, CENTRE, 7)
