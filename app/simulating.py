@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from hardware.errors import StudioError
-from hardware.virtual.studio.order import DEVICES, MATERIALS, MESH_SIZE_M, MOTIONS, OBJECTS, ROOMS, Order
+from hardware.virtual.studio.order import (
+    DEVICES,
+    MATERIALS,
+    MESH_SIZE_M,
+    MOTIONS,
+    OBJECTS,
+    ROOMS,
+    Order,
+    called,
+)
 
 USUAL = Order("", "")
 """What is taken where nothing is said."""
@@ -40,12 +49,12 @@ def asked(args: Namespace) -> Request:
     width, height = args.size
     order = Order(
         args.room, args.object, args.views, width, height, args.motion, args.seed, args.device, args.object_size,
-        args.place and tuple(args.place), args.material, args.turn,
+        args.place and tuple(args.place), args.material, args.turn or 0.0,
     )  # fmt: skip
     return Request(args.out, order, args.vignetting)
 
 
-def place(text: str) -> tuple[float, float, float] | None:
+def parse_place(text: str) -> tuple[float, float, float] | None:
     """Three numbers as a person writes them, metres; None of an empty text.
 
     Raises:
@@ -62,15 +71,21 @@ def place(text: str) -> tuple[float, float, float] | None:
     return x, y, z
 
 
+def proposed(folder: Path, room: str, thing: str) -> Path:
+    """A folder named after room and object that is not taken yet."""
+    name = "-".join(called(Path(file.strip() or "simulated")) for file in (room, thing))
+    place, number = folder / name, 2
+    while place.exists():
+        place, number = folder / f"{name}-{number}", number + 1
+    return place
+
+
 def add_options(parser: ArgumentParser) -> None:
     """Of `roomlight simulate`."""
     parser.add_argument("out", type=Path)
     parser.add_argument("--room", required=True, help=f"{', '.join(ROOMS)}, or a Mitsuba 3 scene.xml")
     parser.add_argument("--object", required=True, help=f"{', '.join(OBJECTS)}, or a mesh: OBJ, PLY, GLB")
     add_object_options(parser, "a built-in object's own, or")
-    parser.add_argument(
-        "--turn", type=float, default=USUAL.turn_deg, metavar="DEG", help="turn the object about the vertical"
-    )
     parser.add_argument("--views", type=int, default=USUAL.views)
     parser.add_argument("--size", type=int, nargs=2, default=(USUAL.width, USUAL.height), metavar=("W", "H"))
     parser.add_argument(
@@ -96,3 +111,4 @@ def add_object_options(parser: ArgumentParser, otherwise: str) -> None:
         "--material", metavar="KIND",
         help=f"{', '.join(MATERIALS)}; {otherwise} paint for a mesh, if left out",
     )  # fmt: skip
+    parser.add_argument("--turn", type=float, metavar="DEG", help="turn the object about the vertical")

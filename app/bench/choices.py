@@ -26,6 +26,7 @@ class Choice:
     key: str  # in the name of a set's folder
     material: str | None = None  # this and the following; None: its own, or the studio's default
     size_m: float | None = None
+    turn_deg: float | None = None
     place: Place | None = None
 
 
@@ -54,41 +55,49 @@ def rooms(asked: Sequence[str], place: Place | None = None) -> tuple[Choice, ...
 
 
 def objects(
-    asked: Sequence[str], material: str | None, seed: int, size_m: float | None = None
+    asked: Sequence[str],
+    material: str | None,
+    seed: int,
+    size_m: float | None = None,
+    turn_deg: float | None = None,
 ) -> tuple[Choice, ...]:
-    """`material` and size are those of mesh files, painted by `seed`; the studio's own objects keep theirs.
+    """`material`, size and turn are those of mesh files, painted by `seed`; the studio's own objects keep theirs.
 
     Raises:
-        BenchError: no such name, one object twice, or a material or size where no object is a file.
-        StudioError: a mesh, a material or a size that cannot be used, and why.
+        BenchError: no such name, one object twice, or a material, size or turn where no object is a file.
+        StudioError: a mesh, a material, a size or a turn that cannot be used, and why.
     """
     from hardware.virtual.studio.objects import OBJECTS
 
     names = _names("object", asked, OBJECTS, "a mesh file")
-    for option, value in {"--material": material, "--object-size": size_m}.items():
+    for option, value in {"--material": material, "--object-size": size_m, "--turn": turn_deg}.items():
         if value is not None and not names:
             raise BenchError(f"{option} {value}: is for mesh files, and --objects names none; leave it out")
     return tuple(
-        built_in(each) if each in OBJECTS else _object(each, names[each], material, seed, size_m)
+        built_in(each) if each in OBJECTS else _object(each, names[each], material, seed, size_m, turn_deg)
         for each in asked
     )
 
 
 def _room(asked: str, name: str, place: Place | None) -> Choice:
-    from hardware.virtual.studio.interior import keys, read
+    from hardware.virtual.studio.interior import keys
+    from hardware.virtual.studio.order import called
 
-    key = f"{read.called(Path(asked))}-{keys.of(Path(asked), places.cache() / 'studio')}"
+    key = f"{called(Path(asked))}-{keys.of(Path(asked), places.cache() / 'studio')}"
     at = "" if place is None else "-at-" + "_".join(f"{x:.9g}" for x in place)
     return Choice(asked, name + at, _plain(key + at), place=place)
 
 
-def _object(asked: str, name: str, material: str | None, seed: int, size_m: float | None) -> Choice:
+def _object(
+    asked: str, name: str, material: str | None, seed: int, size_m: float | None, turn_deg: float | None
+) -> Choice:
     from hardware.virtual.studio import bodies
 
-    key = bodies.stand(bodies.Thing(asked, size_m, material), seed).body.name  # its size is in its vertices
+    key = bodies.stand(bodies.Thing(asked, size_m, material, turn_deg or 0.0), seed).body.name
     name += "" if material is None else f"-{material}"
     name += "" if size_m is None else f"-{size_m:g}m"
-    return Choice(asked, name, _plain(key), material, size_m)
+    name += "" if turn_deg is None else f"-{turn_deg:g}deg"
+    return Choice(asked, name, _plain(key), material, size_m, turn_deg)
 
 
 def _names(

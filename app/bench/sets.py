@@ -76,6 +76,7 @@ def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, dev
         thing.size_m,
         room.place,
         thing.material,
+        thing.turn_deg or 0.0,
     )
 
 

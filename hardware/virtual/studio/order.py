@@ -5,6 +5,7 @@ hold what is behind the names.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 ROOMS = ("study", "lamps", "window", "plain", "polished", "leafy", "chink", "booth")
 OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo", "gilded", "lacquered")
@@ -35,3 +36,8 @@ class Order:
     place: tuple[float, float, float] | None = None  # of the rig's centre
     material: str | None = None  # None: the object's own, or paint
     turn_deg: float = 0.0
+
+
+def called(file: Path) -> str:
+    """What a room or an object is called: a file after its stem, a `scene.xml` after its folder."""
+    return file.parent.name if file.stem == "scene" and file.parent.name else file.stem

@@ -19,6 +19,7 @@ from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.interior import looks, outside
 from hardware.virtual.studio.interior.looks import Look
+from hardware.virtual.studio.order import called
 
 LARGEST, SMALLEST = 1000.0, 0.1  # of a room's extent, scene units: beyond, they are hardly metres
 
@@ -39,11 +40,6 @@ class Interior:
     eye: Float[np.ndarray, "3"] | None  # where the scene's own camera stands
     world_from_scene: Float[np.ndarray, "3 3"]
     notes: tuple[str, ...]
-
-
-def called(path: Path) -> str:
-    """What a scene file is called: after its stem, a `scene.xml` after its folder."""
-    return path.parent.name if path.stem == "scene" else path.stem
 
 
 def read(path: Path) -> Interior:
