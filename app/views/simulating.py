@@ -60,7 +60,7 @@ class SimulateDialog(QDialog):
         self.material = self._choice(self.tr("Material"), MATERIALS)
         self.material.insertItem(0, self.tr("a built-in object's own, paint for a mesh"), None)
         self.material.setCurrentIndex(0)
-        self.turn = self._number(self.tr("Turned by"), -360, 360, USUAL.turn_deg, False)
+        self.turn = self._number(self.tr("Turn"), -360, 360, USUAL.turn_deg, False)
         self.turn.setSuffix(self.tr("°"))
         self.place = QLineEdit()
         self.place.setAccessibleName(self.tr("Place of the rig"))
@@ -139,7 +139,7 @@ class SimulateDialog(QDialog):
             self._open(self._made)
             return
         self._fields.hide()
-        self.notes.setPlainText("\n".join(result["notes"]))
+        self.notes.setPlainText("\n".join((str(self._made), "", *result["notes"])))
         self.notes.show()
         self.foot.ended(self.tr("&Open the session"))
 
@@ -183,7 +183,7 @@ class SimulateDialog(QDialog):
         rows.addRow("", hint(self.tr("built in, or a mesh: OBJ, PLY, GLB")))
         rows.addRow(label(self.tr("Si&ze"), self.object_size), self.object_size)
         rows.addRow(label(self.tr("&Material"), self.material), self.material)
-        rows.addRow(label(self.tr("&Turned by"), self.turn), self.turn)
+        rows.addRow(label(self.tr("&Turn"), self.turn), self.turn)
         rows.addRow(label(self.tr("Mot&ion"), self.motion), self.motion)
         rows.addRow(label(self.tr("&Views"), self.views), self.views)
         rows.addRow(label(self.tr("Pi&xels"), self.wide), pixels)

@@ -33,8 +33,10 @@ class Stood:
 def stand(thing: Thing, seed: int) -> Stood:
     """
     Raises:
-        StudioError: no such object, file or material, damage, or a size that no rig carries.
+        StudioError: no such object, file or material, damage, or a size or turn that no rig carries.
     """
+    if not np.isfinite(thing.turn_deg):
+        raise StudioError(f"--turn {thing.turn_deg}: give degrees, as in 90")
     if thing.material is not None:
         materials.check(thing.material)
     if is_file(thing.name):

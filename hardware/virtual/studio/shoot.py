@@ -155,7 +155,7 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
     """Furnish and bake the room, set the object up, plan the journey.
 
     Raises:
-        StudioError: unknown names, sizes that no Bayer sensor has, no views, a negative seed, or a device
+        StudioError: unknown names, sizes that no Bayer sensor has, no views, a negative seed, what is no number, or a device
             that is not there.
     """
     width, height = order.width, order.height
@@ -163,6 +163,8 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
         raise StudioError(f"{width} x {height} pixels: a Bayer sensor needs even sizes of at least 16")
     if order.seed < 0:
         raise StudioError(f"seed {order.seed}: a seed is a whole number >= 0; choose another")
+    if order.place is not None and not np.isfinite(order.place).all():
+        raise StudioError(f"--place {' '.join(map(str, order.place))}: give three numbers, in metres")
     cache.mkdir(parents=True, exist_ok=True)
     stood = bodies.stand(Thing(order.thing, order.object_size, order.material, order.turn_deg), order.seed)
     if _is_file(order.room):
