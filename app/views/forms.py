@@ -6,10 +6,12 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, Signal
 from PySide6.QtWidgets import (
     QComboBox,
+    QDialog,
     QDialogButtonBox,
     QFormLayout,
     QHBoxLayout,
     QLabel,
+    QLayout,
     QLineEdit,
     QProgressBar,
     QPushButton,
@@ -17,8 +19,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.state import Trouble, trouble
+from app.state import trouble
 from app.views.bridge import Bridge
+from app.views.trouble import show_trouble
 from app.work.jobs import Job, JobState, JobStatus
 from app.work.queue import Board
 
@@ -69,16 +72,16 @@ def browsed(
 
 
 class JobFoot(QWidget):
-    """The last lines of a dialog: a button that starts a job, its progress, and a button that stops it or leaves."""
+    """A dialog's last lines: a button that starts a job, its progress, and one that stops it or leaves. Tells what fails."""
 
     wanted = Signal()  # the first button
-    left = Signal()  # the second, while nothing runs
     done = Signal(object)  # the job's result
-    failed = Signal(Trouble)
     changed = Signal()  # begun or ended
 
-    def __init__(self, board: Board, go: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, dialog: QDialog, board: Board, go: str, *above: QWidget | QLayout) -> None:
+        """Lays `dialog` out: what stands `above`, then this."""
+        super().__init__(dialog)
+        self._dialog = dialog
         self._board = board
         self._bridge = Bridge(self)
         self._job: Job | None = None
@@ -102,6 +105,13 @@ class JobFoot(QWidget):
         for widget in (self.bar, self.note, self.box):
             layout.addWidget(widget)
         self.bar.hide()
+        whole = QVBoxLayout(dialog)
+        whole.setContentsMargins(18, 18, 18, 14)
+        whole.setSpacing(12)
+        for part in above:
+            whole.addLayout(part) if isinstance(part, QLayout) else whole.addWidget(part)
+        whole.addStretch()
+        whole.addWidget(self)
 
     @property
     def running(self) -> bool:
@@ -118,12 +128,12 @@ class JobFoot(QWidget):
         self.changed.emit()
 
     def leave(self) -> None:
-        """Stop what runs; if nothing does, say that the person wants to go."""
+        """Stop what runs; if nothing does, close the dialog."""
         if self._job is not None and self.running:
             self.note.setText(self.tr("Stopping…"))
             self._job.cancel()
         else:
-            self.left.emit()
+            self._dialog.done(QDialog.DialogCode.Rejected)
 
     def ended(self, go: str) -> None:
         """The work is done and told: offer what comes next, or to leave."""
@@ -144,4 +154,4 @@ class JobFoot(QWidget):
         if status.state is JobState.DONE:
             self.done.emit(dict(status.result))
         elif status.state is JobState.FAILED:
-            self.failed.emit(trouble(status.message, status.details))
+            show_trouble(self._dialog, trouble(status.message, status.details))

@@ -4,12 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QDialog, QFileDialog, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDialog, QFileDialog, QLineEdit, QWidget
 
 from app.importing import Request, proposed, suggest_poses
 from app.views.forms import JobFoot, browsed, form, hint, label
 from app.views.pages import Shell
-from app.views.trouble import show_trouble
 
 
 class ImportDialog(QDialog):
@@ -53,18 +52,10 @@ class ImportDialog(QDialog):
         rows.addRow("", hint(self.tr("PNG of the photographs' size, white on the object; may be left out")))
         rows.addRow(label(self.tr("&Exposures a view"), self.bracket), self.bracket)
 
-        self.foot = JobFoot(shell.board, self.tr("&Import"))
+        self.foot = JobFoot(self, shell.board, self.tr("&Import"), rows)
         self.foot.wanted.connect(self._start)
-        self.foot.left.connect(lambda: self.done(QDialog.DialogCode.Rejected))
         self.foot.changed.connect(self._check)
         self.foot.done.connect(self._done)
-        self.foot.failed.connect(lambda fault: show_trouble(self, fault))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(18, 18, 18, 14)
-        layout.setSpacing(12)
-        layout.addLayout(rows)
-        layout.addStretch()
-        layout.addWidget(self.foot)
         if folder is not None:
             self.folder.setText(str(folder))
         self._check()

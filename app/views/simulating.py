@@ -11,7 +11,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPlainTextEdit,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -79,19 +78,10 @@ class SimulateDialog(QDialog):
         self.notes.setReadOnly(True)
         self.notes.setAccessibleName(self.tr("What was done"))
         self.notes.hide()
-        self.foot = JobFoot(shell.board, self.tr("&Simulate"))
+        self.foot = JobFoot(self, shell.board, self.tr("&Simulate"), self._fields, self.notes)
         self.foot.wanted.connect(self._start)
-        self.foot.left.connect(lambda: self.done(QDialog.DialogCode.Rejected))
         self.foot.changed.connect(self._check)
         self.foot.done.connect(self._done)
-        self.foot.failed.connect(lambda fault: show_trouble(self, fault))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(18, 18, 18, 14)
-        layout.setSpacing(12)
-        layout.addWidget(self._fields)
-        layout.addWidget(self.notes, 1)
-        layout.addStretch()
-        layout.addWidget(self.foot)
         self.out.textEdited.connect(self._name)
         self.out.textChanged.connect(self._check)
         self._follow()
