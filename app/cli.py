@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from app import commands, cores
+from app import commands, cores, simulating
 from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import PRESETS, SOLVERS
 from hardware.errors import HardwareError
@@ -78,35 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     plan.set_defaults(run=commands.run_plan)
 
     simulate = add("simulate", help="photograph a virtual object in a virtual room: OUT/session, OUT/truth")
-    simulate.add_argument("out", type=Path)
-    simulate.add_argument(
-        "--room", required=True, help="name of a room (a wrong name lists them), or a Mitsuba 3 scene.xml"
-    )
-    simulate.add_argument(
-        "--object",
-        required=True,
-        help="name of an object (a wrong name lists them), or a mesh: OBJ, PLY, GLB",
-    )
-    simulate.add_argument(
-        "--object-size", type=float, metavar="M", help="its largest extent; 0.25 for a mesh"
-    )
-    simulate.add_argument(
-        "--place", type=float, nargs=3, metavar=("X", "Y", "Z"),
-        help="where the rig stands, in the scene file's frame; searched if left out",
-    )  # fmt: skip
-    simulate.add_argument(
-        "--material", metavar="KIND",
-        help="paint, clay, glaze, metal, textured, from-file; a built-in object's own, or paint, if left out",
-    )  # fmt: skip
-    simulate.add_argument(
-        "--turn", type=float, default=0.0, metavar="DEG", help="turn the object about the vertical"
-    )
-    simulate.add_argument("--views", type=int, default=96)
-    simulate.add_argument("--size", type=int, nargs=2, default=(512, 384), metavar=("W", "H"))
-    simulate.add_argument("--motion", choices=("handheld", "turntable", "gimbal"), default="handheld")
-    simulate.add_argument("--seed", type=int, default=0)
-    simulate.add_argument("--vignetting", type=float, default=0.0, help="share of light lost in the corners")
-    simulate.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+    simulating.add_options(simulate)
     simulate.set_defaults(run=commands.run_simulate)
 
     _add_capture(add("capture", help="photograph an object pose by pose with a rig and a camera"))
@@ -244,9 +216,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             "--objects", type=_names, nargs="+", action=_Together, metavar="OBJECT",
             help="names, or meshes: OBJ, PLY, GLB",
         )  # fmt: skip
-        order.add_argument(
-            "--material", metavar="KIND", help="of meshes, as simulate has it; paint if left out"
-        )
+        simulating.add_object_options(order, "a built-in object keeps its own;")
         order.add_argument(
             "--sets",
             type=Path,

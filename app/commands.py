@@ -83,14 +83,11 @@ def process(
 
 
 def run_simulate(args: Namespace) -> int:
-    from app import studio
-    from hardware.virtual.studio.shoot import Order
+    from app import simulating, studio
 
-    width, height = args.size
-    order = Order(args.room, args.object, args.views, width, height, args.motion, args.seed, args.device,
-                  args.object_size, args.place and tuple(args.place), args.material, args.turn)  # fmt: skip
+    request = simulating.asked(args)
     with terminal.job("simulate") as progress:
-        notes = studio.simulate(args.out, order, args.vignetting, progress)
+        notes = studio.simulate(request.out, request.order, request.vignetting, progress)
     for note in notes:
         print(note)
     print(f"{args.out}/session: {args.views} views of {args.object} in {args.room}, {args.motion}")

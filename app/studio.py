@@ -5,7 +5,6 @@ The truth lies outside of the session, where no stage looks.
 """
 
 import datetime
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
@@ -15,12 +14,13 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
+from app import places
 from engine import session as sessions
 from engine.errors import SessionError
 from engine.progress import Progress
 from hardware.virtual import dng, sensor
 from hardware.virtual.studio import shoot as virtual
-from hardware.virtual.studio.shoot import Order
+from hardware.virtual.studio.order import Order
 
 START = datetime.datetime(2024, 6, 1, 10, 0, 0)
 BETWEEN_VIEWS_S = 10.0
@@ -59,8 +59,7 @@ def _photograph(
     partial: Path, order: Order, camera: sensor.Sensor, kind: str, progress: Progress
 ) -> tuple[str, ...]:
     """Fill `partial` with a session and the truth beside it."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roomlight" / "studio"
-    built = virtual.build(order, cache, progress.part(0, 0.4).step)
+    built = virtual.build(order, places.cache() / "studio", progress.part(0, 0.4).step)
     pictures = list(built.shoot(progress.part(0.4, 0.85).step))
     geometry = built.journey.geometry
     rig = {"kind": order.motion, "geometry": geometry} if geometry is not None else None

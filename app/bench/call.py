@@ -34,9 +34,11 @@ class Call:
         many = args.what == "table"
         if args.seed < 0:
             raise BenchError(f"--seed {args.seed}: give a whole number from 0 on")
-        self.rooms = choices.rooms(args.rooms or (self.size.rooms if many else self.size.rooms[:1]))
+        self.rooms = choices.rooms(
+            args.rooms or (self.size.rooms if many else self.size.rooms[:1]), args.place
+        )
         things = args.objects or (self.size.objects if many else self.size.objects[:1])
-        self.objects = choices.objects(things, args.material, args.seed)
+        self.objects = choices.objects(things, args.material, args.seed, args.object_size, args.turn)
         self.folder = args.sets or sets.default_folder()
         least = getattr(args, "reference_pixels", None)
         if least is not None and (least <= 0 or least % TILE):

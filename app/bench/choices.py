@@ -1,7 +1,8 @@
 """What a set is of: a room and an object by the studio's own names, or out of files, which their content names.
 
-A set of files is kept under a digest of what the studio reads in them, so that another file of the same name is another set.
-Tables show the files' names without suffix (of a `scene.xml` its folder's).
+A set of files is kept under a digest of what the studio reads in them, so that another file of the same name is another set,
+and so is another material, size or place. Tables show the files' names without suffix (of a `scene.xml` its folder's), and
+after them what else was asked for.
 """
 
 import re
@@ -10,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app import places
 from app.bench.record import BenchError
+
+Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +24,10 @@ class Choice:
     asked: str  # as the studio is asked for it
     name: str  # in tables
     key: str  # in the name of a set's folder
-    material: str | None = None  # None: its own, or the studio's default
+    material: str | None = None  # this and the following; None: its own, or the studio's default
+    size_m: float | None = None
+    turn_deg: float | None = None
+    place: Place | None = None
 
 
 def built_in(name: str) -> Choice:
@@ -28,50 +35,69 @@ def built_in(name: str) -> Choice:
     return Choice(name, name, name)
 
 
-def rooms(asked: Sequence[str]) -> tuple[Choice, ...]:
-    """
+def rooms(asked: Sequence[str], place: Place | None = None) -> tuple[Choice, ...]:
+    """`place` is the rig's in a scene file's frame.
+
     Raises:
-        BenchError: no such name, or one room twice.
+        BenchError: no such name, one room twice, or a place for other than one scene file.
         StudioError: a scene that cannot be used, and why.
     """
     from hardware.virtual.studio import rooms as furnished
-    from hardware.virtual.studio.interior import read
 
     names = _names("room", asked, furnished.ROOMS, "a Mitsuba 3 scene.xml")
+    if place is not None and (len(names), len(asked)) != (1, 1):
+        raise BenchError(
+            f"--place: is a place in one scene file, and --rooms names {', '.join(asked)}; name one file, or leave it out"
+        )
     return tuple(
-        built_in(each)
-        if each in furnished.ROOMS
-        else _of_file(each, names[each], _room_key(read.read(Path(each))))
+        built_in(each) if each in furnished.ROOMS else _room(each, names[each], place) for each in asked
+    )
+
+
+def objects(
+    asked: Sequence[str],
+    material: str | None,
+    seed: int,
+    size_m: float | None = None,
+    turn_deg: float | None = None,
+) -> tuple[Choice, ...]:
+    """`material`, size and turn are those of mesh files, painted by `seed`; the studio's own objects keep theirs.
+
+    Raises:
+        BenchError: no such name, one object twice, or a material, size or turn where no object is a file.
+        StudioError: a mesh, a material, a size or a turn that cannot be used, and why.
+    """
+    from hardware.virtual.studio.objects import OBJECTS
+
+    names = _names("object", asked, OBJECTS, "a mesh file")
+    for option, value in {"--material": material, "--object-size": size_m, "--turn": turn_deg}.items():
+        if value is not None and not names:
+            raise BenchError(f"{option} {value}: is for mesh files, and --objects names none; leave it out")
+    return tuple(
+        built_in(each) if each in OBJECTS else _object(each, names[each], material, seed, size_m, turn_deg)
         for each in asked
     )
 
 
-def objects(asked: Sequence[str], material: str | None, seed: int) -> tuple[Choice, ...]:
-    """`material` is that of mesh files, painted by `seed`; the studio's own objects keep theirs.
+def _room(asked: str, name: str, place: Place | None) -> Choice:
+    from hardware.virtual.studio.interior import keys
+    from hardware.virtual.studio.order import called
 
-    Raises:
-        BenchError: no such name, one object twice, or a material where no object is a file.
-        StudioError: a mesh or a material that cannot be used, and why.
-    """
+    key = f"{called(Path(asked))}-{keys.of(Path(asked), places.cache() / 'studio')}"
+    at = "" if place is None else "-at-" + "_".join(f"{x:.9g}" for x in place)
+    return Choice(asked, name + at, _plain(key + at), place=place)
+
+
+def _object(
+    asked: str, name: str, material: str | None, seed: int, size_m: float | None, turn_deg: float | None
+) -> Choice:
     from hardware.virtual.studio import bodies
-    from hardware.virtual.studio.objects import OBJECTS
 
-    names = _names("object", asked, OBJECTS, "a mesh file")
-    if material is not None and not names:
-        raise BenchError(f"--material {material}: is for mesh files, and --objects names none; leave it out")
-    return tuple(
-        built_in(each) if each in OBJECTS
-        else _of_file(each, names[each], bodies.stand(bodies.Thing(each, material=material), seed).body.name, material)
-        for each in asked
-    )  # fmt: skip
-
-
-def _room_key(interior: Any) -> str:
-    return f"{interior.name}-{interior.key}"
-
-
-def _of_file(asked: str, name: str, key: str, material: str | None = None) -> Choice:
-    return Choice(asked, name if material is None else f"{name}-{material}", _plain(key), material)
+    key = bodies.stand(bodies.Thing(asked, size_m, material, turn_deg or 0.0), seed).body.name
+    name += "" if material is None else f"-{material}"
+    name += "" if size_m is None else f"-{size_m:g}m"
+    name += "" if turn_deg is None else f"-{turn_deg:g}deg"
+    return Choice(asked, name, _plain(key), material, size_m, turn_deg)
 
 
 def _names(

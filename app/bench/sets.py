@@ -28,7 +28,7 @@ from engine.progress import Progress
 from engine.truth import Truth, read_truth
 
 if TYPE_CHECKING:
-    from hardware.virtual.studio.shoot import Order
+    from hardware.virtual.studio.order import Order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ def key(room: Choice, thing: Choice, size: Size, views: int, seed: int) -> str:
 
 def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, device: str) -> "Order":
     """What the studio is asked for."""
-    from hardware.virtual.studio.shoot import Order
+    from hardware.virtual.studio.order import Order
 
     return Order(
         room.asked,
@@ -73,7 +73,10 @@ def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, dev
         size.motion,
         seed,
         device,
-        material=thing.material,
+        thing.size_m,
+        room.place,
+        thing.material,
+        thing.turn_deg or 0.0,
     )
 
 

@@ -40,7 +40,8 @@ class Size:
     def told(self) -> str:
         """For a table's head."""
         light = ", a light of few Gaussians" if self.settings else ""
-        held = "hand-held" if self.motion == "handheld" else f"on a {self.motion}"
+        held = {"handheld": "hand-held", "random": "from random poses"}.get(self.motion)
+        held = held or f"on a {self.motion}"
         views = f"{self.views} views of {self.width} x {self.height} {held}"
         views += "" if self.files == "raw" else f", {self.files} images"
         return f"sets of size {self.name} ({views}), {self.inputs}{light}"
@@ -67,11 +68,11 @@ SIZES = {
     ),
     "paper": Size(
         "paper", 150, 512, 512, ROOMS, OBJECTS, True, (40, 80, 150), (512, 1024, 2048, 4096), *PUBLISHED,
-        60_000_000, 0.1, 60_000, motion="handheld", files="linear",
+        60_000_000, 0.1, 60_000, motion="random", files="linear",
     ),
     "paper-small": Size(
         "paper-small", 96, 512, 384, ROOMS, OBJECTS, True, (40, 80, 96), (512, 1024, 2048, 4096), *PUBLISHED,
-        60_000_000, 0.1, 60_000, motion="handheld",
+        60_000_000, 0.1, 60_000, motion="random",
     ),
 }  # fmt: skip
 SUITES = ("paper", "paper-small")

@@ -4,27 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import (
-    QComboBox,
-    QDialog,
-    QDialogButtonBox,
-    QFileDialog,
-    QFormLayout,
-    QHBoxLayout,
-    QLabel,
-    QLineEdit,
-    QProgressBar,
-    QPushButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QComboBox, QDialog, QFileDialog, QLineEdit, QWidget
 
 from app.importing import Request, proposed, suggest_poses
-from app.state import trouble
-from app.views.bridge import Bridge
+from app.views.forms import JobFoot, browsed, form, hint, label
 from app.views.pages import Shell
-from app.views.trouble import show_trouble
-from app.work.jobs import Job, JobState, JobStatus
 
 
 class ImportDialog(QDialog):
@@ -33,9 +17,7 @@ class ImportDialog(QDialog):
     def __init__(self, parent: QWidget | None, shell: Shell, folder: Path | None = None) -> None:
         super().__init__(parent)
         self._shell = shell
-        self._job: Job | None = None
         self._named = False  # the person chose the session's place; it follows the photographs no more
-        self._bridge = Bridge(self)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Import photographs"))
         self.setMinimumWidth(600)
@@ -54,49 +36,26 @@ class ImportDialog(QDialog):
         self.session.textEdited.connect(self._name)
         self.session.textChanged.connect(self._check)
 
-        form = QFormLayout()
-        form.setHorizontalSpacing(14)
-        form.setVerticalSpacing(8)
-        form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
-        form.addRow(_label(self.tr("&Photographs"), self.folder), folder_row)
-        form.addRow(
+        rows = form()
+        rows.addRow(label(self.tr("&Photographs"), self.folder), folder_row)
+        rows.addRow(
             "",
-            _hint(self.tr("RAW files, or linear .exr or .hdr images: at least 8 views, better 50 or more")),
+            hint(self.tr("RAW files, or linear .exr or .hdr images: at least 8 views, better 50 or more")),
         )
-        form.addRow(_label(self.tr("New &session"), self.session), session_row)
-        form.addRow(_label(self.tr("P&oses"), self.poses), poses_row)
-        form.addRow(
+        rows.addRow(label(self.tr("New &session"), self.session), session_row)
+        rows.addRow(label(self.tr("P&oses"), self.poses), poses_row)
+        rows.addRow(
             "",
-            _hint(self.tr("transforms.json, a COLMAP model's folder, or a Metashape XML; may be left out")),
+            hint(self.tr("transforms.json, a COLMAP model's folder, or a Metashape XML; may be left out")),
         )
-        form.addRow(_label(self.tr("&Mask"), self.object_mask), mask_row)
-        form.addRow("", _hint(self.tr("PNG of the photographs' size, white on the object; may be left out")))
-        form.addRow(_label(self.tr("&Exposures a view"), self.bracket), self.bracket)
+        rows.addRow(label(self.tr("&Mask"), self.object_mask), mask_row)
+        rows.addRow("", hint(self.tr("PNG of the photographs' size, white on the object; may be left out")))
+        rows.addRow(label(self.tr("&Exposures a view"), self.bracket), self.bracket)
 
-        self.bar = QProgressBar()
-        self.bar.setRange(0, 1000)
-        self.bar.setTextVisible(False)
-        self.bar.setAccessibleName(self.tr("Progress of the import"))
-        self.note = QLabel()
-        self.note.setObjectName("dim")
-        self.box = QDialogButtonBox()
-        self.go = self.box.addButton(self.tr("&Import"), QDialogButtonBox.ButtonRole.ActionRole)
-        self.go.setObjectName("primary")
-        self.go.setDefault(True)
-        self.stop = self.box.addButton(QDialogButtonBox.StandardButton.Cancel)
-        for button in self.box.buttons():
-            button.setAccessibleName(button.text().replace("&", ""))
-        self.go.clicked.connect(self._start)
-        self.stop.clicked.connect(self.reject)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(18, 18, 18, 14)
-        layout.setSpacing(12)
-        layout.addLayout(form)
-        layout.addStretch()
-        layout.addWidget(self.bar)
-        layout.addWidget(self.note)
-        layout.addWidget(self.box)
-        self.bar.hide()
+        self.foot = JobFoot(self, shell.board, self.tr("&Import"), rows)
+        self.foot.wanted.connect(self._start)
+        self.foot.changed.connect(self._check)
+        self.foot.done.connect(self._done)
         if folder is not None:
             self.folder.setText(str(folder))
         self._check()
@@ -114,42 +73,21 @@ class ImportDialog(QDialog):
 
     def reject(self) -> None:
         """Cancel the import under way, or leave."""
-        if self._job is not None and self._job.status.active:
-            self.note.setText(self.tr("Stopping…"))
-            self._job.cancel()
-        else:
-            super().reject()
+        self.foot.leave()
 
     def _start(self) -> None:
-        if self._job is not None and self._job.status.active:
-            return
         request = self.request()
         name = self.tr("Import {0}").format(request.folder.name)
-        self._job = Job(name, "import", request.content())
-        self._job.listen(self._bridge.latest(self._show))
-        self._shell.board.start(self._job)
-        self.bar.show()
-        self._check()
+        self.foot.begin(name, "import", request.content())
 
-    def _show(self, status: JobStatus) -> None:
-        self.bar.setValue(round(1000 * status.fraction))
-        if status.active:
-            if status.state is JobState.RUNNING:
-                self.note.setText(status.note)
-            return
-        self.bar.hide()
-        self.note.setText("")
-        self._check()
-        if status.state is JobState.DONE:
-            self._shell.wishes.open_session.emit(Path(str(status.result["session"])))
-            self.accept()
-        elif status.state is JobState.FAILED:
-            show_trouble(self, trouble(status.message, status.details))
+    def _done(self, result: dict) -> None:
+        self._shell.wishes.open_session.emit(Path(str(result["session"])))
+        self.accept()
 
     def _check(self) -> None:
-        running = self._job is not None and self._job.status.active
+        running = self.foot.running
         said = bool(self.folder.text().strip() and self.session.text().strip())
-        self.go.setEnabled(said and not running)
+        self.foot.go.setEnabled(said and not running)
         for field in (self.folder, self.session, self.poses, self.object_mask, self.bracket):
             field.setEnabled(not running)
 
@@ -166,25 +104,7 @@ class ImportDialog(QDialog):
 
     def _path(self, name: str, ask: Callable[[], str]) -> tuple[QLineEdit, QWidget]:
         field = QLineEdit()
-        field.setAccessibleName(name)
-        browse = QPushButton(self.tr("Browse…"))
-        browse.setAccessibleName(self.tr("Browse for {0}").format(name))
-        browse.setAutoDefault(False)
-
-        def fill() -> None:
-            said = ask()
-            if said:
-                field.setText(said)
-                if field is self.session:
-                    self._named = True
-
-        browse.clicked.connect(fill)
-        both = QWidget()
-        row = QHBoxLayout(both)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(field, 1)
-        row.addWidget(browse)
-        return field, both
+        return field, browsed(field, name, ask, lambda: self._name() if field is self.session else None)
 
     def _ask_folder(self) -> str:
         said = QFileDialog.getExistingDirectory(
@@ -206,15 +126,3 @@ class ImportDialog(QDialog):
     def _ask_mask(self) -> str:
         kinds = self.tr("Masks (*.png)")
         return QFileDialog.getOpenFileName(self, self.tr("Mask"), self.folder.text(), kinds)[0]
-
-
-def _label(text: str, field: QWidget) -> QLabel:
-    label = QLabel(text)
-    label.setBuddy(field)
-    return label
-
-
-def _hint(text: str) -> QLabel:
-    hint = QLabel(text)
-    hint.setObjectName("dim")
-    return hint

@@ -132,6 +132,12 @@ class MainWindow(QMainWindow):
 
         ImportDialog(self, self.shell, folder).open()
 
+    def simulate(self) -> None:
+        """Ask for what a simulation needs."""
+        from app.views.simulating import SimulateDialog
+
+        SimulateDialog(self, self.shell).open()
+
     def tell(self, trouble: Trouble) -> None:
         show_trouble(self, trouble)
 
@@ -163,6 +169,7 @@ class MainWindow(QMainWindow):
         wishes.trouble.connect(self.tell)
         wishes.new_capture.connect(self.new_capture)
         wishes.add_photographs.connect(self.add_photographs)
+        wishes.simulate.connect(self.simulate)
         self.rail.chosen.connect(self.show_page)
         self.status.show_job.connect(self._show_job)
         self.shell.state.session.listen(self._session_changed)

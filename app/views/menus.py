@@ -39,6 +39,7 @@ class Menus(QObject):
         self.recent = menu.addMenu(self.tr("&Recent sessions"))
         self.recent.aboutToShow.connect(self._fill_recent)
         self._add(menu, self.tr("&Import photographs…"), "Ctrl+I", lambda: window.add_photographs(None))
+        self._add(menu, self.tr("&Simulate photographs…"), None, window.simulate)
         menu.addSeparator()
         self._add(menu, self.tr("&Export…"), "Ctrl+E", lambda: window.show_page("export"))
         menu.addSeparator()

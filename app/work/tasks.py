@@ -1,4 +1,4 @@
-"""What a worker child can be asked for besides answers: process, import, export, report.
+"""What a worker child can be asked for besides answers: process, import, simulate, export, report.
 
 Each function takes the request (plain JSON values) and the link to the window; engine rooms are imported inside,
 so that a child loads what its task needs and nothing else.
@@ -67,6 +67,18 @@ def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, A
         link.log(f"note: {note}")
     link.log(importing.describe_poses(made))
     return {"session": str(made.folder), "views": len(sessions.shots(made))}
+
+
+def simulate(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Photograph a virtual object in a virtual room. Request: as `app.simulating.Request.content` has it."""
+    from app import simulating, studio
+
+    link.emit("stage", name="simulate", number=1, count=1)
+    asked = simulating.request_of(request)
+    notes = studio.simulate(asked.out, asked.order, asked.vignetting, link.progress())
+    for note in notes:
+        link.log(f"note: {note}")
+    return {"session": str(asked.out / "session"), "truth": str(asked.out / "truth"), "notes": list(notes)}
 
 
 def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:

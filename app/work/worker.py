@@ -23,6 +23,7 @@ from hardware.errors import HardwareError
 TASKS = {
     "process": "app.work.tasks:process",
     "import": "app.work.tasks:import_photographs",
+    "simulate": "app.work.tasks:simulate",
     "export": "app.work.tasks:export",
     "report": "app.work.tasks:report",
     "desk": "app.capture.desk.serving:serve",
@@ -34,7 +35,7 @@ TASKS = {
 }
 
 # How far a task stands back for the window when both want the same core, a capture less than a solve.
-NICE = {"desk": 8, "process": 15, "import": 15, "report": 15}
+NICE = {"desk": 8, "process": 15, "import": 15, "simulate": 15, "report": 15}
 
 GRACE_S = 10.0
 PROGRESS_EVERY_S = 0.05

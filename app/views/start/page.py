@@ -46,9 +46,17 @@ class StartPage(QWidget):
         self.add = _tile(
             self.tr("&Import photographs…"), self.tr("RAW brackets, or linear EXR and HDR images."), "import"
         )
+        self.simulate = _tile(
+            self.tr("&Simulate photographs…"),
+            self.tr(
+                "Of a virtual object in a virtual room, built in or out of your own files; with the truth."
+            ),
+            "view3d",
+        )
         self.new_capture.clicked.connect(self._new_capture)
         self.open.clicked.connect(self._ask_session)
         self.add.clicked.connect(self._add_photographs)
+        self.simulate.clicked.connect(self._simulate)
 
         name = QLabel("Roomlight")
         name.setObjectName("title")
@@ -65,7 +73,7 @@ class StartPage(QWidget):
         left.addWidget(name)
         left.addWidget(about)
         left.addSpacing(14)
-        for tile in (self.new_capture, self.open, self.add):
+        for tile in (self.new_capture, self.open, self.add, self.simulate):
             left.addWidget(tile)
         left.addStretch()
         left.addWidget(drop)
@@ -206,6 +214,10 @@ class StartPage(QWidget):
         if self._shell is not None:
             self._shell.wishes.add_photographs.emit(None)
 
+    def _simulate(self) -> None:
+        if self._shell is not None:
+            self._shell.wishes.simulate.emit()
+
     def _open_item(self, item: QListWidgetItem) -> None:
         glance: Glance = item.data(GLANCE)
         if self._shell is not None:
@@ -218,12 +230,13 @@ class StartPage(QWidget):
 
     def changeEvent(self, event) -> None:
         super().changeEvent(event)
-        if event.type() == event.Type.PaletteChange and hasattr(self, "add"):
+        if event.type() == event.Type.PaletteChange and hasattr(self, "simulate"):
             self._dress()
 
     def _dress(self) -> None:
         ours = theme.colours(self)
-        for tile, name in ((self.new_capture, "capture"), (self.open, "open"), (self.add, "import")):
+        names = {self.new_capture: "capture", self.open: "open", self.add: "import", self.simulate: "view3d"}
+        for tile, name in names.items():
             main = tile is self.new_capture
             tile.setIcon(icons.icon(name, ours.on_accent if main else ours.text, 28))
 

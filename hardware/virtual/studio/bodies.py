@@ -8,11 +8,12 @@ import numpy as np
 from hardware.errors import StudioError
 from hardware.virtual.studio import materials, meshes, objects, solids
 from hardware.virtual.studio.objects import Body
+from hardware.virtual.studio.order import MESH_SIZE_M
 
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """What to photograph; None: as a built-in object has it, else `meshes.SIZE_M` and paint."""
+    """What to photograph; None: as a built-in object has it, else `MESH_SIZE_M` and paint."""
 
     name: str  # of a built-in object, or a mesh file
     size_m: float | None = None
@@ -32,14 +33,16 @@ class Stood:
 def stand(thing: Thing, seed: int) -> Stood:
     """
     Raises:
-        StudioError: no such object, file or material, damage, or a size that no rig carries.
+        StudioError: no such object, file or material, damage, or a size or turn that no rig carries.
     """
+    if not np.isfinite(thing.turn_deg):
+        raise StudioError(f"--turn {thing.turn_deg}: give degrees, as in 90")
     if thing.material is not None:
         materials.check(thing.material)
     if is_file(thing.name):
         material = thing.material or "paint"
         mesh = meshes.read(Path(thing.name), material == materials.FROM_FILE)
-        size = meshes.SIZE_M if thing.size_m is None else thing.size_m
+        size = MESH_SIZE_M if thing.size_m is None else thing.size_m
         mesh, scale = meshes.stand(mesh, size, thing.turn_deg)
         notes = tuple(f"{thing.name}: {note}" for note in mesh.notes)
         return Stood(materials.dress(mesh, material, seed, scale), scale, notes)

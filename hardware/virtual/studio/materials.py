@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hardware.errors import StudioError
-from hardware.virtual.studio import meshes, paint
+from hardware.virtual.studio import meshes, order, paint
 from hardware.virtual.studio.meshes import Mesh
 from hardware.virtual.studio.objects import Body, Points, clouds, dappled, step, two_finishes
 
@@ -74,9 +74,9 @@ def check(material: str) -> None:
     Raises:
         StudioError: no such material.
     """
-    if material not in (*MATERIALS, FROM_FILE):
+    if material not in order.MATERIALS:
         raise StudioError(
-            f"there is no material called {material!r}; choose one of {', '.join(MATERIALS)}, {FROM_FILE}"
+            f"there is no material called {material!r}; choose one of {', '.join(order.MATERIALS)}"
         )
 
 

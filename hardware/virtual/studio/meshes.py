@@ -16,16 +16,17 @@ from jaxtyping import Bool, Float, Int
 from hardware.errors import StudioError
 from hardware.virtual.studio import solids
 from hardware.virtual.studio.objects import DISTANCE_M
+from hardware.virtual.studio.order import MESH_KINDS
 from hardware.virtual.studio.solids import Solid
 
-KINDS = (".obj", ".ply", ".glb")
-SIZE_M = 0.25  # largest extent, as the built-in objects have it
+USUAL_M = 0.25  # largest extent of the built-in objects, for which the rig was built
 SMALLEST_M, LARGEST_M = 0.01, 10.0
 MOST_FACES = 2_000_000  # more are thinned out to about a grid of GRID cells
 GRID = 1200
 FINEST = 160  # edges are divided until they are this part of the size, so that paint has somewhere to lie
 DIVIDED_FACES = 600_000  # but not beyond this many
 CREASE_DEG = 45.0
+ONE_PLACE = 1e-6  # of the size: corners so close are one where borders are looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +59,8 @@ def read(path: Path, with_looks: bool) -> Mesh:
     Raises:
         StudioError: no such file, a kind that is not read, damage, no faces, no numbers, or no looks where asked for.
     """
-    if path.suffix.lower() not in KINDS:
-        raise StudioError(f"{path}: meshes are read from {', '.join(KINDS)}; convert it")
+    if path.suffix.lower() not in MESH_KINDS:
+        raise StudioError(f"{path}: meshes are read from {', '.join(MESH_KINDS)}; convert it")
     if not path.is_file():
         raise StudioError(f"{path}: there is no such mesh; give a file or the name of an object")
     parts = _loaded(path)
@@ -87,6 +88,9 @@ def read(path: Path, with_looks: bool) -> Mesh:
     }
     mesh = Mesh(path.stem, vertices, np.zeros_like(vertices), faces, **values, notes=())
     mesh, known = _thinned(mesh, known, extent)
+    if borders := _borders(mesh, extent):
+        note = f"is open: {borders} boundary edges; faces seen from behind are black"
+        mesh = replace(mesh, notes=(*mesh.notes, note))
     return _finished(_right_side_out(mesh, known, extent), extent)
 
 
@@ -96,7 +100,7 @@ def stand(mesh: Mesh, size_m: float, turn_deg: float) -> tuple[Mesh, float]:
     Raises:
         StudioError: a size that no rig carries.
     """
-    scale = checked(size_m) / SIZE_M
+    scale = checked(size_m) / USUAL_M
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     turn = np.diag([1.0, -1.0, -1.0]) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     used = mesh.vertices[np.unique(mesh.faces)]
@@ -184,6 +188,18 @@ def _thinned(mesh: Mesh, known: np.ndarray | None, extent: float) -> tuple[Mesh,
         some(mesh.metalness), (*mesh.notes, note),
     )  # fmt: skip
     return thin, None  # the file's normals were those of other corners
+
+
+def _borders(mesh: Mesh, extent: float) -> int:
+    """How many edges have a face on one side alone; corners at one place are one, though a file holds it for each face."""
+    place = np.rint(mesh.vertices[mesh.faces] / (extent * ONE_PLACE)).astype(np.int64)
+    place -= place.min((0, 1))
+    _, corner = np.unique(place @ [1, 1 << 21, 1 << 42], return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    ends = np.sort(np.stack([corner, np.roll(corner, -1, 1)], -1), -1).reshape(-1, 2)
+    ends = ends[ends[:, 0] < ends[:, 1]]
+    _, faces = np.unique(ends @ [corner.max() + 1, 1], return_counts=True)
+    return int((faces == 1).sum())
 
 
 def _has_area(corners: Float[np.ndarray, "f 3 3"]) -> Bool[np.ndarray, " f"]:

@@ -8,20 +8,23 @@ with axes and points in the frame of the camera at pan = tilt = 0 and right-hand
 carries the tilt stage, which carries camera and object.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from hardware import plan
 from hardware.errors import StudioError
 from hardware.interfaces import Angles, Geometry
+from hardware.virtual.studio.order import MOTIONS
 
 REPORT_NOISE_DEG = 0.02  # what an encoder and some backlash leave
 PITCHES_DEG = {"turntable": 8.0, "gimbal": 0.0}  # how far down the camera at rest looks, by kind of rig
 PIVOT_M = 0.25  # the rig turns about a point this far before the camera, between camera and object
 WANDER_M = 0.28  # how far hands move the rig from the room's centre
+WANDERS = (1.0, 0.5, 0.25, 0.0)  # of that, the first that has room
 
 PIVOT = np.array([0.03, 0.06, PIVOT_M])  # camera frame: no bracket centres the lens perfectly
 
@@ -73,6 +76,16 @@ def handheld(views: int, centre: Float[np.ndarray, "3"], seed: int, wander_m: fl
         rotation = frame @ turn(np.array([0.0, 0, 1]), np.zeros(3), rho)[:, :3]
         poses.append(np.column_stack([rotation, pivot - rotation @ np.array([0, 0, PIVOT_M])]))
     return Journey(np.stack(poses), (None,) * views, None)
+
+
+def scattered(views: int, centre: Float[np.ndarray, "3"], seed: int, wander_m: float = WANDER_M) -> Journey:
+    """Every way up and round at random, each pose by itself: rotations uniform on SO(3), pivots in a ball about the centre."""
+    rng = np.random.default_rng(seed)
+    turns = Rotation.from_quat(rng.normal(size=(views, 4))).as_matrix()
+    away = rng.normal(size=(views, 3))
+    away *= wander_m * np.cbrt(rng.random((views, 1))) / np.linalg.norm(away, axis=1, keepdims=True)
+    places = centre + away - turns @ [0, 0, PIVOT_M]
+    return Journey(np.concatenate([turns, places[:, :, None]], 2), (None,) * views, None)
 
 
 def turntable(views: int, centre: Float[np.ndarray, "3"], seed: int) -> Journey:
@@ -156,9 +169,12 @@ def _drift(rng: np.random.Generator, views: int, size: float) -> Float[np.ndarra
     return size * total / max(np.abs(total).max(), 1e-9)
 
 
-MOTIONS: dict[str, Callable[[int, np.ndarray, int], Journey]] = {
-    "handheld": handheld, "turntable": turntable, "gimbal": gimbal,
-}  # fmt: skip
+FREE: dict[str, Callable[[int, np.ndarray, int, float], Journey]] = {
+    "handheld": handheld,
+    "random": scattered,
+}
+"""Those that no rig carries: they wander, less where less room is free, and report nothing."""
+RIGS: dict[str, Callable[[int, np.ndarray, int], Journey]] = {"turntable": turntable, "gimbal": gimbal}
 
 
 def carried(journey: Journey, centre: Float[np.ndarray, "3"], scale: float) -> Journey:
@@ -182,10 +198,23 @@ def travel(
     Raises:
         StudioError: no such motion, or no views.
     """
-    if motion not in MOTIONS:
+    if motion not in FREE and motion not in RIGS:
         raise StudioError(f"there is no motion called {motion!r}; choose one of {', '.join(MOTIONS)}")
     if views < 1:
         raise StudioError(f"{views} views were asked for; at least 1 is needed")
-    if motion == "handheld":
-        return handheld(views, centre, seed, wander_m)
-    return MOTIONS[motion](views, centre, seed)
+    if motion in FREE:
+        return FREE[motion](views, centre, seed, wander_m)
+    return RIGS[motion](views, centre, seed)
+
+
+def calmer(motion: str, views: int, seed: int, scale: float) -> Iterator[tuple[Journey, tuple[str, ...]]]:
+    """Journeys around the origin, `scale` times as large, each wandering less than the one before; and what to say of it.
+
+    Raises:
+        StudioError: as `travel`.
+    """
+    for share in WANDERS if motion in FREE else (1.0,):
+        wander_m = WANDER_M * share
+        journey = carried(travel(motion, views, np.zeros(3), seed, wander_m), np.zeros(3), scale)
+        told = f"the rig wanders {100 * wander_m * scale:.0f} cm about its place: no more is free"
+        yield journey, () if share == 1 else (told,)

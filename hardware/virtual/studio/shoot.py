@@ -27,6 +27,8 @@ from hardware.virtual.studio import (
     truth,
 )
 from hardware.virtual.studio.bodies import Thing
+from hardware.virtual.studio.interior import around, place
+from hardware.virtual.studio.order import Order
 from hardware.virtual.studio.surroundings import Surroundings
 
 VERSION = 4  # raise when the rendered values would change
@@ -35,27 +37,6 @@ PILOT_VIEWS = 6
 PLAIN_SAMPLES = 512  # a pixel and view, where Mitsuba has no vectorised variant
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """What to photograph, and how: names as `rooms`, `objects`, `motion`, `materials` and `tracer` have them, pixels.
-
-    A room may also be a Mitsuba 3 scene file, `place` then is in its own frame (None: one is searched), an object a mesh.
-    """
-
-    room: str
-    thing: str
-    views: int
-    width: int
-    height: int
-    motion: str
-    seed: int
-    device: str
-    object_size: float | None = None  # largest extent, metres
-    place: tuple[float, float, float] | None = None  # of the rig's centre
-    material: str | None = None
-    turn_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,7 +155,7 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
     """Furnish and bake the room, set the object up, plan the journey.
 
     Raises:
-        StudioError: unknown names, sizes that no Bayer sensor has, no views, a negative seed, or a device
+        StudioError: unknown names, sizes that no Bayer sensor has, no views, a negative seed, what is no number, or a device
             that is not there.
     """
     width, height = order.width, order.height
@@ -182,17 +163,18 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
         raise StudioError(f"{width} x {height} pixels: a Bayer sensor needs even sizes of at least 16")
     if order.seed < 0:
         raise StudioError(f"seed {order.seed}: a seed is a whole number >= 0; choose another")
+    if order.place is not None and not np.isfinite(order.place).all():
+        raise StudioError(f"--place {' '.join(map(str, order.place))}: give three numbers, in metres")
     cache.mkdir(parents=True, exist_ok=True)
     stood = bodies.stand(Thing(order.thing, order.object_size, order.material, order.turn_deg), order.seed)
     if _is_file(order.room):
-        from hardware.virtual.studio.interior import around
-
         room, journey, notes = around.build(order, stood, cache, progress)
         return Studio(order, stood.body, journey, room, cache, (*notes, *stood.notes))
     if order.place is not None:
         raise StudioError("--place: the rig's place in a built-in room is fixed; give one with a scene file")
     room = surroundings.BuiltIn(order.room, cache, order.device, progress)
-    return Studio(order, stood.body, _journey(order, stood, room.centre), room, cache, stood.notes)
+    journey, told = _journey(order, stood, room.centre)
+    return Studio(order, stood.body, journey, room, cache, (*told, *stood.notes))
 
 
 def _is_file(room: str) -> bool:
@@ -200,20 +182,18 @@ def _is_file(room: str) -> bool:
     return room not in rooms.ROOMS and ("/" in room or Path(room).suffix != "")
 
 
-def _journey(order: Order, stood: bodies.Stood, centre: Float[np.ndarray, "3"]) -> motion.Journey:
-    """In a built-in room, whose free space is known."""
+def _journey(
+    order: Order, stood: bodies.Stood, centre: Float[np.ndarray, "3"]
+) -> tuple[motion.Journey, tuple[str, ...]]:
+    """In a built-in room, whose free space is known; and what to say of it."""
     if stood.scale == 1:
-        return motion.travel(order.motion, order.views, centre, order.seed)
-    journey = motion.carried(
-        motion.travel(order.motion, order.views, np.zeros(3), order.seed), np.zeros(3), stood.scale
+        return motion.travel(order.motion, order.views, centre, order.seed), ()
+    reach = np.inf
+    for journey, told in motion.calmer(order.motion, order.views, order.seed, stood.scale):
+        reach = place.sweep(journey.world_from_cam, stood.body.solid.vertices, stood.scale).reach.max()
+        if reach <= rooms.FREE_M:
+            return motion.carried(journey, centre, 1.0), told
+    raise StudioError(
+        f"{order.thing}: camera and object reach {reach:.2f} m from the room's centre, where {rooms.FREE_M:g} m are free;"
+        " choose a smaller --object-size"
     )
-    corner = (
-        np.linalg.norm(stood.body.solid.vertices, axis=1).max()
-        + np.linalg.norm(journey.world_from_cam[:, :, 3], axis=1).max()
-    )
-    if corner > rooms.FREE_M:
-        raise StudioError(
-            f"--object-size {order.object_size:g}: camera and object reach {corner:.2f} m from the room's centre, where"
-            f" {rooms.FREE_M:g} m are free; choose a smaller size"
-        )
-    return motion.carried(journey, centre, 1.0)

@@ -410,7 +410,7 @@ def test_a_suite_takes_files_in_the_form_of_the_papers_table(
         "bust", "blob", "sphere", "average",
     ]  # fmt: skip
     assert "cellar-bar-bust" in said
-    assert "150 views of 512 x 512 hand-held, linear images), true poses and masks given" in said
+    assert "150 views of 512 x 512 from random poses, linear images), true poses and masks given" in said
     assert [(room, Path(thing).name) for room, thing, *_ in asked] == [
         (room, thing) for room in rooms for thing in ("bust.obj", "blob", "sphere")
     ]
@@ -520,6 +520,9 @@ def test_scaling_tells_its_child_where_the_set_is_whatever_folder_that_works_in(
         (["--objects", "nowhere/bear.obj"], "there is no such mesh"),
         (["--objects", "bear.stl"], "meshes are read from"),
         (["--material", "clay"], "--material clay: is for mesh files"),
+        (["--object-size", "0.3"], "--object-size 0.3: is for mesh files"),
+        (["--turn", "0"], "--turn 0.0: is for mesh files"),
+        (["--place", "0", "1", "2"], "--place: is a place in one scene file, and --rooms names booth"),
         (["--seed", "-1"], "--seed -1"),
         (["--gate", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--sets", __file__], "is no folder"),

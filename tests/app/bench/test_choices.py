@@ -4,10 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from app.bench import choices
+from app.bench import choices, sets
 from app.bench.record import BenchError
+from app.bench.sizes import SIZES
 from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
+from hardware.virtual.studio.interior import read
 
 ROOM = """<scene version="3.0.0">
 <shape type="cube"><transform name="to_world"><scale value="2"/></transform>
@@ -15,6 +17,11 @@ ROOM = """<scene version="3.0.0">
 <shape type="rectangle"><transform name="to_world"><scale value=".5"/><rotate x="1" angle="90"/><translate y="1.9"/></transform>
 <emitter type="area"><rgb name="radiance" value="10"/></emitter></shape></scene>"""
 MESH = "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
 
 
 @pytest.fixture(autouse=True)
@@ -68,6 +75,48 @@ def test_what_is_in_the_files_names_the_set_and_not_where_they_lie(tmp_path: Pat
     keys = {choices.objects((things[0],), *how)[0].key for how in ((None, 0), ("clay", 0), (None, 1))}
     assert len(keys) == 3
     assert not any(set(key) & set("/ ") for key in keys)
+
+
+def test_a_place_a_size_and_a_turn_make_another_set_and_say_so(tmp_path: Path) -> None:
+    scene, mesh = a_room(tmp_path / "attic"), a_mesh(tmp_path)
+    (plain,), (placed,) = choices.rooms((scene,)), choices.rooms((scene,), (0.5, -1.0, 2.0))
+    assert (placed.name, placed.key) == ("attic-at-0.5_-1_2", f"{plain.key}-at-0.5_-1_2")
+    (usual, _), (small, ours), (turned, _) = (
+        choices.objects((mesh, "blob"), "clay", 0, *how) for how in ((), (0.2,), (None, 180.0))
+    )
+    assert [each.name for each in (usual, small, turned)] == [
+        "bust-clay",
+        "bust-clay-0.2m",
+        "bust-clay-180deg",
+    ]
+    assert len({each.key for each in (usual, small, turned)}) == 3
+    assert ours == choices.built_in("blob")
+    order = sets.order_of(placed, small, SIZES["quick"], 8, 1, "cpu")
+    assert (order.place, order.object_size, order.turn_deg, order.material) == (
+        (0.5, -1.0, 2.0),
+        0.2,
+        0.0,
+        "clay",
+    )
+    assert sets.order_of(plain, turned, SIZES["quick"], 8, 1, "cpu").turn_deg == 180
+    with pytest.raises(StudioError, match=r"an object is 0\.01 to 10 metres across"):
+        choices.objects((mesh,), None, 0, 0.0)
+
+
+def test_a_place_is_in_one_scene_file(tmp_path: Path) -> None:
+    scenes = a_room(tmp_path / "a"), a_room(tmp_path / "b")
+    for asked in (scenes, (scenes[0], "booth"), ("booth",)):
+        with pytest.raises(
+            BenchError, match=r"--place: is a place in one scene file, and --rooms names .*; name one"
+        ):
+            choices.rooms(asked, (0.0, 0.0, 0.0))
+
+
+def test_a_known_room_is_not_loaded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = a_room(tmp_path / "attic")
+    known = choices.rooms((scene,))
+    monkeypatch.setattr(read, "read", lambda path: pytest.fail("was loaded again"))
+    assert choices.rooms((scene,)) == known
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from app.views import importing
+from app.views import forms
 from app.views.importing import ImportDialog
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
@@ -23,7 +23,7 @@ def dialog(
     def make(name: str, task: str, request: Mapping[str, Any]) -> Job:
         return job(script, name, task, request)
 
-    monkeypatch.setattr(importing, "Job", make)
+    monkeypatch.setattr(forms, "Job", make)
     made = ImportDialog(None, shell, folder)
     made.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)  # qtbot closes it once more
     qtbot.addWidget(made)
@@ -39,9 +39,9 @@ def test_a_dropped_folder_fills_in_a_session_beside_it(
     made = dialog(shell, qtbot, monkeypatch, WILLING, tmp_path / "lion")
     assert made.session.text() == str(tmp_path / "lion.session")
     assert made.poses.text() == str(tmp_path / "lion" / "transforms.json")
-    assert made.go.isEnabled()
+    assert made.foot.go.isEnabled()
     made.folder.setText("")
-    assert not made.go.isEnabled()
+    assert not made.foot.go.isEnabled()
 
 
 def test_a_name_the_person_chose_stays(
@@ -62,7 +62,7 @@ def test_a_finished_import_opens_its_session(
     script = 'emit("done", result={"session": request["session"], "views": 8})'
     made = dialog(shell, qtbot, monkeypatch, script, tmp_path)
     made.bracket.setCurrentIndex(3)
-    made.go.click()
+    made.foot.go.click()
     until(qtbot, lambda: opened)
     assert opened == [tmp_path.parent / f"{tmp_path.name}.session"]
 
@@ -71,15 +71,15 @@ def test_cancelling_stops_the_import_and_keeps_the_dialog(
     shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     made = dialog(shell, qtbot, monkeypatch, WILLING, tmp_path)
-    made.go.click()
+    made.foot.go.click()
     (run,) = shell.board.active
     assert run.request["folder"] == str(tmp_path)
     assert not made.folder.isEnabled()
-    made.stop.click()
+    made.foot.stop.click()
     until(qtbot, lambda: run.status.state is JobState.CANCELLED)
-    until(qtbot, lambda: made.go.isEnabled())
+    until(qtbot, lambda: made.foot.go.isEnabled())
     assert made.isVisible()
-    made.stop.click()
+    made.foot.stop.click()
     assert not made.isVisible()
 
 
@@ -88,8 +88,8 @@ def test_a_fault_is_told_and_can_be_put_right(
 ) -> None:
     script = 'emit("failed", message="no photographs in it; it must hold RAW files", expected=True)'
     made = dialog(shell, qtbot, monkeypatch, script, tmp_path)
-    made.go.click()
+    made.foot.go.click()
     until(qtbot, lambda: made.findChildren(TroubleDialog))
     assert made.findChildren(TroubleDialog)[0].trouble.what == "no photographs in it"
     made.findChildren(TroubleDialog)[0].close()
-    assert made.go.isEnabled()
+    assert made.foot.go.isEnabled()

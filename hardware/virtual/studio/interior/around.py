@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,15 +13,11 @@ from hardware.virtual.studio.bake import Progress
 from hardware.virtual.studio.bodies import Stood
 from hardware.virtual.studio.interior import gather, glow, place, proposal, read
 from hardware.virtual.studio.objects import Body
-
-if TYPE_CHECKING:
-    from hardware.virtual.studio.shoot import Order
-
-WANDERS = (1.0, 0.5, 0.25, 0.0)  # of how far hands wander, the first that has room
+from hardware.virtual.studio.order import Order
 
 
 def build(
-    order: "Order", stood: Stood, cache: Path, progress: Progress
+    order: Order, stood: Stood, cache: Path, progress: Progress
 ) -> tuple["Around", motion.Journey, list[str]]:
     """Read and bake a scene file, find the rig a place, and plan its journey; what was simplified, in words.
 
@@ -36,9 +32,7 @@ def build(
     bounds = np.stack([corners.min(0), corners.max(0)])
     given = None if order.place is None else interior.world_from_scene @ np.array(order.place, float)
     calm: StudioError | None = None
-    for share in WANDERS if order.motion == "handheld" else (1.0,):
-        journey = motion.travel(order.motion, order.views, np.zeros(3), order.seed, motion.WANDER_M * share)
-        journey = motion.carried(journey, np.zeros(3), stood.scale)
+    for journey, told in motion.calmer(order.motion, order.views, order.seed, stood.scale):
         needed = place.sweep(journey.world_from_cam, stood.body.solid.vertices, stood.scale)
         try:
             centre = place.choose(room, bounds, interior.eye, given, needed, order.room)
@@ -48,10 +42,7 @@ def build(
         spot = interior.world_from_scene.T @ centre
         notes = [f"{order.room}: simplified: {note}" for note in interior.notes]
         notes.append(f"the rig stands at --place {spot[0]:.3f} {spot[1]:.3f} {spot[2]:.3f}")
-        if share < 1:
-            notes.append(
-                f"hands wander {100 * motion.WANDER_M * share * stood.scale:.0f} cm about it: no more is free"
-            )
+        notes += told
         key = f"{interior.key}-{baked.key}"
         return Around(interior.name, key, centre, room), motion.carried(journey, centre, 1.0), notes
     assert calm is not None

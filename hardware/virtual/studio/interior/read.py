@@ -19,6 +19,7 @@ from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.interior import looks, outside
 from hardware.virtual.studio.interior.looks import Look
+from hardware.virtual.studio.order import called
 
 LARGEST, SMALLEST = 1000.0, 0.1  # of a room's extent, scene units: beyond, they are hardly metres
 
@@ -69,7 +70,7 @@ def read(path: Path) -> Interior:
     vertices = np.concatenate([part.vertices for part, _ in meshes]) @ turn.T
     sky, balls = outside.image(mi, scene, turn, path)
     room = Interior(
-        path.parent.name if path.stem == "scene" else path.stem, "", vertices,
+        called(path), "", vertices,
         np.concatenate([part.normals for part, _ in meshes]) @ turn.T,
         np.concatenate([part.uv for part, _ in meshes]),
         np.concatenate([faces + start for (_, faces), start in zip(meshes, starts[:-1], strict=True)]),

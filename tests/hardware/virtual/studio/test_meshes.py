@@ -39,6 +39,22 @@ def test_edges_stay_sharp_and_curves_smooth(tmp_path):
     assert np.allclose(np.abs(mesh.normals).max(1), 1)
 
 
+def test_what_is_open_says_how_many_edges_have_one_face(tmp_path):
+    """Whatever the file repeats of its corners, and however it rounds them."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    soup = corners[np.array(quads)].reshape(-1, 3) + np.random.default_rng(0).normal(0, 1e-9, (24, 3))
+    shut = meshes.read(scenes.obj(tmp_path / "soup.obj", soup, np.arange(24).reshape(6, 4)), False)
+    lidless = meshes.read(scenes.obj(tmp_path / "box.obj", corners, np.array(quads[:-1])), False)
+    assert shut.notes == ()
+    assert lidless.notes == ("is open: 4 boundary edges; faces seen from behind are black",)
+
+
+def test_a_mesh_is_forty_centimetres_where_nothing_is_said(tmp_path):
+    body = bodies.stand(Thing(str(scenes.ball(tmp_path / "ball.obj"))), 0).body
+    assert np.ptp(body.solid.vertices, axis=0).max() == pytest.approx(0.4)
+
+
 def test_too_many_triangles_are_thinned_out_and_said(tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "MOST_FACES", 2000)
     monkeypatch.setattr(meshes, "GRID", 16)
@@ -57,7 +73,7 @@ def test_the_front_is_towards_the_camera_and_up_is_up(tmp_path):
     tip = body.solid.vertices[body.solid.vertices[:, 2].argmin()]
     assert top[0] < 0.01
     assert np.ptp(body.solid.vertices[:, 1]) == pytest.approx(0.2)
-    assert tip[2] < objects.DISTANCE_M * 0.2 / meshes.SIZE_M
+    assert tip[2] < objects.DISTANCE_M * 0.2 / meshes.USUAL_M
 
 
 @pytest.mark.parametrize("material", ["paint", "clay", "glaze", "metal", "textured"])

@@ -50,3 +50,39 @@ def test_no_other_rig_is_known():
         motion.pose_of("crane", CENTRE, 0.0, 0.0)
     with pytest.raises(StudioError, match="turntable, gimbal"):
         motion.geometry_of("crane")
+
+
+def test_random_poses_are_uniform_over_rotations_and_a_ball():
+    """Of uniform rotations each entry has mean 0 and variance 1/3, the trace mean 0 and variance 1; no direction is rarer."""
+    journey = motion.travel("random", 20000, CENTRE, 5)
+    turns = journey.world_from_cam[:, :, :3]
+    np.testing.assert_allclose(np.linalg.det(turns), 1, atol=1e-9)
+    assert np.abs(turns.mean(0)).max() < 0.02
+    np.testing.assert_allclose((turns**2).mean(0), 1 / 3, atol=0.01)
+    trace = np.trace(turns, axis1=1, axis2=2)
+    assert abs(trace.mean()) < 0.03
+    assert trace.var() == pytest.approx(1, abs=0.03)
+    pivots = turns @ [0, 0, motion.PIVOT_M] + journey.world_from_cam[:, :, 3] - CENTRE
+    share = np.linalg.norm(pivots, axis=1) / motion.WANDER_M
+    assert share.max() <= 1
+    assert (share < 0.5).mean() == pytest.approx(1 / 8, abs=0.01)
+    assert np.abs(pivots.mean(0)).max() < 0.01
+    assert journey.geometry is None
+    assert set(journey.reports) == {None}
+
+
+@pytest.mark.parametrize("kind", ["handheld", "random"])
+def test_what_no_rig_carries_wanders_less_where_less_is_free(kind: str):
+    reaches, told = [], []
+    for journey, notes in motion.calmer(kind, 40, 3, 2.0):
+        pivots = journey.world_from_cam @ [0, 0, 2 * motion.PIVOT_M, 1]
+        reaches.append(np.linalg.norm(pivots, axis=1).max())
+        told.append(notes)
+    assert reaches[0] > 0.8 * 2 * motion.WANDER_M * (1 if kind == "random" else 3**-0.5)
+    np.testing.assert_allclose(reaches, reaches[0] * np.array(motion.WANDERS), atol=1e-9)
+    assert told[0] == ()
+    assert told[1] == ("the rig wanders 28 cm about its place: no more is free",)
+
+
+def test_a_rig_is_not_made_calmer():
+    assert [notes for _, notes in motion.calmer("gimbal", 12, 0, 1.0)] == [()]

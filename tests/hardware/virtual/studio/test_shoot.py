@@ -6,7 +6,19 @@ import pytest
 from engine.geometry import inverse
 from engine.rig import RigLog, angle_between, logged_poses
 from hardware.errors import StudioError
-from hardware.virtual.studio import bake, mirror, motion, objects, paint, rooms, truth
+from hardware.virtual.studio import (
+    bake,
+    materials,
+    mirror,
+    motion,
+    objects,
+    order,
+    paint,
+    rooms,
+    shoot,
+    truth,
+)
+from hardware.virtual.studio import bodies as things
 
 CENTRE = np.array([0.0, 0.0, 1.35])
 SIZE = (160, 120)
@@ -153,7 +165,7 @@ def test_a_rig_reports_where_it_is_up_to_its_encoders_noise(kind):
     assert np.linalg.norm(off, axis=1).max() < 0.002
 
 
-@pytest.mark.parametrize("kind", list(motion.MOTIONS))
+@pytest.mark.parametrize("kind", order.MOTIONS)
 def test_the_rig_stays_in_the_free_space_and_repeats(kind):
     journey = motion.travel(kind, 48, CENTRE, 7)
     again = motion.travel(kind, 48, CENTRE, 7)
@@ -169,6 +181,44 @@ def test_hands_report_nothing():
     journey = motion.travel("handheld", 8, CENTRE, 1)
     assert journey.geometry is None
     assert set(journey.reports) == {None}
+
+
+def test_what_may_be_ordered_is_what_there_is():
+    assert set(order.ROOMS) == set(rooms.ROOMS)
+    assert set(order.OBJECTS) == set(objects.OBJECTS)
+    assert set(order.MOTIONS) == set(motion.FREE) | set(motion.RIGS)
+    assert set(order.MATERIALS) == {*materials.MATERIALS, materials.FROM_FILE}
+
+
+@pytest.mark.parametrize("kind", ["handheld", "random"])
+def test_larger_objects_wander_less_in_a_built_in_room_and_that_is_said(kind):
+    """And never beyond its free space; what fits nowhere is refused."""
+    told = {}
+    for size in (0.25, 0.4, 0.55, 1.2):
+        stood = things.stand(things.Thing("sphere", size), 0)
+        asked = order.Order("booth", "sphere", 24, motion=kind, object_size=size)
+        if size == 1.2:
+            with pytest.raises(
+                StudioError, match=r"reach 1\.\d+ m from the room's centre, where 0\.98 m are free"
+            ):
+                shoot._journey(asked, stood, CENTRE)
+            continue
+        journey, told[size] = shoot._journey(asked, stood, CENTRE)
+        poses = journey.world_from_cam
+        there = np.einsum("nij,pj->npi", poses[:, :, :3], stood.body.solid.vertices) + poses[:, None, :, 3]
+        assert np.linalg.norm(there - CENTRE, axis=-1).max() < rooms.FREE_M
+    assert told[0.25] == ()
+    assert "no more is free" in told[0.55][0]
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"turn_deg": float("nan")}, "--turn nan"), ({"turn_deg": float("inf")}, "--turn inf"),
+    ({"object_size": float("nan")}, "--object-size nan"), ({"place": (0.0, float("nan"), 1.0)}, "--place 0.0 nan 1.0"),
+    ({"place": (0.0, 0.0, 1.0)}, "in a built-in room is fixed"),
+])  # fmt: skip
+def test_what_is_no_number_is_refused(tmp_path, changes, said):
+    with pytest.raises(StudioError, match=said):
+        shoot.build(order.Order("booth", "sphere", **changes), tmp_path, lambda share, note: None)
 
 
 def test_unknown_names_say_what_there_is():
