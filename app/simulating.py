@@ -13,6 +13,7 @@ from hardware.virtual.studio.order import (
     MESH_SIZE_M,
     MOTIONS,
     OBJECTS,
+    RENDER_NOISE,
     ROOMS,
     Order,
     called,
@@ -50,6 +51,7 @@ def asked(args: Namespace) -> Request:
     order = Order(
         args.room, args.object, args.views, width, height, args.motion, args.seed, args.device, args.object_size,
         args.place and tuple(args.place), args.material, args.turn or 0.0,
+        args.noise,
     )  # fmt: skip
     return Request(args.out, order, args.vignetting)
 
@@ -112,3 +114,7 @@ def add_object_options(parser: ArgumentParser, otherwise: str) -> None:
         help=f"{', '.join(MATERIALS)}; {otherwise} paint for a mesh, if left out",
     )  # fmt: skip
     parser.add_argument("--turn", type=float, metavar="DEG", help="turn the object about the vertical")
+    parser.add_argument(
+        "--noise", type=float, default=RENDER_NOISE, metavar="SHARE",
+        help=f"that the path tracer may leave on the object, {RENDER_NOISE:g}; twice the noise takes a third of the time",
+    )  # fmt: skip

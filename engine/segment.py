@@ -221,7 +221,9 @@ def _sharper(
     """
     missed = found & ~next(islice(_first_guesses(full), begun, None))
     # What is broader than that was plain on the smaller images, which knew better than a first guess.
-    broad = cv2.morphologyEx(missed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2 * by + 1, 2 * by + 1), np.uint8))
+    broad = cv2.morphologyEx(
+        missed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2 * by + 1, 2 * by + 1), np.uint8)
+    )
     return found & ~(missed & (broad == 0))
 
 

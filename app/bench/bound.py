@@ -155,7 +155,7 @@ def known_of(
     who = replace(who, material=_material(built.body, mask))
     # Images that no camera took hold no noise but the path tracer's; a floor keeps black from being certain.
     noise = frames.noise if raw else (0.0, 1e-6 * float(frames.radiance[:, mask].mean()))
-    return Known(who, light, truth, Scatter(*noise, shoot.NOISE))
+    return Known(who, light, truth, Scatter(*noise, built.order.noise))
 
 
 def session_per_studio(exposure: float) -> float:

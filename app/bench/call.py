@@ -29,6 +29,7 @@ class Call:
         size = SIZES["quick" if args.quick else args.suite or args.size]
         poses = getattr(args, "poses", None)
         size = size if poses is None else replace(size, given=poses == "given")
+        size = replace(size, noise=args.noise)
         self.size: Size = size.thinned() if args.what == "views" else size
         # One set says as much about a switch or a chart as nine, in a ninth of the time.
         many = args.what == "table"

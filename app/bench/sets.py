@@ -54,9 +54,11 @@ def default_folder() -> Path:
 def key(room: Choice, thing: Choice, size: Size, views: int, seed: int) -> str:
     """The folder's name: room, object, motion, views, pixels, seed, the studio's version, and files other than RAW."""
     from hardware.virtual.studio import shoot
+    from hardware.virtual.studio.order import RENDER_NOISE
 
     pixels = f"{views}x{size.width}x{size.height}"
     files = "" if size.files == "raw" else f"-{size.files}"
+    files += "" if size.noise == RENDER_NOISE else f"-noise{size.noise:g}"
     return f"{room.key}-{thing.key}-{size.motion}-{pixels}-seed{seed}-studio{shoot.VERSION}{files}"
 
 
@@ -77,6 +79,7 @@ def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, dev
         room.place,
         thing.material,
         thing.turn_deg or 0.0,
+        size.noise,
     )
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from hardware.virtual.studio.order import RENDER_NOISE
+
 OBJECTS = ("blob", "sphere", "vase", "relief", "thin", "duo")
 ROOMS = ("study", "lamps", "window")
 PUBLISHED = ((16, 64, 256), (10, 25, 50, 100))
@@ -31,6 +33,7 @@ class Size:
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of stages; none: as shipped
     # How the studio carries camera and object: every way up, so that most of the room is seen even in few views.
     motion: str = "gimbal"
+    noise: float = RENDER_NOISE  # that the path tracer may leave on the object
     files: str = "raw"  # brackets of RAW files; or "linear": one float image a view, without a camera's noise
 
     @property
@@ -44,6 +47,7 @@ class Size:
         held = held or f"on a {self.motion}"
         views = f"{self.views} views of {self.width} x {self.height} {held}"
         views += "" if self.files == "raw" else f", {self.files} images"
+        views += "" if self.noise == RENDER_NOISE else f", {100 * self.noise:g} % noise of the path tracer"
         return f"sets of size {self.name} ({views}), {self.inputs}{light}"
 
     def thinned(self) -> "Size":

@@ -14,6 +14,7 @@ MOTIONS = ("handheld", "random", "turntable", "gimbal")
 DEVICES = ("auto", "cpu", "cuda")
 SCENE_KINDS = (".xml",)
 MESH_KINDS = (".obj", ".ply", ".glb")
+RENDER_NOISE = 0.015  # of an object pixel over the views, relative to its mean; average over the pixels
 MESH_SIZE_M = 0.4  # largest extent of a mesh, where none is asked for
 
 
@@ -36,6 +37,7 @@ class Order:
     place: tuple[float, float, float] | None = None  # of the rig's centre
     material: str | None = None  # None: the object's own, or paint
     turn_deg: float = 0.0
+    noise: float = RENDER_NOISE  # that the path tracer may leave
 
 
 def called(file: Path) -> str:

@@ -32,7 +32,6 @@ from hardware.virtual.studio.order import Order
 from hardware.virtual.studio.surroundings import Surroundings
 
 VERSION = 4  # raise when the rendered values would change
-NOISE = 0.015  # of an object pixel over the views, relative to its mean; average over the pixels
 PILOT_VIEWS = 6
 PLAIN_SAMPLES = 512  # a pixel and view, where Mitsuba has no vectorised variant
 
@@ -98,7 +97,7 @@ class Studio:
     def _object_pixels(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:
         """Path-traced radiance [n p 3] of the touched pixels; read from the cache when it is there."""
         facts = [VERSION, self.around.key, self.body.name, poses.round(9).tolist(), self.order.width,
-                 self.order.height, self.order.seed, NOISE]  # fmt: skip
+                 self.order.height, self.order.seed, self.order.noise]  # fmt: skip
         key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
         path = self.cache / f"{self.around.name}-{self.body.name}-{key}.npz"
         if path.exists():
@@ -135,7 +134,7 @@ class Studio:
         pilot = lights.effort(samples.PILOT)
         seeds = 16 * self.order.seed  # sixteen sets of numbers, no two alike
         noise = lit.noise(some, pilot, seeds + 14, lambda share: progress(0.1 * share))
-        counts = samples.needed(noise, touched, NOISE)
+        counts = samples.needed(noise, touched, self.order.noise)
         radiance = np.zeros((len(poses), len(counts), 3), np.float32)
         done, total = 0, counts.sum()
         for count in np.unique(counts):
@@ -161,6 +160,8 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
     width, height = order.width, order.height
     if width < 16 or height < 16 or width % 2 or height % 2:
         raise StudioError(f"{width} x {height} pixels: a Bayer sensor needs even sizes of at least 16")
+    if not 0.001 <= order.noise <= 1:
+        raise StudioError(f"--noise {order.noise:g}: give a share between 0.001 and 1")
     if order.seed < 0:
         raise StudioError(f"seed {order.seed}: a seed is a whole number >= 0; choose another")
     if order.place is not None and not np.isfinite(order.place).all():

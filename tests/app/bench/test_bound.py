@@ -23,6 +23,7 @@ from engine.truth import read_truth
 from engine.types import Frames, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot, tracer
+from hardware.virtual.studio.order import RENDER_NOISE
 from tests.app.bench.synthetic import a_set, stored
 from tests.app.test_studio import cheap
 
@@ -90,7 +91,7 @@ def test_under_its_light_the_true_surface_sends_what_was_photographed(made, file
     taken = on.stored.frames.radiance[:, on.truth.mask][:, pixels].transpose(1, 0, 2)
     np.testing.assert_allclose(sent.mean((0, 1)), taken.mean((0, 1)), rtol=0.1)  # of few paths each
     assert np.corrcoef(sent.mean((0, 2)), taken.mean((0, 2)))[0, 1] > 0.98
-    assert known.scatter.path == shoot.NOISE
+    assert known.scatter.path == RENDER_NOISE
     assert (known.scatter.shot > 0) == (files == "raw")
 
 

@@ -58,7 +58,7 @@ def test_every_option_of_the_command_line_can_be_said(dialog: SimulateDialog) ->
     dialog.thing.setCurrentText("bust.ply")
     for field, value in (
         (dialog.object_size, 0.31), (dialog.turn, -90), (dialog.views, 8), (dialog.wide, 64), (dialog.high, 48),
-        (dialog.seed, 7), (dialog.vignetting, 0.25),
+        (dialog.seed, 7), (dialog.vignetting, 0.25), (dialog.noise, 4),
     ):  # fmt: skip
         field.setValue(value)
     for box, value in ((dialog.material, "clay"), (dialog.motion, "random"), (dialog.device, "cpu")):
@@ -67,7 +67,7 @@ def test_every_option_of_the_command_line_can_be_said(dialog: SimulateDialog) ->
     dialog.out.setText("/o")  # room and object would name another
     words = (
         "simulate /o --room a/scene.xml --object bust.ply --object-size 0.31 --turn -90 --views 8 --size 64 48 --seed 7"
-        " --vignetting 0.25 --material clay --motion random --device cpu --place 0.5 -1 2"
+        " --vignetting 0.25 --noise 0.04 --material clay --motion random --device cpu --place 0.5 -1 2"
     )
     said = dialog.request()
     assert said == simulating.asked(_parser().parse_args(words.split()))
