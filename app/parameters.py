@@ -218,10 +218,6 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Weight of gaps"), QT_TRANSLATE_NOOP("parameters", "log radiance"),
         QT_TRANSLATE_NOOP("parameters", "Weight of what passes through all Gaussians: higher closes gaps in the walls."),
         0, 100)),
-    ("light.degree", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Highest harmonic"), "",
-        QT_TRANSLATE_NOOP("parameters", "Light may change with the direction up to this degree, where held-out views gain by it."),
-        0, 3)),
 
     ("surface.directions", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Directions of light"), "",
