@@ -17,7 +17,6 @@ from engine.light.bright import bright_ones, rows_of, solve_colours
 from engine.light.budget import VIEWS, worth
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.doubt import believed
 from engine.light.gaussians import Y00, radiance_towards
 from engine.light.globes import measured, put_back, without
 from engine.light.kernels_cpu import DARKEST
@@ -109,8 +108,6 @@ def fit(
         count = 0
         for passes, width in zip(params.passes, widths, strict=True):
             photographs = room(width)
-            if count:
-                photographs = believed(photographs, cloud.geometry, np.exp(cloud.log_radiance), knee, run)
             surface = surface_of(emptiness, photographs)
             for _ in range(passes):
                 progress.step(
