@@ -14,7 +14,6 @@ from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.bright import bright_ones, rows_of, solve_colours
-from engine.light.budget import VIEWS, worth
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
 from engine.light.gaussians import Y00, radiance_towards
@@ -31,7 +30,7 @@ from engine.radiance import luminance
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 BOUNDS = {
-    "budget": (0, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
+    "budget": (1, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
     "hollow": (0.0, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
@@ -45,7 +44,7 @@ class LightParams:
         LightError: what is asked lies outside `BOUNDS`.
     """
 
-    budget: int = 0  # Gaussians at most; 0: as many as the pictures are worth (`budget.py`)
+    budget: int = 6000  # Gaussians at most: fewer hurt the irradiance, more only sharpen what views look like (ADR 30)
     width: int = 256  # widest picture trained on, pixels
     passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
     holdout: int = 8  # every so many-th view only judges; 0: none
@@ -95,10 +94,6 @@ def fit(
             return without(resample(frames, masks, poses, used, width), lamps)
 
         small = room(min(64, poses.camera.width))
-        if not params.budget:
-            some = used[:: -(-len(used) // VIEWS)]
-            pictures = without(resample(frames, masks, poses, some, widest), lamps)
-            params = replace(params, budget=worth(pictures, small))
         start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
         cloud = cloud_of(start)
         knee = knee_of(small)

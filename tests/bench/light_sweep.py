@@ -3,7 +3,7 @@
     python -m tests.bench.light_sweep SESSION [--widths 128,256] [--counts 4000,8000,...] [--out FOLDER]
 
 SESSION lies in a set with its truth (of `roomlight simulate` or `roomlight bench`) and has its poses done; it is only
-read. The last row is the automatic choice: what the settings are where nobody sets them. Irradiance: `irradiance.py`.
+read. The last row is what the settings are where nobody sets them. Irradiance: `irradiance.py`.
 Core-seconds are CPU time of the process, all threads. Writes light_sweep.svg, .png and .csv: two panels, the error
 against core-seconds and against the number of Gaussians that are left in the end.
 """
@@ -33,7 +33,7 @@ from tests.bench import irradiance
 from tests.bench.inputs import Clock, Inputs, inputs, machine, warm
 
 COLOURS, MARKS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), ("o", "s", "^", "D")  # Okabe and Ito 2008
-AUTOMATIC = "#000000"
+USUAL = LightParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Row:
     """One setting, and what came out."""
 
     width: int
-    asked: int  # Gaussians at most; 0: the automatic choice
+    asked: int  # Gaussians at most
     count: int
     core_seconds: float
     seconds: float
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     where, rows = machine(), []
     warm(given)
     settings = [LightParams(width=width, budget=count) for width, count in itertools.product(widths, counts)]
-    for setting in [*settings, LightParams()]:
+    for setting in [*settings, USUAL]:
         rows.append(measured(given, lit, setting))
         print(table(rows[-1:]).splitlines()[-1], file=sys.stderr, flush=True)
     title = args.session.resolve().parent.name
@@ -90,7 +90,7 @@ def table(rows: Sequence[Row]) -> str:
     ]  # fmt: skip
     for row in rows:
         lines.append([
-            str(row.width), str(row.asked or "automatic"), str(row.count),
+            str(row.width), str(row.asked), str(row.count),
             f"{row.core_seconds:.1f}", f"{row.seconds:.0f}", f"{row.log_l1:.4f}", f"{row.mean:.2f}", f"{row.p95:.2f}",
         ])  # fmt: skip
     return markdown(lines)
@@ -117,25 +117,24 @@ def write(rows: Sequence[Row], folder: Path, caption: str) -> None:
 
 
 def draw(rows: Sequence[Row], caption: str) -> Figure:
-    """Two panels with one line per width over the counts, and a star at the automatic choice."""
+    """Two panels with one line per width over the counts, and a star at what is asked where nobody sets it."""
     figure = Figure(figsize=(7.2, 3.2), dpi=300)
     grid = figure.subplots(1, 2, sharey=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.97, bottom=0.3, wspace=0.08)
     panels = (("core_seconds", "core-seconds of the fit"), ("count", "Gaussians"))
-    swept = [row for row in rows if row.asked]
-    widths = sorted({row.width for row in swept})
+    widths = sorted({row.width for row in rows})
     for axes, (key, label) in zip(grid, panels, strict=True):
         for i, width in enumerate(widths):
-            line = sorted((row for row in swept if row.width == width), key=lambda row: row.asked)
+            line = sorted((row for row in rows if row.width == width), key=lambda row: row.asked)
             axes.plot(
                 [getattr(row, key) for row in line], [row.mean for row in line], color=COLOURS[i % len(COLOURS)],
                 marker=MARKS[i % len(MARKS)], ms=3.5, lw=0.8, label=f"{width} px",
             )  # fmt: skip
         for row in rows:
-            if not row.asked:
+            if (row.width, row.asked) == (USUAL.width, USUAL.budget):
                 axes.plot(
-                    [getattr(row, key)], [row.mean], "*", color=AUTOMATIC, ms=9, zorder=4, ls="none", mfc="#F0E442",
-                    mew=0.9, label="automatic choice",
+                    [getattr(row, key)], [row.mean], "*", color="#000000", ms=9, zorder=4, ls="none", mfc="#F0E442",
+                    mew=0.9, label="where nobody sets it",
                 )  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
