@@ -44,7 +44,7 @@ class LightParams:
         LightError: what is asked lies outside `BOUNDS`.
     """
 
-    budget: int = 6000  # Gaussians at most: fewer hurt the irradiance, more only sharpen what views look like (ADR 30)
+    budget: int = 6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
     width: int = 256  # widest picture trained on, pixels
     passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
     holdout: int = 8  # every so many-th view only judges; 0: none
