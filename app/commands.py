@@ -38,6 +38,8 @@ def run_plan(args: Namespace) -> int:
     before = asked.from_toml(session.read_params(opened))
     rows = table.stages(args.solver or before.solver)
     changed = asked.with_changes(before, args.preset, args.seed, args.set, args.solver, stages.files(rows))
+    for note in changed.notes:
+        print(f"note: {note}")
     for step in stages.plan(opened, rows, changed):
         print(f"{step.stage.name:8} {step.fingerprint}  {step.tell()}")
     return 0
@@ -65,6 +67,8 @@ def process(
     before = asked.from_toml(session.read_params(opened))
     rows = table.stages(solver or before.solver)
     changed = asked.with_changes(before, preset, seed, assignments, solver, stages.files(rows))
+    for note in changed.notes:
+        print(f"note: {note}")
     with terminal.stoppable() as cancelled, terminal.Display(Console()) as display:
         watcher = run.Watcher(
             lambda step: display.begin(step.stage.name),

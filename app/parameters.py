@@ -197,7 +197,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("light.budget", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Gaussians, at most"), "",
         QT_TRANSLATE_NOOP("parameters", "How many 3D Gaussians make up the room's light."),
-        0, 1_000_000, nothing=QT_TRANSLATE_NOOP("parameters", "as the pictures ask"), advanced=False)),
+        1, 1_000_000, advanced=False)),
     ("light.width", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Widest training picture"), PX,
         QT_TRANSLATE_NOOP("parameters", "Width of the largest pictures the light is fitted to."),
@@ -218,10 +218,6 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Weight of gaps"), QT_TRANSLATE_NOOP("parameters", "log radiance"),
         QT_TRANSLATE_NOOP("parameters", "Weight of what passes through all Gaussians: higher closes gaps in the walls."),
         0, 100)),
-    ("light.degree", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Highest harmonic"), "",
-        QT_TRANSLATE_NOOP("parameters", "Light may change with the direction up to this degree, where held-out views gain by it."),
-        0, 3)),
 
     ("surface.directions", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Directions of light"), "",

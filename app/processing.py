@@ -192,6 +192,8 @@ class Processing:
             return
         plan = read_plan(answer.content)
         self._settings = plan.settings
+        for note in answer.content.get("notes", ()):
+            self._write(folder, f"note: {note}")
         self.trouble.set(None)
         self.plan.set(plan)
         self.answered.set(number)

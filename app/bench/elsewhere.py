@@ -8,11 +8,11 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.bench.baselines.maps import MapFiles, read_maps
 from app.bench.record import BenchError
 from app.bench.rows import Answer, Method
 from app.bench.stored import Stored
 from engine.progress import Progress
-from engine.reference.maps import MapFiles, read_maps
 from engine.session import file_sha256
 
 KINDS = (".exr", ".png", ".npy", ".npz")

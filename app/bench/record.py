@@ -132,11 +132,11 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def engine_digest() -> str:
-    """Names the content of the engine's source: another text may compute another result."""
+    """Names the content of the engine's and the baselines' source: another text may compute another result."""
     import engine
 
     (root,) = engine.__path__
-    return digest(Path(root))
+    return digest(Path(root), Path(__file__).parent / "baselines")
 
 
 def told(record: Record) -> str:

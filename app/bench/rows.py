@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from app.bench.alike import alike, hand_over
+from app.bench.baselines.methods import BASELINES
 from app.bench.record import BenchError
 from app.bench.sizes import Size
 from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
 from engine.progress import Progress
-from engine.reference.baselines import BASELINES
 from engine.reference.params import ReferenceParams, scaled, title
 from engine.surface.pixels import SurfaceParams
 from engine.surface.solve import solve

@@ -72,6 +72,7 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
     defaults = {step.stage.name: _defaults(step.stage, settings.preset) for step in steps}
     return {
         "settings": asked.to_toml(settings),
+        "notes": list(settings.notes),
         "stages": [
             {
                 "name": step.stage.name,

@@ -22,6 +22,8 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
 
     opened = sessions.open_session(Path(request["session"]))
     settings = asked.from_toml(sessions.read_params(opened))
+    for note in settings.notes:
+        link.log(f"note: {note}")
     rows = table.stages(settings.solver)
     until = request.get("until")
     planned = stages.until(stages.plan(opened, rows, settings), until)

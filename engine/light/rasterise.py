@@ -1,11 +1,10 @@
-"""Render a view of the Gaussians and its gradients on all threads or a GPU: the kernels' front door.
+"""Render a view of the Gaussians and its gradients on all threads: the kernels' front door.
 
 World frame; a view is `cam_from_world` with a pinhole (no lens distortion: resample the photographs).
 Channels of a rendering: radiance (3), transmittance left over, sum of weight * z.
 """
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -62,47 +61,31 @@ Lists = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # what `tiles.lis
 Loss = tuple[np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray]  # of `kernels_cpu.backward`
 
 
-class Run(ABC):
-    """Where the work is done: chores of the CPU in any case, and tiles where they are done fastest."""
-
-    @abstractmethod
-    def __call__(self, kernel: Callable, args: tuple) -> None:
-        """Do `kernel(*args, part, parts)` for every part on the CPU; the split does not change any result."""
-
-    @abstractmethod
-    def forward(
-        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
-        image: Float[np.ndarray, "h w 5"],
-    ) -> None:  # fmt: skip
-        """Render into `image`."""
-
-    @abstractmethod
-    def backward(
-        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
-        image: Float[np.ndarray, "h w 5"], loss: Loss, totals: Float[np.ndarray, "v 18"],
-    ) -> None:  # fmt: skip
-        """Render into `image` and sum every Gaussian's gradients into `totals`."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Threads(Run):
-    """Everything on the CPU."""
+class Run:
+    """Where the work is done: a pool of threads, among which every kernel is divided into `parts`."""
 
     pool: ThreadPoolExecutor
     parts: int
 
     def __call__(self, kernel: Callable, args: tuple) -> None:
-        """See `Run`."""
+        """Do `kernel(*args, part, parts)` for every part; the split does not change any result."""
         for job in [self.pool.submit(kernel, *args, part, self.parts) for part in range(self.parts)]:
             job.result()
 
-    def forward(self, packed, lists, lens, near, image) -> None:
-        """See `Run`."""
+    def forward(
+        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
+        image: Float[np.ndarray, "h w 5"],
+    ) -> None:  # fmt: skip
+        """Render into `image`."""
         tile_start, members, _, _ = lists
         self(kernels_cpu.forward, (packed, tile_start, members, lens, np.float32(near), image))
 
-    def backward(self, packed, lists, lens, near, image, loss, totals) -> None:
-        """See `Run`."""
+    def backward(
+        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
+        image: Float[np.ndarray, "h w 5"], loss: Loss, totals: Float[np.ndarray, "v 18"],
+    ) -> None:  # fmt: skip
+        """Render into `image` and sum every Gaussian's gradients into `totals`."""
         tile_start, members, own_start, slots = lists
         grads = np.empty((len(members), kernels_cpu.GRADIENTS), np.float32)
         tiled = (packed, tile_start, members, lens, np.float32(near), image)
@@ -111,20 +94,11 @@ class Threads(Run):
 
 
 @contextmanager
-def workers(threads: int | None = None, device: str = "cpu") -> Iterator[Run]:
-    """The CPU's threads, and with `device` "cuda" the tiles on the first CUDA device.
-
-    Raises:
-        LightError: there is no CUDA device that numba can use.
-    """
+def workers(threads: int | None = None) -> Iterator[Run]:
+    """The processor's threads; as many as it has if none are asked for."""
     count = threads or len(os.sched_getaffinity(0))
     with ThreadPoolExecutor(count) as pool:
-        run = Threads(pool, 8 * count)
-        if device == "cuda":
-            from engine.light.on_cuda import OnCuda  # loads a driver
-
-            run = OnCuda(run)
-        yield run
+        yield Run(pool, 8 * count)
 
 
 def shapes(gaussians: Gaussians) -> Shapes:

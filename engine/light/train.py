@@ -3,7 +3,7 @@
 Source: the paper, Sec. 3.2: stage 1 is Eq. (5) by Adam, coarse to fine, on a budget of Gaussians;
 stage 2 is the colour solve of `bright.py`. World frame, scene units, linear radiance.
 
-Held-out views judge the fit, and whether its light has to change with the direction: they supervise neither stage.
+Held-out views judge the fit: they supervise neither stage. A Gaussian looks the same from every side.
 """
 
 from dataclasses import dataclass, replace
@@ -14,13 +14,10 @@ from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.bright import bright_ones, rows_of, solve_colours
-from engine.light.budget import VIEWS, worth
 from engine.light.carve import Emptiness, floating, intruding, surface_of
 from engine.light.descent import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.doubt import believed
-from engine.light.gaussians import Y00, radiance_towards, sh_degree
+from engine.light.gaussians import Y00, radiance_towards
 from engine.light.globes import measured, put_back, without
-from engine.light.harmonics import grown
 from engine.light.kernels_cpu import DARKEST
 from engine.light.lamps import Sightings, find_lamps
 from engine.light.photographs import Photographs, camera_centres, resample
@@ -33,8 +30,8 @@ from engine.radiance import luminance
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 BOUNDS = {
-    "budget": (0, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
-    "hollow": (0.0, MORE), "degree": (0, 3),
+    "budget": (1, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
+    "hollow": (0.0, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
 
@@ -47,14 +44,13 @@ class LightParams:
         LightError: what is asked lies outside `BOUNDS`.
     """
 
-    budget: int = 0  # Gaussians at most; 0: as many as the pictures are worth (`budget.py`)
+    budget: int = 6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
     width: int = 256  # widest picture trained on, pixels
     passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
     holdout: int = 8  # every so many-th view only judges; 0: none
     # Radius around each camera centre without Gaussians, scene units; None: derived.
     keep_out: float | None = None
     hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
-    degree: int = 3  # highest of the spherical harmonics that is tried
 
     def __post_init__(self) -> None:
         check(self, "light", LightError, BOUNDS)
@@ -65,7 +61,6 @@ class LightReport:
     """What the fit reached; held-out numbers are over background pixels of views that did not supervise."""
 
     count: int
-    degree: int  # of the spherical harmonics: 0 unless the kept-out views gain by more
     keep_out: float  # scene units
     knee: float  # radiance that Eq. (5) takes for 1
     heldout_log_l1: float
@@ -99,10 +94,6 @@ def fit(
             return without(resample(frames, masks, poses, used, width), lamps)
 
         small = room(min(64, poses.camera.width))
-        if not params.budget:
-            some = used[:: -(-len(used) // VIEWS)]
-            pictures = without(resample(frames, masks, poses, some, widest), lamps)
-            params = replace(params, budget=worth(pictures, small))
         start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
         cloud = cloud_of(start)
         knee = knee_of(small)
@@ -112,8 +103,6 @@ def fit(
         count = 0
         for passes, width in zip(params.passes, widths, strict=True):
             photographs = room(width)
-            if count:
-                photographs = believed(photographs, cloud.geometry, np.exp(cloud.log_radiance), knee, run)
             surface = surface_of(emptiness, photographs)
             for _ in range(passes):
                 progress.step(
@@ -124,14 +113,6 @@ def fit(
                 done, count = done + width * width, count + 1
                 cloud = _settle(cloud, photographs, params, emptiness, count / everything)
         gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.96), run)
-        if len(held):
-            progress.step(0.96, "light, whether it changes with the direction")
-            coarse = max(32, widths[-1] // 2)
-            views, kept = room(coarse), without(resample(frames, masks, poses, held, coarse), lamps)
-            gaussians = grown(
-                gaussians, params.degree, views, surface_of(emptiness, views), knee, params.hollow,
-                lambda tried: judge(tried, kept, knee, run)["heldout_log_l1"], rng, run,
-            )  # fmt: skip
         gaussians = put_back(gaussians, lamps, sightings, small)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
@@ -141,7 +122,6 @@ def fit(
         lamps,
         LightReport(
             count=len(gaussians.means),
-            degree=sh_degree(gaussians.radiance.shape[1]),
             keep_out=float(np.median(emptiness.radii)),
             knee=knee,
             **heldout,

@@ -20,16 +20,21 @@ from engine.errors import SessionError
 PRESETS = ("draft", "standard", "fine")
 SOLVERS = ("transport", "reference")
 """Ours, and the paper's as published."""
+REMOVED = {
+    "light.degree": "the room's light is the same from every side",
+}
+"""Parameters that were, and what holds without them. A params.toml from then still opens, with a note."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """`overrides` maps stage -> parameter -> value as the user wrote it."""
+    """`overrides` maps stage -> parameter -> value as the user wrote it; `notes` say what of it was left out."""
 
     preset: str = "standard"
     seed: int = 0
     overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     solver: str = "transport"  # of the surface
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
 
 def from_toml(content: Mapping[str, Any], where: str = "params.toml") -> Settings:
@@ -47,7 +52,13 @@ def from_toml(content: Mapping[str, Any], where: str = "params.toml") -> Setting
     for key, value in overrides.items():
         if not isinstance(value, dict):
             raise SessionError(f"{where}: {key!r} is unknown; write it in its stage's table, as [stage]")
-    return Settings(preset, seed, overrides, solver)
+    notes = []
+    for name, now in REMOVED.items():
+        stage, parameter = name.split(".")
+        if parameter in overrides.get(stage, {}):
+            overrides[stage] = {key: value for key, value in overrides[stage].items() if key != parameter}
+            notes.append(f"{where}: {name} is left out, for it was removed: {now}")
+    return Settings(preset, seed, overrides, solver, tuple(notes))
 
 
 def to_toml(settings: Settings) -> dict[str, Any]:
@@ -78,6 +89,10 @@ def with_changes(
         *path, parameter = name.strip().split(".")
         if not (equals and path and all(path) and parameter):
             raise SessionError(f"--set {text}: write it as stage.param=value, as in surface.directions=2048")
+        if name.strip() in REMOVED:
+            raise SessionError(
+                f"--set {text}: {name.strip()} was removed: {REMOVED[name.strip()]}; leave it out"
+            )
         table = overrides
         for part in path:
             table = table.setdefault(part, {})
@@ -85,7 +100,7 @@ def with_changes(
                 raise SessionError(f"--set {text}: {part} is one value, not a group of parameters")
         parsed = _parse(value.strip())
         table[parameter] = _absolute(parsed) if name.strip() in files else parsed
-    return from_toml(
+    changed = from_toml(
         {
             "preset": settings.preset if preset is None else preset,
             "seed": settings.seed if seed is None else seed,
@@ -94,6 +109,7 @@ def with_changes(
         },
         "command line",
     )
+    return dataclasses.replace(changed, notes=settings.notes)
 
 
 def _parse(text: str) -> Any:

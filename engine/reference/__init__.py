@@ -1,1 +1,1 @@
-"""The paper's own methods, as a yardstick beside ours: nothing of the pipeline depends on them."""
+"""The paper's own methods as written, a yardstick beside ours: `process --solver reference` and the benchmarks alone use them."""

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from engine.light.proposal import LIGHT_SHARE, SHARPNESS, Mixture
+from engine.reference.vmf_proposal import LIGHT_SHARE, SHARPNESS, Mixture
 
 F0 = 0.04
 """Reflectance head on."""
@@ -28,7 +28,7 @@ GRAZING = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lobes:
-    """Eq. (12) at some points; `proposal.Proposal` in torch, which runs on a GPU too."""
+    """Eq. (12) at some points; `vmf_proposal.Proposal` in torch, which runs on a GPU too."""
 
     axes: Float[Tensor, "p k 3"]
     kappas: Float[Tensor, "p k"]

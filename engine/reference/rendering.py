@@ -11,10 +11,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from engine.light.proposal import Mixture
 from engine.light.rasterise import Run
 from engine.reference import estimator, queries
 from engine.reference.shadows import Shadows
+from engine.reference.vmf_proposal import Mixture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,10 +18,9 @@ from torch import Tensor
 
 from engine.errors import SurfaceError
 from engine.geometry import rays
-from engine.light import proposal
 from engine.light.rasterise import Run, workers
 from engine.progress import Progress
-from engine.reference import losses, queries
+from engine.reference import losses, queries, vmf_proposal
 from engine.reference.descent import Descent, Told, Unknowns, slices
 from engine.reference.light import Given, light_for
 from engine.reference.params import EPOCHS, SAMPLES, ReferenceParams, ReferenceReport, title
@@ -77,8 +76,8 @@ def solve(
     ray = rays(poses.camera)
     per_z = ray / ray[..., 2:]
     # Our light keeps a lamp as one Gaussian of thousands: by the centres alone hardly a sample aims at it.
-    weights = proposal.emitted(gaussians) if params.aim_by_emission else None
-    mixture = proposal.fit(gaussians, seed, unit=params.aim_unit or distance, weights=weights)
+    weights = vmf_proposal.emitted(gaussians) if params.aim_by_emission else None
+    mixture = vmf_proposal.fit(gaussians, seed, unit=params.aim_unit or distance, weights=weights)
     scene = Scene(
         there(per_z[solved]), there(poses.cam_from_world), mixture,
         queries.plant(gaussians), distance, params.samples, params.emitter_sampling, params.full_diffuse,

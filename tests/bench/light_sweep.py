@@ -1,9 +1,9 @@
-"""Sweeps the light's resolution, count of Gaussians and SH degree, and charts what each setting makes of the irradiance.
+"""Sweeps the light's resolution and count of Gaussians, and charts what each setting makes of the irradiance.
 
-    python -m tests.bench.light_sweep SESSION [--widths 128,256] [--counts 4000,8000,...] [--degrees 0,3] [--out FOLDER]
+    python -m tests.bench.light_sweep SESSION [--widths 128,256] [--counts 4000,8000,...] [--out FOLDER]
 
 SESSION lies in a set with its truth (of `roomlight simulate` or `roomlight bench`) and has its poses done; it is only
-read. The last row is the automatic choice: what the settings are where nobody sets them. Irradiance: `irradiance.py`.
+read. The last row is what the settings are where nobody sets them. Irradiance: `irradiance.py`.
 Core-seconds are CPU time of the process, all threads. Writes light_sweep.svg, .png and .csv: two panels, the error
 against core-seconds and against the number of Gaussians that are left in the end.
 """
@@ -33,7 +33,7 @@ from tests.bench import irradiance
 from tests.bench.inputs import Clock, Inputs, inputs, machine, warm
 
 COLOURS, MARKS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), ("o", "s", "^", "D")  # Okabe and Ito 2008
-AUTOMATIC = "#000000"
+USUAL = LightParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,8 @@ class Row:
     """One setting, and what came out."""
 
     width: int
-    asked: int  # Gaussians at most; 0: the automatic choice
-    degree: int  # highest that is tried
+    asked: int  # Gaussians at most
     count: int
-    kept: int  # degree that was kept
     core_seconds: float
     seconds: float
     log_l1: float  # of kept-out views
@@ -54,9 +52,7 @@ class Row:
 
 def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
-    widths, counts, degrees = (
-        [int(word) for word in text.split(",")] for text in (args.widths, args.counts, args.degrees)
-    )
+    widths, counts = ([int(word) for word in text.split(",")] for text in (args.widths, args.counts))
     try:
         given, lit = inputs(args.session), irradiance.beside(args.session)
     except (RoomlightError, StudioError) as fault:
@@ -64,11 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     where, rows = machine(), []
     warm(given)
-    settings = [
-        LightParams(width=width, budget=count, degree=degree)
-        for width, count, degree in itertools.product(widths, counts, degrees)
-    ]
-    for setting in [*settings, LightParams()]:
+    settings = [LightParams(width=width, budget=count) for width, count in itertools.product(widths, counts)]
+    for setting in [*settings, USUAL]:
         rows.append(measured(given, lit, setting))
         print(table(rows[-1:]).splitlines()[-1], file=sys.stderr, flush=True)
     title = args.session.resolve().parent.name
@@ -84,7 +77,7 @@ def measured(given: Inputs, lit: irradiance.Lit, setting: LightParams) -> Row:
     seconds, cores = clock.read()
     found = irradiance.off(lit, gaussians, lamps)
     return Row(
-        setting.width, setting.budget, setting.degree, report.count, report.degree, cores, seconds,
+        setting.width, setting.budget, report.count, cores, seconds,
         report.heldout_log_l1, found.mean, found.p95,
     )  # fmt: skip
 
@@ -92,12 +85,12 @@ def measured(given: Inputs, lit: irradiance.Lit, setting: LightParams) -> Row:
 def table(rows: Sequence[Row]) -> str:
     """A Markdown table."""
     lines = [
-        ["px", "Gaussians asked", "degree tried", "Gaussians", "degree", "core-s", "s", "held-out log-L1",
+        ["px", "Gaussians asked", "Gaussians", "core-s", "s", "held-out log-L1",
          "irradiance off %", "p95 %"]
     ]  # fmt: skip
     for row in rows:
         lines.append([
-            str(row.width), str(row.asked or "automatic"), str(row.degree), str(row.count), str(row.kept),
+            str(row.width), str(row.asked), str(row.count),
             f"{row.core_seconds:.1f}", f"{row.seconds:.0f}", f"{row.log_l1:.4f}", f"{row.mean:.2f}", f"{row.p95:.2f}",
         ])  # fmt: skip
     return markdown(lines)
@@ -124,31 +117,24 @@ def write(rows: Sequence[Row], folder: Path, caption: str) -> None:
 
 
 def draw(rows: Sequence[Row], caption: str) -> Figure:
-    """Two panels with one line per width and degree over the counts, and a star at the automatic choice."""
+    """Two panels with one line per width over the counts, and a star at what is asked where nobody sets it."""
     figure = Figure(figsize=(7.2, 3.2), dpi=300)
     grid = figure.subplots(1, 2, sharey=True)
     figure.subplots_adjust(left=0.075, right=0.985, top=0.97, bottom=0.3, wspace=0.08)
     panels = (("core_seconds", "core-seconds of the fit"), ("count", "Gaussians"))
-    swept = [row for row in rows if row.asked]
-    lines = sorted({(row.width, row.degree) for row in swept})
-    widths = sorted({width for width, _ in lines})
+    widths = sorted({row.width for row in rows})
     for axes, (key, label) in zip(grid, panels, strict=True):
-        for i, (width, degree) in enumerate(lines):
-            line = sorted(
-                (r for r in swept if (r.width, r.degree) == (width, degree)), key=lambda row: row.asked
-            )
-            colour, most = COLOURS[widths.index(width) % len(COLOURS)], degree == max(d for _, d in lines)
-            # Where no harmonic is kept, degrees give the same light: the larger mark lies around the smaller one.
+        for i, width in enumerate(widths):
+            line = sorted((row for row in rows if row.width == width), key=lambda row: row.asked)
             axes.plot(
-                [getattr(row, key) for row in line], [row.mean for row in line], color=colour,
-                marker=MARKS[i % len(MARKS)], ms=7 if most else 3.5, mfc="none" if most else colour,
-                ls="--" if most else "-", lw=0.8, label=f"{width} px, degrees up to {degree}",
+                [getattr(row, key) for row in line], [row.mean for row in line], color=COLOURS[i % len(COLOURS)],
+                marker=MARKS[i % len(MARKS)], ms=3.5, lw=0.8, label=f"{width} px",
             )  # fmt: skip
         for row in rows:
-            if not row.asked:
+            if (row.width, row.asked) == (USUAL.width, USUAL.budget):
                 axes.plot(
-                    [getattr(row, key)], [row.mean], "*", color=AUTOMATIC, ms=9, zorder=4, ls="none", mfc="#F0E442",
-                    mew=0.9, label="automatic choice",
+                    [getattr(row, key)], [row.mean], "*", color="#000000", ms=9, zorder=4, ls="none", mfc="#F0E442",
+                    mew=0.9, label="where nobody sets it",
                 )  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
@@ -179,7 +165,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("session", type=Path)
     parser.add_argument("--widths", default="128,256")
     parser.add_argument("--counts", default="2000,4000,8000,16000,32000")
-    parser.add_argument("--degrees", default="0,3")
     parser.add_argument("--out", type=Path, default=Path("docs/bench"))
     return parser
 

@@ -8,12 +8,12 @@ import pytest
 
 from app.bench import alike, rows
 from app.bench.alike import Alike, under
+from app.bench.baselines.methods import BASELINES
 from app.bench.record import BenchError
 from app.bench.sizes import SIZES, Size
 from app.bench.stored import Stored
 from engine.light.gaussians import Y00
 from engine.progress import Progress
-from engine.reference.baselines import BASELINES
 from engine.reference.params import ReferenceParams, scaled
 from engine.surface.pixels import SurfaceParams
 from engine.surface.surroundings import furnished

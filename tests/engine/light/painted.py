@@ -19,12 +19,12 @@ def clouds(points: np.ndarray) -> np.ndarray:
     return 0.5 * np.exp(0.6 * waves)
 
 
-def poses(apart: float = 0.2) -> np.ndarray:
-    """All around, up and down, from places so far from the middle (standard deviation)."""
+def poses() -> np.ndarray:
+    """All around, up and down, from places 0.2 from the middle (standard deviation)."""
     rng = np.random.default_rng(0)
     return np.stack(
         [
-            look(4 * np.pi * i / VIEWS, 0.6 * np.sin(2.4 * i), 0.0, rng.normal(size=3) * apart)
+            look(4 * np.pi * i / VIEWS, 0.6 * np.sin(2.4 * i), 0.0, 0.2 * rng.normal(size=3))
             for i in range(VIEWS)
         ]
     )

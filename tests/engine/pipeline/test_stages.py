@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from engine import session as sessions
 from engine.errors import SessionError
 from engine.pipeline import run, stages
-from engine.pipeline.settings import Settings, from_toml, to_toml, with_changes
+from engine.pipeline.settings import REMOVED, Settings, from_toml, to_toml, with_changes
 from tests.engine.pipeline import tiny
 
 values = st.one_of(
@@ -213,6 +213,22 @@ def test_settings_survive_params_toml(session: sessions.Session) -> None:
     before = with_changes(Settings(), "fine", 7, ["count.way=fast", "add.directions=3"])
     sessions.write_params(session, to_toml(before))
     assert from_toml(sessions.read_params(session)) == before
+
+
+@pytest.mark.parametrize("name", REMOVED)
+def test_a_parameter_that_was_removed_is_left_out_of_a_kept_file_and_refused_on_the_command_line(
+    session: sessions.Session, name: str
+) -> None:
+    stage, parameter = name.split(".")
+    (session.folder / "params.toml").write_text(f"[{stage}]\n{parameter} = 2\nwidth = 128\n")
+    opened = from_toml(sessions.read_params(session))
+    assert opened.overrides == {stage: {"width": 128}}
+    (note,) = with_changes(opened, None, 3, ["light.holdout=4"]).notes
+    assert note == f"params.toml: {name} is left out, for it was removed: {REMOVED[name]}"
+    with pytest.raises(
+        SessionError, match=rf"--set {name}=2: {name} was removed: {REMOVED[name]}; leave it out"
+    ):
+        with_changes(Settings(), None, None, [f"{name}=2"])
 
 
 @pytest.mark.parametrize("text", ["preset = 'best'", "seed = -1", "directions = 5", "preset = ["])

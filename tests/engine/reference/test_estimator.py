@@ -8,7 +8,6 @@ import torch
 
 from engine.geometry import fibonacci_sphere
 from engine.light.gaussians import Y00
-from engine.light.proposal import Mixture, emitted, fit
 from engine.reference.estimator import (
     estimate,
     light_pdf,
@@ -17,6 +16,7 @@ from engine.reference.estimator import (
     towards_highlight,
     towards_light,
 )
+from engine.reference.vmf_proposal import Mixture, emitted, fit
 from engine.surface.brdf_reference import rows_reference
 from engine.types import Gaussians
 

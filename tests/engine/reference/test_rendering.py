@@ -7,10 +7,9 @@ import pytest
 import torch
 
 from engine.geometry import rays
-from engine.light import proposal
 from engine.light.gaussians import Y00
 from engine.light.rasterise import workers
-from engine.reference import queries
+from engine.reference import queries, vmf_proposal
 from engine.reference.rendering import Look, Scene, render
 from engine.reference.shadows import shadows_of
 from engine.types import Camera, Gaussians
@@ -46,7 +45,7 @@ def pictures(points: np.ndarray, room: Gaussians, emitter_sampling: bool = True)
 
     normals = np.tile([0.0, 0, -1], (count, 1))
     scene = Scene(
-        there(rays(CAMERA)[mask] / rays(CAMERA)[mask][:, 2:]), there(HALF_TURNED), proposal.fit(room, 0, 16),
+        there(rays(CAMERA)[mask] / rays(CAMERA)[mask][:, 2:]), there(HALF_TURNED), vmf_proposal.fit(room, 0, 16),
         queries.plant(room), 0.5, 256, emitter_sampling, False,
     )  # fmt: skip
     shape = Look(there(normals), torch.ones((count, 3)), torch.ones(count), there(points[mask][:, 2] / 0.5))

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from app.bench.baselines.flat import answers
+from app.bench.baselines.methods import BASELINES
+from app.bench.baselines.uncalibrated import GREY, UncalibratedParams, balloon, fitted_light
 from engine.geometry import fibonacci_sphere, rays
 from engine.progress import Progress
-from engine.reference.baselines import BASELINES
-from engine.reference.flat import answers
-from engine.reference.uncalibrated import GREY, UncalibratedParams, balloon, fitted_light
 from engine.surface import newton
 from engine.surface.observations import observe
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses

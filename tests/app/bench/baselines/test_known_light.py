@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from app.bench.baselines.flat import answers, projected
+from app.bench.baselines.known_light import KnownLightParams
+from app.bench.baselines.methods import BASELINES
 from engine.geometry import fibonacci_sphere
 from engine.progress import Progress
-from engine.reference.baselines import BASELINES
-from engine.reference.flat import answers, projected
-from engine.reference.known_light import KnownLightParams
 from engine.types import Surface
 from tests.engine.reference import lit_room
 

@@ -10,7 +10,7 @@ from engine.errors import LightError
 from engine.geometry import tangents
 from engine.light.gaussians import Y00
 from engine.light.probes import panorama_directions
-from engine.light.proposal import Mixture, Proposal, emitted, fit
+from engine.reference.vmf_proposal import Mixture, Proposal, emitted, fit
 from engine.types import Gaussians
 from tests.engine.light import clouds
 

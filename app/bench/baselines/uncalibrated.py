@@ -17,10 +17,10 @@ import scipy.sparse as sparse
 from jaxtyping import Bool, Float
 from scipy.sparse.linalg import spsolve
 
+from app.bench.baselines.flat import HARMONICS, HarmonicRows, Harmonics, answers
+from app.bench.baselines.matt import MATT_ROUGHNESS, answered, seen_object
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.reference.flat import HARMONICS, HarmonicRows, Harmonics, answers
-from engine.reference.matt import MATT_ROUGHNESS, answered, seen_object
 from engine.surface import newton
 from engine.surface.observations import Observations, aside
 from engine.surface.pixels import Subject, SurfaceParams, depth_of

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from app.bench.baselines.flat import HarmonicRows, panoramas, projected
+from app.bench.baselines.matt import Matt, answered, matt_start, refined, seen_object
 from engine.progress import Progress
-from engine.reference.flat import HarmonicRows, panoramas, projected
-from engine.reference.matt import Matt, answered, matt_start, refined, seen_object
 from engine.surface.newton import State
 from engine.surface.pixels import (
     Subject,

@@ -7,10 +7,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from app.bench.baselines.maps import MapFiles, read_maps
 from engine.errors import ImportFault
 from engine.png import srgb
 from engine.progress import Progress
-from engine.reference.maps import MapFiles, read_maps
 from tests.engine.ball import CAMERA, ball
 
 BALL = ball()

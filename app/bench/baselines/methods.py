@@ -1,15 +1,15 @@
 """The methods that a reader would hold ours against, by name: the rows beside it in every table.
 
 All take what `engine/surface/solve.py:solve` takes, with parameters of their own, and answer with a `Surface`.
-Maps that were computed elsewhere are one more row: `engine/reference/maps.py`.
+Maps that were computed elsewhere are one more row: `maps.py`.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from engine.reference.known_light import KnownLightParams, far_field, harmonics, lambert, one_panorama
-from engine.reference.uncalibrated import UncalibratedParams, uncalibrated
+from app.bench.baselines.known_light import KnownLightParams, far_field, harmonics, lambert, one_panorama
+from app.bench.baselines.uncalibrated import UncalibratedParams, uncalibrated
 from engine.types import Surface
 
 
