@@ -16,6 +16,8 @@ ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "demo" / "session"
 TRUTH = ROOT / "demo" / "truth"
 SMALLER = 3
+CAPTURE = ROOT / "tests" / "captures" / "blob-by-hand"
+"""Another session and its truth: 48 brackets of 320 x 240 by hand in the built-in room `study`, for checks of single shots."""
 
 
 def copy(source: Path, to: Path, views: int | None = None) -> Path:

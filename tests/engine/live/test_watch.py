@@ -14,7 +14,7 @@ from engine.live.outline import on_grid
 from engine.live.watch import Watch
 from engine.rig import angle_between, mean_rotation
 from engine.truth import read_truth
-from tests.end_to_end.bundled import DEMO, TRUTH
+from tests.end_to_end.bundled import CAPTURE
 from tests.engine import folders
 from tests.engine.live import broken
 
@@ -23,7 +23,7 @@ FEW, BEFORE = 9, 20  # shots seen before the broken one
 
 @dataclass(frozen=True)
 class Seen:
-    """The bundled session as it was seen, whole and after some of its shots."""
+    """A session as it was seen, whole and after some of its shots."""
 
     shots: tuple[sessions.Shot, ...]
     whole: Watch
@@ -36,8 +36,8 @@ class Seen:
 
 @pytest.fixture(scope="module")
 def seen() -> Seen:
-    shots = sessions.shots(sessions.open_session(DEMO))
-    truth = read_truth(TRUTH)
+    shots = sessions.shots(sessions.open_session(CAPTURE / "session"))
+    truth = read_truth(CAPTURE / "truth")
     watch, stages, findings = Watch(), list[Watch](), list[Finding]()
     for number, shot in enumerate(shots):
         if number in (FEW, BEFORE):
@@ -257,7 +257,7 @@ def test_nothing_is_known_before_the_first_shot():
 
 
 def held(seen, tmp_path, tag: int) -> Watch:
-    """Three shots of the bundled session whose files say so."""
+    """Three shots of a session whose files say so."""
     watch = Watch()
     for number, shot in enumerate(seen.shots[:3]):
         place = tmp_path / f"{tag}-{number}"
