@@ -12,7 +12,8 @@ from engine.pipeline import settings as asked
 
 
 def run_import(args: Namespace) -> int:
-    from engine import importing, session
+    from engine import importing
+    from engine.io import session
 
     with terminal.quiet(), terminal.job("import") as progress:
         made = importing.make_session(
@@ -31,12 +32,12 @@ def run_import(args: Namespace) -> int:
 
 
 def run_plan(args: Namespace) -> int:
-    from engine import session
-    from engine.pipeline import stages, table
+    from engine.io import session
+    from engine.pipeline import stage_table, stages
 
     opened = session.open_session(args.session)
     before = asked.from_toml(session.read_params(opened))
-    rows = table.stages(args.solver or before.solver)
+    rows = stage_table.stages(args.solver or before.solver)
     changed = asked.with_changes(before, args.preset, args.seed, args.set, args.solver, stages.files(rows))
     for note in changed.notes:
         print(f"note: {note}")
@@ -60,12 +61,12 @@ def process(
     solver: str | None = None,
 ) -> None:
     """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options."""
-    from engine import session
-    from engine.pipeline import run, stages, table
+    from engine.io import session
+    from engine.pipeline import run, stage_table, stages
 
     opened = session.open_session(folder)
     before = asked.from_toml(session.read_params(opened))
-    rows = table.stages(solver or before.solver)
+    rows = stage_table.stages(solver or before.solver)
     changed = asked.with_changes(before, preset, seed, assignments, solver, stages.files(rows))
     for note in changed.notes:
         print(f"note: {note}")
@@ -114,7 +115,7 @@ def run_rig(args: Namespace) -> int:
 
 def run_export(args: Namespace) -> int:
     from app import results
-    from engine import export
+    from engine.results import export
 
     green = export.GREEN[args.normals] if args.normals else None
     export.copy(results.finished(args.session, "export").folder, args.to, green)

@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 
 from app import commands, results
-from engine import session as sessions
 from engine.errors import SessionError
+from engine.io import session as sessions
 
 BUNDLED = Path(__file__).parents[1] / "demo"
 

@@ -17,11 +17,11 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from app.inspect import falsecolour
 from app.masking import ADD, NOTHING, TAKE, outline
-from engine import session as sessions
 from engine.errors import BusyError, MaskError, reason
+from engine.io import session as sessions
 from engine.orientation import back, turn_picture, turned
-from engine.pipeline import artefacts
-from engine.pipeline.work import on_grid
+from engine.pipeline import artifacts
+from engine.pipeline.stage_functions import on_grid
 from engine.types import Frames, Masks
 
 STROKES, WAITING = "strokes.png", ".strokes.waiting.png"
@@ -64,8 +64,8 @@ def load(session: Path, hdr: Path, segment: Path, known: Developed | None) -> De
     if known is not None and (known.session, known.hdr, known.segment) == (session, pictures, found):
         return known
     flip = sessions.open_session(session).orientation
-    frames = turned(artefacts.load(pictures, "frames", Frames), flip)
-    mask = None if found is None else turned(artefacts.load(found, "masks", Masks), flip).object
+    frames = turned(artifacts.load(pictures, "frames", Frames), flip)
+    mask = None if found is None else turned(artifacts.load(found, "masks", Masks), flip).object
     if mask is not None and mask.shape != frames.radiance.shape[1:3]:
         mask, found = None, None  # of photographs developed to another size
     area, border = (0, np.zeros((0, 4), int)) if mask is None else (int(mask.sum()), outline(mask))
@@ -107,7 +107,7 @@ def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w
     Raises:
         MaskError: the file is no picture of the photographs' size.
     """
-    from engine.images import UNREADABLE_PICTURE, opened
+    from engine.io.images import UNREADABLE_PICTURE, opened
 
     edits = session / "edits"
     path = next((edits / name for name in (WAITING, STROKES) if (edits / name).is_file()), None)

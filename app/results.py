@@ -9,15 +9,16 @@ from typing import Any, TypeVar
 import numpy as np
 
 from app.state import called
-from engine import metrics, report
-from engine import session as sessions
 from engine.errors import SessionError
-from engine.hdr import HdrReport
+from engine.hdr.merge import HdrReport
+from engine.io import session as sessions
+from engine.io.ground_truth import REQUIRED, Truth, read_truth
 from engine.orientation import turn_maps, turned
-from engine.pipeline import artefacts, run, stages, table, work
+from engine.pipeline import artifacts, run, stage_functions, stage_table, stages
 from engine.pipeline import settings as asked
 from engine.pipeline.stages import Step
-from engine.truth import REQUIRED, Truth, read_truth
+from engine.results import metrics
+from engine.results.report import report
 from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses, Renders, Surface
 
 Scores = dict[str, dict[str, float | int | None]]
@@ -28,7 +29,7 @@ def steps_of(folder: Path) -> tuple[Step, ...]:
     """The session's stages under the settings that params.toml holds."""
     session = sessions.open_session(folder)
     settings = asked.from_toml(sessions.read_params(session))
-    return stages.plan(session, table.stages(settings.solver), settings)
+    return stages.plan(session, stage_table.stages(settings.solver), settings)
 
 
 def finished(folder: Path, stage: str) -> Step:
@@ -73,7 +74,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
     there = _there(tuple(steps.values()), session.orientation)
     frames, poses = there("hdr", "frames", Frames), there("poses", "poses", Poses)
     renders = there("surface", "renders", Renders)
-    view = work.middle_view(poses) if poses is not None else 0
+    view = stage_functions.middle_view(poses) if poses is not None else 0
     scores = evaluate(folder, truth) if truth is not None and steps["surface"].done else None
     page = report.html(
         report.Contents(
@@ -151,12 +152,12 @@ def _stage_run(step: Step) -> report.StageRun:
 def _facts(folder: Path) -> Mapping[str, Any]:
     """What the stage's own report says, as plain values."""
     path = folder / "report.json"
-    return artefacts.load_value(path, "values") if path.exists() else {}
+    return artifacts.load_value(path, "values") if path.exists() else {}
 
 
 def _exported(step: Step) -> tuple[str, ...]:
     if not step.done:
         return ()
-    names = artefacts.load_value(step.folder / "export.json", "files")
+    names = artifacts.load_value(step.folder / "export.json", "files")
     top = (f"{name.split('/')[0]}/" if "/" in name else name for name in names)
     return tuple(dict.fromkeys(top))

@@ -15,8 +15,8 @@ import numpy as np
 import OpenEXR
 
 from app import places
-from engine import session as sessions
 from engine.errors import SessionError
+from engine.io import session as sessions
 from engine.progress import Progress
 from hardware.virtual import dng, sensor
 from hardware.virtual.studio import shoot as virtual

@@ -18,18 +18,20 @@ from typing import Any
 
 import numpy as np
 
-from engine import developed, orientation, png
-from engine import session as sessions
-from engine.brackets import Taken, group, natural, note
+from engine import orientation
 from engine.errors import ImportFault
-from engine.hdr import HdrParams
-from engine.images import read_radiance
-from engine.linear import check_values
-from engine.posefiles import GivenPoses, read_poses
+from engine.hdr.brackets import Taken, group, natural, note
+from engine.hdr.linear_input import check_values
+from engine.hdr.merge import HdrParams
+from engine.io import png
+from engine.io import session as sessions
+from engine.io.images import read_radiance
+from engine.io.poses import developed
+from engine.io.poses.pose_files import GivenPoses, read_poses
+from engine.io.raw import read_facts, read_mosaic
+from engine.io.session import Session
+from engine.io.suffixes import LINEAR_SUFFIXES, RAW_SUFFIXES
 from engine.progress import Progress
-from engine.raw import read_facts, read_mosaic
-from engine.session import Session
-from engine.suffixes import LINEAR_SUFFIXES, RAW_SUFFIXES
 
 FEWEST_VIEWS = 8
 END_BYTES = 4096

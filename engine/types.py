@@ -170,7 +170,9 @@ def material_of(surface: Surface) -> Float[np.ndarray, "h w 2"]:
 class Horizons:
     """Where the photographs overruled what the depth says hides the room; pictures of further views need it."""
 
-    level: Int8[np.ndarray, "p s"]  # of the mask's pixels in row order; as in `engine/surface/horizons.py`
+    level: Int8[
+        np.ndarray, "p s"
+    ]  # of the mask's pixels in row order; as in `engine/surface/optimize/horizon_search.py`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

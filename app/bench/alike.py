@@ -11,7 +11,7 @@ import numpy as np
 
 from app.bench.stored import Stored
 from engine.progress import Progress
-from engine.surface.pixels import SurfaceParams
+from engine.surface.params import SurfaceParams
 from engine.surface.solve import solve
 from engine.types import Emitters
 

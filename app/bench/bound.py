@@ -2,7 +2,7 @@
 
 Of the best unbiased estimate of a pixel's normal from that pixel's photographs alone, under the studio's own light
 (`true_incident`), with true depth, visibility, bounced light and material known and the other unknowns of
-`engine.surface.newton` not. What scatters is what the set is made with: the sensor's noise, where a camera took it, and the
+`engine.surface.optimize.gauss_newton` not. What scatters is what the set is made with: the sensor's noise, where a camera took it, and the
 path tracer's. Neighbours' accord may come below it. Some thousand pixels' bounds differ little from a few hundred's: one
 in so many is asked.
 """
@@ -24,16 +24,17 @@ from app.bench.sets import Set
 from app.bench.sizes import Size
 from app.bench.stored import evenly
 from app.bench.true_incident import incident_of
-from engine import session as sessions
-from engine.hdr import HdrReport
+from engine.hdr.merge import HdrReport
+from engine.io import session as sessions
+from engine.io.ground_truth import Truth
 from engine.pipeline import run
 from engine.progress import Progress
-from engine.surface.brdf import PAINT
-from engine.surface.newton import State, begin
-from engine.surface.pixels import Subject, SurfaceParams, sight_of, subject
-from engine.surface.rough import reach
-from engine.surface.transport import Incident, Sight, blocks, lattice_around
-from engine.truth import Truth
+from engine.surface.optimize.gauss_newton import State, begin
+from engine.surface.params import SurfaceParams
+from engine.surface.reflectance.brdf import PAINT
+from engine.surface.rendering.object_pixels import Subject, sight_of, subject
+from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
+from engine.surface.schedule import reach
 from hardware.errors import StudioError
 from hardware.virtual import sensor
 from hardware.virtual.studio import shoot
@@ -169,7 +170,7 @@ def session_per_studio(exposure: float) -> float:
 
 
 def _material(body: Body, mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "p 2"] | None:
-    """As `engine.surface.brdf` has it."""
+    """As `engine.surface.reflectance.brdf` has it."""
     height, width = mask.shape
     if body.metalness is None:
         return None if body.specular == PAINT[0] else np.tile([body.specular, 0.0], (int(mask.sum()), 1))

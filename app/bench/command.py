@@ -29,7 +29,7 @@ from app.bench.estimated import Estimated
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
 from app.bench.sizes import SIZES, Size
-from engine.session import nearest_existing
+from engine.io.session import nearest_existing
 
 
 def run(args: Namespace) -> int:

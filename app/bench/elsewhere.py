@@ -12,8 +12,8 @@ from app.bench.baselines.maps import MapFiles, read_maps
 from app.bench.record import BenchError
 from app.bench.rows import Answer, Method
 from app.bench.stored import Stored
+from engine.io.session import file_sha256
 from engine.progress import Progress
-from engine.session import file_sha256
 
 KINDS = (".exr", ".png", ".npy", ".npz")
 

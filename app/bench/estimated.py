@@ -7,7 +7,7 @@ from typing import Any
 
 from app.bench.markdown import markdown, shown
 from app.bench.sets import Set
-from engine import metrics
+from engine.results import metrics
 
 # Heading, field, factor, decimals.
 COLUMNS = (

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from engine import importing, png
-from engine import session as sessions
+from engine import importing
 from engine.errors import TruthError
-from engine.posefiles import write_transforms
-from engine.truth import read_truth
+from engine.io import png
+from engine.io import session as sessions
+from engine.io.ground_truth import read_truth
+from engine.io.poses.pose_files import write_transforms
 from engine.types import Poses
 
 

@@ -1,6 +1,6 @@
 """The least error that any unbiased estimate of a pixel's normal can have from its photographs (Cramer and Rao).
 
-A pixel's six unknowns are those of `engine.surface.newton`: two tilts, three logs of albedo, roughness. Its radiances
+A pixel's six unknowns are those of `engine.surface.optimize.gauss_newton`: two tilts, three logs of albedo, roughness. Its radiances
 scatter by the sensor and by the studio's path tracing. Whether radiances or their logarithms are compared makes no
 difference: derivatives and deviations are divided by the same number. Angles are radians.
 """
@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ellipe
 
-from engine.surface.newton import STEP, State, variants
-from engine.surface.transport import Responses, Sight
+from engine.surface.optimize.gauss_newton import STEP, State, variants
+from engine.surface.rendering.transport import Responses, Sight
 
 SHARED = 0.8
 """Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88

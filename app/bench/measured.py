@@ -17,9 +17,9 @@ from app.bench import record
 from app.bench.rows import OURS, Method, ours, params_of
 from app.bench.sets import Set, job
 from app.bench.stored import Stored, fewer_pixels, fewer_views
-from engine import session as sessions
 from engine.errors import SessionError
-from engine.pipeline import artefacts
+from engine.io import session as sessions
+from engine.pipeline import artifacts
 from engine.pipeline.stages import canonical
 from engine.types import Surface
 
@@ -99,12 +99,12 @@ def _keep(row: Row, place: Path) -> None:
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
     try:
-        artefacts.save(partial, "surface", row.surface)
+        artifacts.save(partial, "surface", row.surface)
         facts = {
             "seconds": _known(row.seconds), "extrapolated": row.extrapolated, "run": row.run,
             "rendered": _known(row.rendered),
         }  # fmt: skip
-        artefacts.save_json(partial / "row.json", facts)
+        artifacts.save_json(partial / "row.json", facts)
         with sessions.told(place):
             shutil.rmtree(place, ignore_errors=True)
             partial.rename(place)
@@ -114,7 +114,7 @@ def _keep(row: Row, place: Path) -> None:
 
 def _read(place: Path, on: Set, method: Method) -> Row:
     facts = json.loads((place / "row.json").read_bytes())
-    surface = artefacts.load(place, "surface", Surface)
+    surface = artifacts.load(place, "surface", Surface)
     seconds, rendered = (
         math.nan if facts[name] is None else float(facts[name]) for name in ("seconds", "rendered")
     )

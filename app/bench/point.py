@@ -16,7 +16,7 @@ from app.bench.measured import warm_up
 from app.bench.rows import OURS, params_of
 from app.bench.stored import Stored, fewer_gaussians, fewer_pixels, fewer_views, load
 from engine.progress import Progress
-from engine.surface.pixels import SurfaceParams
+from engine.surface.params import SurfaceParams
 from engine.surface.solve import solve
 
 AXES = ("views", "pixels", "gaussians", "directions")

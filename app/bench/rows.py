@@ -20,9 +20,9 @@ from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams, scaled, title
-from engine.surface.pixels import SurfaceParams
+from engine.surface.lighting.probe_density import MOST_CELLS
+from engine.surface.params import SurfaceParams
 from engine.surface.solve import solve
-from engine.surface.spacing import MOST_CELLS
 from engine.types import Surface
 
 

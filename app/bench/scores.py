@@ -12,7 +12,7 @@ from app.bench.gate import RATIO
 from app.bench.measured import Row
 from app.bench.record import BenchError, Metric
 from app.bench.rows import OURS
-from engine import metrics
+from engine.results import metrics
 from engine.types import Surface
 
 

@@ -21,11 +21,11 @@ from app.bench.given import give_truth
 from app.bench.information import Bound
 from app.bench.sizes import Size
 from app.bench.stored import Stored, evenly, load
-from engine import session as sessions
-from engine.pipeline import run, table
+from engine.io import session as sessions
+from engine.io.ground_truth import Truth, read_truth
+from engine.pipeline import run, stage_table
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
-from engine.truth import Truth, read_truth
 
 if TYPE_CHECKING:
     from hardware.virtual.studio.order import Order
@@ -144,7 +144,7 @@ def enlighten(
             cancelled,
         )
         settings = Settings("standard", seed, overrides)
-        run.process(sessions.open_session(session), table.stages(), settings, device, "light", watcher)
+        run.process(sessions.open_session(session), stage_table.stages(), settings, device, "light", watcher)
 
 
 def job(name: str) -> AbstractContextManager[Progress]:

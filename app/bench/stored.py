@@ -10,7 +10,7 @@ import numpy as np
 
 from app import results
 from app.bench.record import BenchError
-from engine.light.gaussians import part
+from engine.light.gaussians.gaussians import part
 from engine.pipeline import run
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 

@@ -14,10 +14,10 @@ from jaxtyping import Float
 from scipy.sparse import csr_matrix
 
 from engine.geometry import inverse
-from engine.light.cells import FACES, pixel_solid_angles, shared_cells, sharpened
+from engine.light.incident.direction_grid import FACES, pixel_solid_angles, shared_cells, sharpened
 from engine.progress import Progress
-from engine.surface.near import Near
-from engine.surface.transport import Incident, Lattice, direction_cells
+from engine.surface.rendering.area_lights import Near
+from engine.surface.rendering.transport import Incident, Lattice, direction_cells
 from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.glow import Glow

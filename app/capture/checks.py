@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 
 from app.capture.order import Order, Pose
 from app.capture.status import Finding
-from engine.live import finding as looked
-from engine.live.watch import Watch, plan_findings
-from engine.session import Shot
+from engine.capture_checks import finding as looked
+from engine.capture_checks.checker import Watch, plan_findings
+from engine.io.session import Shot
 from hardware.interfaces import Angles, Geometry
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from engine.live.coverage import Coverage
+    from engine.capture_checks.planning.coverage import Coverage
 
 
 class Watching:

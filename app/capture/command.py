@@ -13,7 +13,7 @@ from app.capture.order import CaptureError
 from app.capture.run import Capture
 from app.capture.status import Outcome
 from app.capture.terminal import Screen, resume_with, told_missing
-from engine import session as sessions
+from engine.io import session as sessions
 from hardware import find
 from hardware import plan as plans
 from hardware.errors import SettingsError

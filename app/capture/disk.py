@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from app.capture.order import CaptureError, Order
-from engine.session import nearest_existing
+from engine.io.session import nearest_existing
 from hardware.interfaces import CameraFeatures
 
 # A full-frame camera of 24 to 33 Mpx; lossless compression where the maker has it.

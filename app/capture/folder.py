@@ -14,9 +14,9 @@ from app.capture import frames as capture_frames
 from app.capture import order as capture_order
 from app.capture.frames import Checked
 from app.capture.order import CaptureError, Order, Pose
-from engine import session as sessions
 from engine.errors import SessionError
-from engine.session import Session, Shot
+from engine.io import session as sessions
+from engine.io.session import Session, Shot
 from hardware.interfaces import Angles
 from hardware.plan import fitted
 from hardware.rig import Rig

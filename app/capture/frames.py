@@ -16,7 +16,7 @@ from app.capture.order import CaptureError, Pose
 from engine import orientation
 from engine.errors import RawError
 from engine.importing import RAW_SUFFIXES
-from engine.raw import Facts, read_facts
+from engine.io.raw import Facts, read_facts
 from hardware.errors import ExposureError
 from hardware.interfaces import Frame
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from engine.session import sync, told
+from engine.io.session import sync, told
 
 
 def _utc() -> datetime.datetime:

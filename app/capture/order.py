@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import RoomlightError, SessionError, reason
-from engine.session import write_atomic
+from engine.io.session import write_atomic
 from hardware.interfaces import Angles, Bracket, Exposure, Geometry
 from hardware.plan import Place, Plan, fitted
 from hardware.rig import Rig

@@ -25,10 +25,10 @@ from app.capture.order import CaptureError, Order, Pose
 from app.capture.recovery import Patience, Recovery
 from app.capture.status import Finding, Missing, Outcome, Phase, Status
 from app.capture.watch import Watch, Watcher
-from engine import session as sessions
+from engine.capture_checks.finding import Severity
 from engine.errors import Cancelled, RoomlightError
-from engine.live.finding import Severity
-from engine.session import Session, Shot
+from engine.io import session as sessions
+from engine.io.session import Session, Shot
 from hardware.errors import HardwareError
 from hardware.rig import Rig, Step
 

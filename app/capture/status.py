@@ -4,7 +4,7 @@ import enum
 from dataclasses import dataclass
 
 from app.capture.order import Pose
-from engine.live.finding import Severity
+from engine.capture_checks.finding import Severity
 
 
 class Phase(enum.Enum):

@@ -18,8 +18,8 @@ from app.capture.order import CaptureError
 from app.capture.run import Capture
 from app.capture.status import Finding, Missing, Outcome, Phase, Status
 from app.terminal import Display
+from engine.capture_checks.finding import Severity
 from engine.errors import RoomlightError
-from engine.live.finding import Severity
 from hardware.errors import HardwareError
 
 PATIENCE_S = 10.0  # for devices to hear a stop; then the program ends all the same

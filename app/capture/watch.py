@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from app.capture.status import Finding
+from engine.capture_checks.finding import Severity
 from engine.errors import RoomlightError
-from engine.live.finding import Severity
-from engine.session import Shot
+from engine.io.session import Shot
 
 # Called once with each shot of a session, one after the other in the order they were taken, an earlier run's
 # first; returns what a person should hear about it.

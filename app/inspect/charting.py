@@ -21,8 +21,8 @@ from app.relight.lights import Light
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import TruthError
 from engine.geometry import angle_between
+from engine.io.ground_truth import REQUIRED, Truth
 from engine.orientation import turn_maps
-from engine.truth import REQUIRED, Truth
 
 FLOOR = 0.02
 """Of the object's median radiance: the least that an error is taken relative to, as in the solver."""

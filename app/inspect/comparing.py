@@ -2,7 +2,7 @@
 
 The second less the first, where both hold a pixel. Depth is compared after the first run's median was given the
 second's by one factor, since its scale is often free; the factor is told. A difference is "expected" where it lies
-within the 95 % band of both runs' standard errors together (`engine.metrics`): runs of the same photographs share their noise, so that more
+within the 95 % band of both runs' standard errors together (`engine.results.metrics`): runs of the same photographs share their noise, so that more
 than 95 % should lie there.
 """
 
@@ -17,7 +17,7 @@ from app.inspect.maps import LAYERS, Maps
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import SessionError
 from engine.geometry import angle_between
-from engine.metrics import BAND, NORMAL_BAND
+from engine.results.metrics import BAND, NORMAL_BAND
 
 TOP_PERCENTILE = 98.0
 DEGREES = LAYERS["stderr_normal"].unit

@@ -15,11 +15,11 @@ from app.inspect import falsecolour
 from app.inspect.falsecolour import Scale
 from app.inspect.runs import Run
 from app.words import QT_TRANSLATE_NOOP
-from engine.arrays import UNREADABLE
+from engine.color import relative_error
 from engine.errors import SessionError
+from engine.io.formats.arrays import UNREADABLE
 from engine.orientation import back, turn_picture, turned
-from engine.pipeline import artefacts
-from engine.radiance import relative_error
+from engine.pipeline import artifacts
 from engine.types import Frames, Poses, Renders, Surface, material_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
@@ -151,7 +151,7 @@ def load(run: Run) -> Maps:
     Raises:
         SessionError: the surface cannot be read back.
     """
-    surface = turned(artefacts.load(run.folder("surface"), "surface", Surface), run.flip)
+    surface = turned(artifacts.load(run.folder("surface"), "surface", Surface), run.flip)
     frames = turned(_there(run, "hdr", "frames", Frames), run.flip)
     poses = _there(run, "poses", "poses", Poses)
     renders = turned(_there(run, "surface", "renders", Renders), run.flip)
@@ -281,7 +281,7 @@ def _there(run: Run, stage: str, record: str, kind: type):
     """A record, or None where its files are gone."""
     try:
         folder = run.folder(stage)
-        return artefacts.load(folder, record, kind) if (folder / f"{record}.json").is_file() else None
+        return artifacts.load(folder, record, kind) if (folder / f"{record}.json").is_file() else None
     except (SessionError, KeyError):
         return None
 

@@ -19,13 +19,14 @@ from jaxtyping import Float
 from app.inspect import maps, runs
 from app.inspect.runs import Run
 from engine.errors import SessionError
+from engine.io.session import told
 from engine.orientation import turned
-from engine.pipeline import artefacts
-from engine.session import told
-from engine.surface import newton
-from engine.surface.brdf import of_pixels
-from engine.surface.pixels import (
-    SurfaceParams,
+from engine.pipeline import artifacts
+from engine.surface.lighting.room_light import light_at
+from engine.surface.optimize import gauss_newton
+from engine.surface.params import SurfaceParams
+from engine.surface.reflectance.brdf import of_pixels
+from engine.surface.rendering.object_pixels import (
     answering,
     as_photographed,
     painted,
@@ -33,8 +34,14 @@ from engine.surface.pixels import (
     sight_of,
     subject,
 )
-from engine.surface.surroundings import light_at
-from engine.surface.transport import Incident, Lattice, Sight, blocks, direction_cells, lattice_around
+from engine.surface.rendering.transport import (
+    Incident,
+    Lattice,
+    Sight,
+    blocks,
+    direction_cells,
+    lattice_around,
+)
 from engine.types import Emitters, Frames, Horizons, Poses, Surface
 
 if TYPE_CHECKING:
@@ -127,10 +134,10 @@ def open_run(run: Run) -> Solved:
         raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
-    frames = artefacts.load(run.folder("hdr"), "frames", Frames)
-    poses = artefacts.load(run.folder("poses"), "poses", Poses)
-    surface = artefacts.load(run.folder("surface"), "surface", Surface)
-    emitters = artefacts.load(run.folder("surface"), "emitters", Emitters)
+    frames = artifacts.load(run.folder("hdr"), "frames", Frames)
+    poses = artifacts.load(run.folder("poses"), "poses", Poses)
+    surface = artifacts.load(run.folder("surface"), "surface", Surface)
+    emitters = artifacts.load(run.folder("surface"), "emitters", Emitters)
     near, far = map(float, report["probe_reach"])
     across, down, deep = map(int, report["probes"])
     return Solved(
@@ -160,8 +167,8 @@ class Scene:
         mask = surface.mask
         if not (s.run.folder("surface") / "horizons.json").is_file():
             raise _older(s.run)
-        horizons = artefacts.load(s.run.folder("surface"), "horizons", Horizons)
-        self._state = newton.begin(
+        horizons = artifacts.load(s.run.folder("surface"), "horizons", Horizons)
+        self._state = gauss_newton.begin(
             surface.normal[mask].astype(float), surface.albedo[mask].astype(float),
             surface.roughness[mask].astype(float), horizons.level,
         )  # fmt: skip

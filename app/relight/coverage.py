@@ -17,8 +17,8 @@ from app.inspect.rerendering import POLITE, find, open_run, upright
 from app.relight.files import keep
 from app.relight.lights import coverage_file
 from engine.orientation import turned
-from engine.pipeline import artefacts
-from engine.pipeline.work import middle_view, panorama
+from engine.pipeline import artifacts
+from engine.pipeline.stage_functions import middle_view, panorama
 from engine.types import Masks
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     progress = link.progress()
     progress.step(0.0, "reading the light")
     solved = upright(open_run(run))
-    masks = turned(artefacts.load(run.folder("segment"), "masks", Masks), run.flip)
+    masks = turned(artifacts.load(run.folder("segment"), "masks", Masks), run.flip)
     view = middle_view(solved.poses)
     progress.step(0.2, "the light at the object")
     light, clipped = panorama(solved.surface, solved.emitters, solved.poses, view, solved.frames, masks, ROWS)

@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float, Int
 
 from app.inspect.runs import Run
 from app.relight.relit import Light, Transfer
-from engine.arrays import UNREADABLE
 from engine.errors import SessionError, reason
-from engine.session import told
+from engine.io.formats.arrays import UNREADABLE
+from engine.io.session import told
 
 FORMAT = 1  # of the files; raised when what is written means something else
 

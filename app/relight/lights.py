@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float, UInt8
 
 from app.inspect import falsecolour
 from app.inspect.runs import Run
-from engine.arrays import UNREADABLE
+from engine.color import luminance
 from engine.errors import SessionError, reason
-from engine.radiance import luminance
+from engine.io.formats.arrays import UNREADABLE
 
 HATCH_PX = 8
 GUESSED = (240, 150, 60)

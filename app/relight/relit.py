@@ -140,12 +140,12 @@ def cells_around(
 def cube_place(
     directions: Float[np.ndarray, "n 3"], side: int
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Face, column and row of directions in the cube map of `engine.light.cells`."""
+    """Face, column and row of directions in the cube map of `engine.light.incident.direction_grid`."""
     x, y, z = directions.T
     size = np.abs(directions)
     axis = size.argmax(1)
     face = np.choose(axis, [np.where(x > 0, 2, 3), np.where(y > 0, 4, 5), np.where(z > 0, 0, 1)])
-    # Each face's own right and down, as the rows of FACES in engine/light/cells.py.
+    # Each face's own right and down, as the rows of FACES in engine/light/incident/direction_grid.py.
     right = np.choose(face, [x, -x, -z, z, x, x])
     down = np.choose(face, [y, y, y, y, -z, z])
     ahead = np.maximum(size[np.arange(len(axis)), axis], 1e-12)

@@ -17,10 +17,10 @@ from app.relight.files import keep
 from app.relight.relit import LATTICE
 from engine.errors import LightError
 from engine.geometry import fibonacci_sphere, inverse, transform
-from engine.images import read_radiance, srgb_decode
-from engine.light import probes
-from engine.light.cells import nearest_cells
-from engine.light.globes import passing
+from engine.io.images import read_radiance, srgb_decode
+from engine.light.fitting.lamp_model import passing
+from engine.light.incident import probes
+from engine.light.incident.direction_grid import nearest_cells
 
 if TYPE_CHECKING:
     from app.work.worker import Link

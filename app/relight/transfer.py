@@ -24,11 +24,11 @@ from app.relight.files import keep
 from app.relight.relit import CELLS, TILE_UNIT
 from app.relight.sources import recovered
 from engine.geometry import fibonacci_sphere, rays, resized
-from engine.light.cells import shared_cells
-from engine.session import told
-from engine.surface.brdf import lobe_floor, of_pixels, rows
-from engine.surface.transport import BLOCK, blocks
-from engine.surface.visibility import Occlusion, occlusion
+from engine.io.session import told
+from engine.light.incident.direction_grid import shared_cells
+from engine.surface.reflectance.brdf import lobe_floor, of_pixels, rows
+from engine.surface.rendering.transport import BLOCK, blocks
+from engine.surface.visibility.ray_visibility import Occlusion, occlusion
 from engine.types import Camera, Surface
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     solved = upright(open_run(run))
     view = request.get("view")
     if view is None or not solved.poses.registered[int(view)]:
-        from engine.pipeline.work import middle_view
+        from engine.pipeline.stage_functions import middle_view
 
         view = middle_view(solved.poses)
     with told(folder):

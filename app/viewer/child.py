@@ -19,8 +19,8 @@ from app.viewer import protocol
 from app.viewer.canvas import Canvas, NoGraphics
 from app.viewer.drawing import Drawing
 from app.viewer.frames import FrameWriter
-from engine.arrays import UNREADABLE
 from engine.errors import RoomlightError, reason
+from engine.io.formats.arrays import UNREADABLE
 
 NICE = 8
 RENDERERS = ("auto", "opengl", "filament")

@@ -7,8 +7,8 @@ from jaxtyping import UInt8
 
 from app.inspect import falsecolour
 from app.viewer.reading import stages_of
-from engine import session as sessions
 from engine.errors import SessionError
+from engine.io import session as sessions
 from engine.orientation import turn_picture
 
 LONGEST_PX = 480

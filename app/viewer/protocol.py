@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from app.viewer.orbit import Orbit, Vector
-from engine.pipeline.artefacts import plain, revive
+from engine.pipeline.artifacts import plain, revive
 
 LAYERS = ("surface", "emitters", "lamps", "cameras", "points", "axes", "grid")
 Colour = tuple[int, int, int]  # sRGB, 0 to 255

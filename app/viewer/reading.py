@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.inspect import runs
-from engine import session as sessions
+from engine.io import session as sessions
 from engine.orientation import turned
-from engine.pipeline import artefacts
+from engine.pipeline import artifacts
 from engine.types import Emitters, Gaussians, Lamps, Poses, Surface
 
 CHAIN = ("hdr", "poses", "light", "surface")
@@ -39,7 +39,7 @@ def read(folder: Path) -> Results:
         place = places.get(stage)
         if place is None or not (place / f"{record}.json").is_file():
             return None
-        return turned(artefacts.load(place, record, kind), session.orientation)
+        return turned(artifacts.load(place, record, kind), session.orientation)
 
     gaussians, lamps = there("light", "gaussians", Gaussians), there("light", "lamps", Lamps)
     settled = there("surface", "emitters", Emitters)

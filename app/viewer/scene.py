@@ -14,11 +14,11 @@ from app.viewer import frusta
 from app.viewer.protocol import Contents, Legend
 from app.viewer.reading import Results, read
 from app.viewer.shades import Layer, layers
-from engine import mesh
+from engine.color import luminance
 from engine.errors import ExportError
 from engine.geometry import inverse, transform
-from engine.light.gaussians import radiance_towards, rotations
-from engine.radiance import luminance
+from engine.io import mesh
+from engine.light.gaussians.gaussians import radiance_towards, rotations
 from engine.types import Camera, Gaussians, Lamps, Poses, Surface
 
 Vectors = Float[np.ndarray, "n 3"]

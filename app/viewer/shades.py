@@ -10,8 +10,8 @@ from jaxtyping import Float, UInt8
 
 from app.inspect.falsecolour import table
 from app.viewer.protocol import Legend
-from engine.png import srgb, to_8_bit
-from engine.radiance import luminance
+from engine.color import luminance
+from engine.io.png import srgb, to_8_bit
 from engine.types import Surface
 
 CLAY = (196, 192, 186)

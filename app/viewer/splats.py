@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8
 from app.viewer import shades
 from app.viewer.canvas import Eye
 from app.viewer.scene import Emitters
-from engine.light import kernels_cpu, rasterise
+from engine.light.gaussians import rasterize, rasterize_kernels
 
 BAND = 96  # rows
 
@@ -32,17 +32,17 @@ class Splats:
 
     def __init__(self, emitters: Emitters) -> None:
         self._radiance = emitters.radiance
-        self._shapes = rasterise.shapes(emitters.gaussians)
+        self._shapes = rasterize.shapes(emitters.gaussians)
 
     def rows(self, eye: Eye, divisor: int, first: int, last: int) -> Float[np.ndarray, "r w 5"]:
         """Radiance, transmittance and weighted depth of rows `first` to `last` of every `divisor`-th pixel."""
         focal = eye.focal / divisor
         lens = np.array([focal, focal, eye.width / divisor / 2, eye.height / divisor / 2 - first])
-        band = rasterise.Pinhole(
+        band = rasterize.Pinhole(
             np.ascontiguousarray(eye.cam_from_world, np.float64), lens, -(-eye.width // divisor), last - first
         )
-        with rasterise.workers() as run:
-            return rasterise.render(self._shapes, self._radiance, band, eye.near, run)
+        with rasterize.workers() as run:
+            return rasterize.render(self._shapes, self._radiance, band, eye.near, run)
 
     def coarse(self, eye: Eye, divisor: int, white: float) -> Haze:
         """The whole picture at once, at `divisor`, blurred up to its size."""
@@ -52,7 +52,7 @@ class Splats:
 
 def compiled() -> bool:
     """Whether this process has the kernel already; from an empty cache it takes seconds to make."""
-    return bool(kernels_cpu.forward.signatures)
+    return bool(rasterize_kernels.forward.signatures)
 
 
 def haze(picture: Float[np.ndarray, "h w 5"], white: float) -> Haze:

@@ -23,7 +23,7 @@ from app.work import queue_file
 from app.work.enquiries import Enquiries
 from app.work.queue import Board
 from engine.errors import RoomlightError
-from engine.session import open_session
+from engine.io.session import open_session
 
 
 class MainWindow(QMainWindow):

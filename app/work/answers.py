@@ -57,15 +57,15 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
 
     Question: session; settings (as params.toml; None: what it holds); keep (write them there first).
     """
-    from engine import session as sessions
+    from engine.io import session as sessions
     from engine.pipeline import settings as asked
-    from engine.pipeline import stages, table
+    from engine.pipeline import stage_table, stages
 
     session = sessions.open_session(Path(content["session"]))
     written = sessions.read_params(session)
     wanted = content.get("settings")
     settings = asked.from_toml(written if wanted is None else wanted)
-    rows = table.stages(settings.solver)
+    rows = stage_table.stages(settings.solver)
     steps = stages.plan(session, rows, settings)
     if content.get("keep") and asked.to_toml(settings) != written:
         sessions.write_params(session, asked.to_toml(settings))
@@ -157,9 +157,9 @@ def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
     import cv2
     import numpy as np
 
-    from engine import images
-    from engine import session as sessions
-    from engine.radiance import luminance
+    from engine.color import luminance
+    from engine.io import images
+    from engine.io import session as sessions
 
     session = sessions.open_session(Path(content["session"]))
     views = sessions.shots(session)

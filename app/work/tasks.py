@@ -16,15 +16,15 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
 
     Request: session, device ("auto" | "cpu" | "cuda"), until (a stage; optional).
     """
-    from engine import session as sessions
-    from engine.pipeline import run, stages, table
+    from engine.io import session as sessions
+    from engine.pipeline import run, stage_table, stages
     from engine.pipeline import settings as asked
 
     opened = sessions.open_session(Path(request["session"]))
     settings = asked.from_toml(sessions.read_params(opened))
     for note in settings.notes:
         link.log(f"note: {note}")
-    rows = table.stages(settings.solver)
+    rows = stage_table.stages(settings.solver)
     until = request.get("until")
     planned = stages.until(stages.plan(opened, rows, settings), until)
     waiting = [step.stage.name for step in planned if not step.done]
@@ -53,7 +53,7 @@ def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, A
     Request: folder, session, poses (optional), mask (optional), bracket (exposures a view; None finds out).
     """
     from engine import importing
-    from engine import session as sessions
+    from engine.io import session as sessions
 
     link.emit("stage", name="import", number=1, count=1)
     poses, mask = request.get("poses"), request.get("mask")
@@ -89,7 +89,7 @@ def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
     Request: session, to, green ("up" | "down": which way green of the normal PNGs points), files (names; None: all).
     """
     from app import results
-    from engine import export as exports
+    from engine.results import export as exports
 
     link.emit("stage", name="export", number=1, count=1)
     finished = results.finished(Path(request["session"]), "export").folder

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import SessionError
-from engine.pipeline import artefacts, stages
+from engine.io.session import Session, lock, read_params, sync, told, write_params
+from engine.pipeline import artifacts, stages
 from engine.pipeline.settings import Settings, to_toml
 from engine.pipeline.stages import Stage, Step, Work
 from engine.progress import Progress
-from engine.session import Session, lock, read_params, sync, told, write_params
 
 DEVICES = ("auto", "cpu", "cuda")
 
@@ -87,7 +87,7 @@ def _run_stage(
         with told(partial):
             records = step.stage.produce(work)
         for name, record in records.items():
-            artefacts.save(partial, name, record)
+            artifacts.save(partial, name, record)
         seconds = time.perf_counter() - start, time.process_time() - cpu
         _finish(partial, step, settings.seed, device, *seconds)
     except BaseException:
@@ -111,7 +111,7 @@ def _finish(partial: Path, step: Step, seed: int, device: str, seconds: float, c
         "finished": time.time(),
         "software": _software(),
     }
-    artefacts.save_json(partial / "record.json", record)
+    artifacts.save_json(partial / "record.json", record)
     with told(partial):
         # Files too: what a stage wrote itself may still be in memory only.
         for path in partial.rglob("*"):
@@ -136,7 +136,7 @@ def loader(steps: Sequence[Step]) -> Callable[[str, str, type], Any]:
                 f"{session}: stage {stage} has not run with the present settings; run"
                 f" `roomlight process {session}`"
             )
-        return artefacts.load(folder, record, kind)
+        return artifacts.load(folder, record, kind)
 
     return load
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import SessionError
-from engine.pipeline import artefacts
+from engine.io.session import Session, file_sha256
+from engine.pipeline import artifacts
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
-from engine.session import Session, file_sha256
 
 Hashes = Mapping[str, str]
 
@@ -85,7 +85,7 @@ class Step:
 def canonical(content: Any) -> str:
     """The same text for the same content, whatever the order of its keys."""
     return json.dumps(
-        artefacts.plain(content), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
+        artifacts.plain(content), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
     )
 
 
@@ -120,7 +120,7 @@ def plan(session: Session, table: Sequence[Stage], settings: Settings) -> tuple[
 
 def counted_params(stage: Stage, params: Any, seed: int, given: bool) -> dict[str, Any]:
     """The parameters that decide the result, as plain values."""
-    values = {item.name: artefacts.plain(getattr(params, item.name)) for item in dataclasses.fields(params)}
+    values = {item.name: artifacts.plain(getattr(params, item.name)) for item in dataclasses.fields(params)}
     if given:
         return {name: values[name] for name in stage.given_params}
     contents = {name: _content(Path(values[name])) for name in stage.files if values[name]}

@@ -11,12 +11,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from engine.light.rasterise import Run
+from engine.light.gaussians.rasterize import Run
 from engine.progress import Progress
 from engine.reference import losses
+from engine.reference.monte_carlo.rendering import Look, Scene, render
+from engine.reference.monte_carlo.shadows import Shadows
 from engine.reference.params import ReferenceParams
-from engine.reference.rendering import Look, Scene, render
-from engine.reference.shadows import Shadows
 
 AT_ONCE = {"cpu": 2**17, "cuda": 2**21}
 """Samples held at the same time."""

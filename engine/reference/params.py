@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from engine.errors import SurfaceError
-from engine.limits import MORE, check
-from engine.mapfiles import FRAMES
-from engine.surface.distance import Distance
+from engine.io.normal_maps import FRAMES
+from engine.surface.lighting.distance_search import Distance
+from engine.validation import MORE, check
 
 Emitter = Literal["ours", "two_stage", "one_stage"]
 SAMPLES, EPOCHS = 256, 100

@@ -18,20 +18,22 @@ from torch import Tensor
 
 from engine.errors import SurfaceError
 from engine.geometry import rays
-from engine.light.rasterise import Run, workers
+from engine.light.gaussians.rasterize import Run, workers
 from engine.progress import Progress
-from engine.reference import losses, queries, vmf_proposal
+from engine.reference import losses
 from engine.reference.descent import Descent, Told, Unknowns, slices
-from engine.reference.light import Given, light_for
+from engine.reference.emitter.light import Given, light_for
+from engine.reference.monte_carlo import queries, vmf_proposal
+from engine.reference.monte_carlo.rendering import Look, Scene, render
+from engine.reference.monte_carlo.shadows import Shadows, shadows_of
 from engine.reference.params import EPOCHS, SAMPLES, ReferenceParams, ReferenceReport, title
-from engine.reference.rendering import Look, Scene, render
-from engine.reference.shadows import Shadows, shadows_of
 from engine.reference.start import Start, begin
-from engine.surface.observations import aside
-from engine.surface.pixels import SurfaceParams, image
+from engine.surface.data.observations import aside
+from engine.surface.lighting.room_light import furnished
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import image
 from engine.surface.solve import held_out, rerendering_error
-from engine.surface.surroundings import furnished
-from engine.surface.visibility import SECTORS
+from engine.surface.visibility.ray_visibility import SECTORS
 from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 TILE = 4
@@ -153,7 +155,7 @@ def beside_of(solved: Bool[np.ndarray, "h w"], device: str) -> Int[Tensor, "p 4"
 
 
 def radiance_unit(frames: Frames, masks: Masks, views: Int[np.ndarray, " f"]) -> float:
-    """The 1 of Eq. (14): half the median radiance of the background, as `sweep.knee_of` has it for Eq. (5)."""
+    """The 1 of Eq. (14): half the median radiance of the background, as `plane_sweep.knee_of` has it for Eq. (5)."""
     shown = frames.radiance[views][masks.background[views]]
     if not len(shown):
         shown = frames.radiance[views][:, masks.object]

@@ -13,14 +13,16 @@ from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams
-from engine.surface import newton, start_maps
-from engine.surface.distance import Distance
-from engine.surface.groups import UNSEEN
-from engine.surface.observations import thinned
-from engine.surface.pixels import SurfaceParams, depth_of, search, subject
-from engine.surface.rough import DIRECTIONS, TIGHT, first_look
-from engine.surface.surroundings import Room, light_at
-from engine.surface.transport import lattice_around
+from engine.surface.data import initial_maps
+from engine.surface.data.observations import thinned
+from engine.surface.lighting.distance_search import Distance
+from engine.surface.lighting.emitter_groups import UNSEEN
+from engine.surface.lighting.room_light import Room, light_at
+from engine.surface.optimize import gauss_newton
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import depth_of, search, subject
+from engine.surface.rendering.transport import lattice_around
+from engine.surface.schedule import DIRECTIONS, TIGHT, first_look
 from engine.types import Frames
 
 MIDDLE = 0.5
@@ -63,11 +65,11 @@ def begin(
         begun, room, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
     if params.start_maps:
-        maps = start_maps.read(Path(params.start_maps), None, params.start_frame, mask, True, flip)
+        maps = initial_maps.read(Path(params.start_maps), None, params.start_frame, mask, True, flip)
         count = len(maps.normals)
         albedo = np.full((count, 3), MIDDLE) if maps.albedo is None else maps.albedo
         roughness = np.full(count, MIDDLE) if maps.roughness is None else maps.roughness
-        state = newton.begin(maps.normals, albedo, roughness)
+        state = gauss_newton.begin(maps.normals, albedo, roughness)
     else:
         z = distance.value
         lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))

@@ -4,7 +4,7 @@ Coarse to fine: `rough` finds a first surface together with the object's distanc
 parts; under that light, now in all views and many directions, every pixel is solved again, with the depth,
 shadows and bounced light of the last round. Some views are kept out of the fit and re-rendered. Of an object too large
 for that, or one that hides nothing of the room from itself, a smaller picture is solved so, and then its pixels tile by
-tile (`detail`).
+tile (`tiled_solve`).
 """
 
 from collections.abc import Callable
@@ -16,36 +16,35 @@ from jaxtyping import Bool, Float, Int
 from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
-from engine.surface import start_maps
-from engine.surface.accord import accord
-from engine.surface.brdf import PAINT, of_pixels
-from engine.surface.confidence import FLAGS, unsettled
-from engine.surface.deepen import deepened
-from engine.surface.detail import Maps, Picture, Solved, in_detail, judged, smaller, window
-from engine.surface.distance import Distance
-from engine.surface.drift import DRIFT, drift_of
-from engine.surface.groups import CLIPPED
-from engine.surface.misplaced import unsure
-from engine.surface.newton import State
-from engine.surface.observations import thinned
-from engine.surface.pixels import (
-    LEAST_VIEWS,
+from engine.surface.data import initial_maps
+from engine.surface.data.observations import thinned
+from engine.surface.data.pyramid import doubled
+from engine.surface.depth.shape_from_shadow import deepened
+from engine.surface.lighting.distance_search import Distance
+from engine.surface.lighting.emitter_groups import CLIPPED
+from engine.surface.lighting.exposure_offset import DRIFT, drift_of
+from engine.surface.lighting.probe_density import enough, spaced
+from engine.surface.lighting.room_light import Room, furnished, light_at
+from engine.surface.optimize.gauss_newton import State
+from engine.surface.optimize.spatial_regularization import accord
+from engine.surface.params import LEAST_VIEWS, SurfaceParams
+from engine.surface.passes import improve, relief
+from engine.surface.reflectance.brdf import PAINT, of_pixels
+from engine.surface.rendering.object_pixels import (
     Subject,
-    SurfaceParams,
     answering,
     as_photographed,
     depth_of,
-    doubled,
     image,
     photographed_in,
     sight_of,
     subject,
 )
-from engine.surface.rough import Rough, reach, rough
-from engine.surface.spacing import enough, spaced
-from engine.surface.surroundings import Room, furnished, light_at
-from engine.surface.transport import Incident, Sight
-from engine.surface.turn import improve, relief
+from engine.surface.rendering.transport import Incident, Sight
+from engine.surface.schedule import Rough, reach, rough
+from engine.surface.tiled_solve import Maps, Picture, Solved, in_detail, judged, smaller, window
+from engine.surface.uncertainty.horizon_uncertainty import unsure
+from engine.surface.uncertainty.standard_errors import FLAGS, unsettled
 from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 
 SPARE = 8
@@ -125,7 +124,7 @@ def solve(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
         DRIFT * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
     )  # fmt: skip
-    whole = Picture(frames, mask, poses.camera, start_maps.asked(params, mask, flip)).part(*window(mask))
+    whole = Picture(frames, mask, poses.camera, initial_maps.asked(params, mask, flip)).part(*window(mask))
     picture, take = smaller(whole, params.together)
     room = replace(room, poses=replace(poses, camera=picture.camera))
     alone = 0.9 if picture is whole else 0.3

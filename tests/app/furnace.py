@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from engine.geometry import fibonacci_sphere
-from engine.light.gaussians import Y00
-from engine.pipeline import artefacts
-from engine.surface.visibility import SECTORS
+from engine.light.gaussians.gaussians import Y00
+from engine.pipeline import artifacts
+from engine.surface.visibility.ray_visibility import SECTORS
 from engine.types import Camera, Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
 from tests.engine.ball import ball
 
@@ -114,7 +114,7 @@ def finished(
         "probes": [1, 1, 1],
         "directions": PARAMS["directions"],
     }  # fmt: skip
-    artefacts.save_json(folder / "report.json", {"arrays": {}, "values": report})
+    artifacts.save_json(folder / "report.json", {"arrays": {}, "values": report})
     if with_export:
         export = _write(
             session, "export", f"e{fingerprint}", {"surface": fingerprint, **inputs}, 1.0, finished_at
@@ -138,7 +138,7 @@ def _write(
     folder = session / "stages" / stage / fingerprint
     folder.mkdir(parents=True, exist_ok=True)
     for name, record in records.items():
-        artefacts.save(folder, name, record)
+        artifacts.save(folder, name, record)
     record = {
         "stage": stage, "version": 1, "params": PARAMS if stage == "surface" else {}, "inputs": inputs,
         "seconds": seconds, "finished": finished_at,

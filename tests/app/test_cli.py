@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from app.cli import main
-from engine import session as sessions
+from engine.io import session as sessions
 from tests.app.calls import ROOT, command, digest, refused
 from tests.engine import folders
 from tests.engine.folders import write_exr

@@ -7,7 +7,7 @@ import pytest
 
 from app import exports
 from engine.errors import ExportError
-from tests.engine.test_export import write as write_export
+from tests.engine.results.test_export import write as write_export
 
 
 @pytest.fixture(scope="module")

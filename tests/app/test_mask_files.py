@@ -9,10 +9,10 @@ import pytest
 from app import mask_files
 from app.mask_files import STROKES, WAITING, Keeper
 from app.masking import ADD, TAKE
-from engine import session as sessions
 from engine.errors import MaskError, SessionError
+from engine.io import session as sessions
 from engine.orientation import turn_picture
-from engine.pipeline import run, stages, table, work
+from engine.pipeline import run, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings, with_changes
 from tests.app import sessions as small
 
@@ -30,13 +30,13 @@ def labels(height: int = small.HEIGHT, width: int = small.WIDTH) -> np.ndarray:
 
 def folders(session: Path, *changes: str) -> tuple[Path, Path]:
     settings = with_changes(Settings(), None, None, list(changes))
-    hdr, segment = stages.plan(sessions.open_session(session), table.stages(), settings)[:2]
+    hdr, segment = stages.plan(sessions.open_session(session), stage_table.stages(), settings)[:2]
     return hdr.folder, segment.folder
 
 
 def process(session: Path, *changes: str) -> None:
     settings = with_changes(Settings(), None, None, list(changes))
-    run.process(sessions.open_session(session), table.stages(), settings, "cpu", "segment")
+    run.process(sessions.open_session(session), stage_table.stages(), settings, "cpu", "segment")
 
 
 def test_strokes_come_back_as_they_were_painted(session: Path) -> None:
@@ -48,7 +48,7 @@ def test_strokes_come_back_as_they_were_painted(session: Path) -> None:
 
 def test_the_engine_reads_what_was_painted(session: Path) -> None:
     Keeper().keep(session, labels(), 1)
-    add, remove = work.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
+    add, remove = stage_functions.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
     np.testing.assert_array_equal(add, labels() == ADD)
     np.testing.assert_array_equal(remove, labels() == TAKE)
 
@@ -59,7 +59,7 @@ def test_pictures_of_other_programs_are_read_as_the_engine_reads_them(session: P
     image = rng.choice([0, 100, 127, 128, 255], (small.HEIGHT, small.WIDTH, channels)).astype(np.uint8)
     path = session / "edits" / STROKES
     cv2.imwrite(str(path), image)
-    add, remove = work.read_strokes(path, small.HEIGHT, small.WIDTH)
+    add, remove = stage_functions.read_strokes(path, small.HEIGHT, small.WIDTH)
     read = mask_files.read_labels(session, (small.HEIGHT, small.WIDTH))
     np.testing.assert_array_equal(read == ADD, add)
     np.testing.assert_array_equal(read == TAKE, remove)
@@ -181,6 +181,6 @@ def test_what_is_painted_on_upright_photographs_is_kept_as_the_sensor_lies(sessi
     painted[1:4, 2:5], painted[6, 7:9] = ADD, TAKE
     Keeper().keep(session, painted, 1)
     np.testing.assert_array_equal(mask_files.read_labels(session, shown.shape), painted)
-    add, remove = work.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
+    add, remove = stage_functions.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
     np.testing.assert_array_equal(turn_picture(add, flip)[::2, ::2], painted == ADD)
     np.testing.assert_array_equal(turn_picture(remove, flip)[::2, ::2], painted == TAKE)

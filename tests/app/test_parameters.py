@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from app.parameters import MEANINGS, STAGES
-from engine.pipeline import presets, table
+from engine.pipeline import presets, stage_table
 from engine.pipeline import settings as asked
-from engine.surface.pixels import BOUNDS, OR_NONE
-from tests.engine.test_limits import BOUNDED
+from engine.surface.params import BOUNDS, OR_NONE
+from tests.engine.test_validation import BOUNDED
 
 
 def parameters(path: str, params: Any) -> Iterator[tuple[str, Any]]:
@@ -23,12 +23,12 @@ def parameters(path: str, params: Any) -> Iterator[tuple[str, Any]]:
 
 
 def of_all_stages() -> dict[str, Any]:
-    return dict(entry for stage in table.stages() for entry in parameters(stage.name, stage.defaults))
+    return dict(entry for stage in stage_table.stages() for entry in parameters(stage.name, stage.defaults))
 
 
 def test_the_table_and_the_stages_agree() -> None:
     assert sorted(MEANINGS) == sorted(of_all_stages())
-    assert list(STAGES) == [stage.name for stage in table.stages()]
+    assert list(STAGES) == [stage.name for stage in stage_table.stages()]
 
 
 def test_every_parameter_is_named_and_explained() -> None:
@@ -46,7 +46,7 @@ def test_a_unit_in_a_name_is_the_unit_of_the_table() -> None:
 
 @pytest.mark.parametrize("preset", asked.PRESETS)
 def test_defaults_and_presets_lie_within_what_the_window_offers(preset: str) -> None:
-    for stage in table.stages():
+    for stage in stage_table.stages():
         params = asked.resolve(stage.name, stage.defaults, presets.of_stage(stage.name)[preset], {})
         for name, value in parameters(stage.name, params):
             if isinstance(value, int | float) and not isinstance(value, bool):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app import recent
-from engine import session as sessions
+from engine.io import session as sessions
 from tests.app.sessions import VIEWS, small
 
 

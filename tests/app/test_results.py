@@ -9,8 +9,8 @@ import numpy as np
 
 from app import results
 from engine import importing
-from engine import session as sessions
-from engine.pipeline import run, table
+from engine.io import session as sessions
+from engine.pipeline import run, stage_table
 from engine.pipeline.settings import Settings
 from tests.app.sessions import small
 from tests.engine import folders
@@ -24,7 +24,7 @@ def pictures(page: Path) -> list[np.ndarray]:
 def test_the_reports_photograph_stands_upright(tmp_path: Path) -> None:
     session = small(tmp_path)
     opened = sessions.open_session(session)
-    run.process(opened, table.stages(), Settings(), "cpu", "hdr")
+    run.process(opened, stage_table.stages(), Settings(), "cpu", "hdr")
     (before,) = pictures(results.write_report(session, tmp_path / "before.html"))
     sessions.describe(opened, {**opened.facts["camera"], "orientation": 6})
     (after,) = pictures(results.write_report(session, tmp_path / "after.html"))

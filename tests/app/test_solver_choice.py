@@ -12,9 +12,9 @@ from app import results
 from app.cli import main
 from app.inspect import runs
 from app.inspect.rerendering import open_run
-from engine import session as sessions
 from engine.errors import SessionError
-from engine.pipeline import artefacts, stages, table
+from engine.io import session as sessions
+from engine.pipeline import artifacts, stage_table, stages
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
 from engine.reference.params import ReferenceParams, scaled, title
@@ -50,10 +50,10 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (light,) = (step for step in planned(made, Settings()) if step.stage.name == "light")
     light.folder.mkdir(parents=True)
     gaussians, lamps = furnace.room()
-    artefacts.save(light.folder, "gaussians", gaussians)
-    artefacts.save(light.folder, "lamps", lamps)
+    artifacts.save(light.folder, "gaussians", gaussians)
+    artifacts.save(light.folder, "lamps", lamps)
     record = {"version": light.stage.version, "params": {}, "inputs": {}, "finished": 1.0, "seconds": 1.0}
-    artefacts.save_json(light.folder / "record.json", record | {"device": "cpu", "stage": "light"})
+    artifacts.save_json(light.folder / "record.json", record | {"device": "cpu", "stage": "light"})
     np.savez(
         folder / "truth.npz",
         **{name: getattr(shape, name) for name in ("normal", "albedo", "roughness", "depth", "mask")},
@@ -63,7 +63,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def planned(session: Path, settings: Settings) -> tuple[stages.Step, ...]:
-    return stages.plan(sessions.open_session(session), table.stages(settings.solver), settings)
+    return stages.plan(sessions.open_session(session), stage_table.stages(settings.solver), settings)
 
 
 def test_its_results_are_exported_reported_and_evaluated(
@@ -80,7 +80,7 @@ def test_its_results_are_exported_reported_and_evaluated(
     scores = json.loads(capsys.readouterr().out)["surface"]
     assert scores["unanswered_pixels"] == scores["truth_pixels"] - 40
     # An even room tells no normals: what is asked is the score of what was solved, not that it is good.
-    shape = artefacts.load(results.finished(session, "surface").folder, "surface", Surface)
+    shape = artifacts.load(results.finished(session, "surface").folder, "surface", Surface)
     true = np.load(session.parent / "truth.npz")
     both = shape.mask & true["mask"]
     cosine = (shape.normal[both] * true["normal"][both]).sum(-1)

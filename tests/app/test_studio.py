@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from app.cli import main
-from engine import session as sessions
-from engine.truth import read_truth
+from engine.io import session as sessions
+from engine.io.ground_truth import read_truth
 from hardware.virtual.studio import objects, rooms, samples, solids, tracer
 from hardware.virtual.studio.interior import gather
 from hardware.virtual.studio.objects import Body

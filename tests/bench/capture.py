@@ -18,7 +18,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from engine.session import file_sha256
+from engine.io.session import file_sha256
 from hardware.interfaces import Angles
 from tests.app.capture.captures import faults_of, order
 from tests.app.capture.faulty import (

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from app.bench.markdown import markdown
+from engine.color import luminance
 from engine.geometry import angle_between, transform
-from engine.radiance import luminance
 from engine.types import Lamps
 from hardware.virtual.studio.rooms import Globe
 from tests.bench import incident

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.train import LightParams, fit
+from engine.light.fitting.fit import LightParams, fit
 from tests.bench.inputs import Clock, inputs, machine, told
 
 WITHIN = 0.03  # of the longer run's log-L1

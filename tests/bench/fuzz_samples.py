@@ -12,14 +12,15 @@ import trimesh
 from PIL import Image
 
 from app.capture import order
-from engine import importing, mapfiles, session
-from engine.images import read_mask, read_radiance
-from engine.linear import check_values
-from engine.pipeline import artefacts, run, settings, stages, table
-from engine.pipeline.work import _given_poses
-from engine.posefiles import read_poses, write_colmap, write_transforms
-from engine.raw import read_facts, read_mosaic
-from engine.truth import read_truth
+from engine import importing
+from engine.hdr.linear_input import check_values
+from engine.io import normal_maps, session
+from engine.io.ground_truth import read_truth
+from engine.io.images import read_mask, read_radiance
+from engine.io.poses.pose_files import read_poses, write_colmap, write_transforms
+from engine.io.raw import read_facts, read_mosaic
+from engine.pipeline import artifacts, run, settings, stage_table, stages
+from engine.pipeline.stage_functions import _given_poses
 from engine.types import Frames
 from hardware import plan
 from hardware.interfaces import Bracket, Exposure
@@ -27,7 +28,7 @@ from hardware.virtual import dng, sensor
 from hardware.virtual.studio import meshes
 from tests.app import sessions
 from tests.engine import folders, foreign_raw
-from tests.engine.test_posefiles import metashape_xml, random_poses
+from tests.engine.io.poses.test_pose_files import metashape_xml, random_poses
 
 WIDTH, HEIGHT = folders.WIDTH, folders.HEIGHT
 POSES = random_poses(0)
@@ -117,7 +118,7 @@ def _write_normals_npz(folder: Path) -> Path:
 
 
 def _read_normals(path: Path) -> object:
-    return mapfiles.read_normals(path, MASK, "opencv")
+    return normal_maps.read_normals(path, MASK, "opencv")
 
 
 def _write_truth(folder: Path) -> Path:
@@ -177,7 +178,7 @@ def _write_session(folder: Path) -> Path:
         place, folder / "a.session", poses=folder / "transforms.json", mask=folder / "mask.png"
     )
     asked = settings.Settings("draft", 3, {"surface": {"rounds": 2}})
-    run.process(made, table.stages(), asked, "cpu", "hdr")
+    run.process(made, stage_table.stages(), asked, "cpu", "hdr")
     hdr = next((folder / "a.session/stages/hdr").iterdir())
     for path in hdr.iterdir():  # under a name that can be told beforehand
         (folder / path.name).write_bytes(path.read_bytes())
@@ -186,10 +187,10 @@ def _write_session(folder: Path) -> Path:
 
 def _read_session(path: Path) -> None:
     opened = session.open_session(path)
-    stages.plan(opened, table.stages(), settings.from_toml(session.read_params(opened)))
+    stages.plan(opened, stage_table.stages(), settings.from_toml(session.read_params(opened)))
     for shot in session.shots(opened):
         session.verify(shot)
-    _given_poses(opened, artefacts.load(path.parent, "frames", Frames))
+    _given_poses(opened, artifacts.load(path.parent, "frames", Frames))
     read_mask(path / "edits/mask.png", sessions.HEIGHT, sessions.WIDTH)
 
 
@@ -241,7 +242,7 @@ KINDS: dict[str, Sample] = {
     "palette mask": Sample(_write_palette, lambda path: read_mask(path, HEIGHT, WIDTH)),
     "normals png": Sample(
         _write_with_cv2("n.png", np.full((HEIGHT, WIDTH, 3), (255, 128, 128), np.uint8)),
-        lambda path: mapfiles.read_normals(path, MASK, "opengl"),
+        lambda path: normal_maps.read_normals(path, MASK, "opengl"),
     ),
     "normals exr": Sample(_write_normals_exr, _read_normals),
     "normals npz": Sample(_write_normals_npz, _read_normals),

@@ -23,13 +23,13 @@ from app.bench.choices import built_in
 from app.bench.markdown import markdown
 from app.bench.sizes import SIZES
 from app.bench.stored import Stored, fewer_views
-from engine import metrics
 from engine.errors import RoomlightError
 from engine.geometry import inverse, rays, tangents
-from engine.light.globes import apart, beside
-from engine.light.train import LightParams, fit
+from engine.light.fitting.fit import LightParams, fit
+from engine.light.fitting.lamp_model import apart, beside
 from engine.progress import Progress
-from engine.surface.pixels import SurfaceParams
+from engine.results import metrics
+from engine.surface.params import SurfaceParams
 from engine.surface.solve import solve
 from engine.types import Camera
 from hardware.errors import StudioError

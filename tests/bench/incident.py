@@ -12,10 +12,10 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
+from engine.color import luminance
 from engine.geometry import angle_between
-from engine.light.cells import pixel_solid_angles, shared_cells
-from engine.light.probes import panorama_directions
-from engine.radiance import luminance
+from engine.light.incident.direction_grid import pixel_solid_angles, shared_cells
+from engine.light.incident.probes import panorama_directions
 
 FINER = 3  # parts along each edge of a panorama's pixel that find their cells by themselves
 FOUND_DEG = 10.0

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int
 from PIL import Image, ImageDraw
 from scipy.spatial import KDTree
 
-from engine.light.probes import panorama_directions
-from engine.png import to_8_bit
-from engine.radiance import luminance
+from engine.color import luminance
+from engine.io.png import to_8_bit
+from engine.light.incident.probes import panorama_directions
 
 ROWS = 256
 STOPS = 2.0

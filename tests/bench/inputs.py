@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 
 from app import results
-from engine.light.train import LightParams, fit
+from engine.light.fitting.fit import LightParams, fit
 from engine.pipeline import run
 from engine.progress import Progress
-from engine.reference.emitter import EmitterParams, train
+from engine.reference.emitter.two_stage import EmitterParams, train
 from engine.types import Frames, Masks, Poses
 
 Inputs = tuple[Frames, Masks, Poses]

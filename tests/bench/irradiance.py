@@ -12,11 +12,11 @@ from jaxtyping import Float
 from app import results
 from engine.errors import TruthError
 from engine.geometry import align_similarity, fibonacci_sphere, inverse
-from engine.hdr import HdrReport
-from engine.images import read_radiance
-from engine.light.globes import apart
+from engine.hdr.merge import HdrReport
+from engine.io.ground_truth import read_truth
+from engine.io.images import read_radiance
+from engine.light.fitting.lamp_model import apart
 from engine.pipeline import run
-from engine.truth import read_truth
 from engine.types import Gaussians, Lamps, Poses
 from hardware.virtual.studio import objects
 from tests.bench import incident, light_sets

@@ -27,9 +27,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from app.bench.markdown import markdown
-from engine.light import kernels_cpu, trace
-from engine.light.gaussians import Y00, radiance_towards
-from engine.light.rasterise import Gradients, Pinhole, project, push_back, render, shapes, workers
+from engine.light.gaussians import rasterize_kernels, raytrace_reference
+from engine.light.gaussians.gaussians import Y00, radiance_towards
+from engine.light.gaussians.rasterize import Gradients, Pinhole, project, push_back, render, shapes, workers
 from engine.types import Gaussians
 
 TARGET_S, TARGET_SIZE, TARGET_COUNT = 0.25, 512, 50_000
@@ -95,7 +95,7 @@ def measure(count: int, size: int, repeat: int, rays: int, seed: int) -> Cost:
             )
 
         forward_s, both_s = core_seconds(forward, repeat), core_seconds(both, repeat)
-        image = forward().reshape(-1, kernels_cpu.CHANNELS)[chosen]
+        image = forward().reshape(-1, rasterize_kernels.CHANNELS)[chosen]
         _, found = push_back(
             geometry, colours, view, 0.0, slope.reshape(size, size, 3), nowhere, nowhere > 0, 0.0, 0.0, nowhere, run
         )  # fmt: skip
@@ -155,7 +155,7 @@ def coverage(gaussians: Gaussians, colours: Float[np.ndarray, "k 3"], view: Pinh
     """Gaussians composited on a ray until it ends, and those in its tile's list; means over the view."""
     index, packed, (tile_start, members, _, _) = project(shapes(gaussians), colours, view)
     everywhere: Bool[np.ndarray, "h w"] = np.ones((view.height, view.width), bool)
-    _, counts, _, _ = kernels_cpu.compositing_weights(
+    _, counts, _, _ = rasterize_kernels.compositing_weights(
         packed, index, tile_start, members, view.lens, np.float32(0), everywhere, np.float32(0)
     )
     return float(counts.mean()), float(np.diff(tile_start).mean())
@@ -178,7 +178,7 @@ def reference(
     chosen: Int[np.ndarray, " r"],
     slope: Float[np.ndarray, "r 3"],
 ) -> Reference:
-    """Radiance and d (slope . radiance) of the chosen pixels by `trace.py` in float64."""
+    """Radiance and d (slope . radiance) of the chosen pixels by `raytrace_reference.py` in float64."""
     v, u = np.divmod(chosen, view.width)
     plane = np.stack([u + 0.5 - view.lens[2], v + 0.5 - view.lens[3]], 1) / view.lens[:2]
     directions = torch.tensor(np.column_stack([plane, np.ones(len(plane))]) @ view.cam_from_world[:, :3])
@@ -195,7 +195,7 @@ def reference(
     still = torch.tensor(gaussians.quaternions)
 
     def traced(at: slice) -> Tensor:
-        return trace.trace(
+        return raytrace_reference.trace(
             leaves["means"], turned(still, leaves["turn"]), leaves["log_scales"].exp(), leaves["density"],
             leaves["colours"], origins[at], directions[at],
         )[0]  # fmt: skip

@@ -30,11 +30,11 @@ from app.bench.markdown import markdown
 from app.bench.rows import params_of
 from app.bench.sizes import SIZES
 from app.bench.stored import Stored
-from engine import metrics
 from engine.errors import RoomlightError
-from engine.surface.detail import Picture, window
+from engine.io.ground_truth import Truth
+from engine.results import metrics
 from engine.surface.solve import solve
-from engine.truth import Truth
+from engine.surface.tiled_solve import Picture, window
 from engine.types import Frames, Masks
 from hardware.errors import StudioError
 from tests.bench.inputs import Clock, machine, told

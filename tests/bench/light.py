@@ -25,7 +25,7 @@ import numpy as np
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.geometry import fibonacci_sphere
-from engine.images import read_radiance
+from engine.io.images import read_radiance
 from hardware.errors import StudioError
 from tests.bench import emitters, incident, incident_pictures, light_sets
 

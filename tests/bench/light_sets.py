@@ -17,14 +17,14 @@ from jaxtyping import Float, Int
 from app.bench.bound import session_per_studio
 from engine.errors import TruthError
 from engine.geometry import align_similarity, fibonacci_sphere, inverse
-from engine.hdr import HdrReport
-from engine.images import read_radiance
-from engine.light.coverage import coverage_of
-from engine.light.globes import apart
-from engine.light.probes import arriving
-from engine.pipeline import artefacts
-from engine.surface.near import near_of
-from engine.truth import read_truth
+from engine.hdr.merge import HdrReport
+from engine.io.ground_truth import read_truth
+from engine.io.images import read_radiance
+from engine.light.fitting.lamp_model import apart
+from engine.light.incident.coverage import coverage_of
+from engine.light.incident.probes import arriving
+from engine.pipeline import artifacts
+from engine.surface.rendering.area_lights import near_of
 from engine.types import Emitters, Gaussians, Lamps, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import objects, rooms
@@ -93,7 +93,7 @@ def read(folder: Path) -> Set:
         raise TruthError(f"{folder}: no session of it has a finished light; process it first")
     record = _record(light)
     stage = {name: light.parent.parent / name / made for name, made in record["inputs"].items()}
-    poses = artefacts.load(stage["poses"], "poses", Poses)
+    poses = artifacts.load(stage["poses"], "poses", Poses)
     true = read_truth(folder / "truth").cam_from_world
     panoramas = sorted((folder / "truth" / "panoramas").glob("*.exr"))
     count = len(poses.registered)
@@ -108,10 +108,10 @@ def read(folder: Path) -> Set:
     scale, true_from_ours = align_similarity(inverse(estimated)[..., 3], inverse(true)[..., 3])
     room, thing = names_of(folder.name)
     return Set(
-        f"{room}-{thing}", light, record["version"], artefacts.load(light, "gaussians", Gaussians), _lamps(light),
-        artefacts.load(stage["segment"], "masks", Masks), poses, estimated, views, true, true_from_ours, scale,
+        f"{room}-{thing}", light, record["version"], artifacts.load(light, "gaussians", Gaussians), _lamps(light),
+        artifacts.load(stage["segment"], "masks", Masks), poses, estimated, views, true, true_from_ours, scale,
         tuple(panoramas[view] for view in views),
-        session_per_studio(artefacts.load(stage["hdr"], "report", HdrReport).scale),
+        session_per_studio(artifacts.load(stage["hdr"], "report", HdrReport).scale),
         furnished(room), objects.model(thing),
     )  # fmt: skip
 
@@ -142,7 +142,7 @@ def lights(s: Set) -> list[Light]:
     surface = _newest(s.light.parent.parent / "surface", s.light.name)
     if surface is None:
         return [fitted]
-    settled = artefacts.load(surface, "emitters", Emitters)
+    settled = artifacts.load(surface, "emitters", Emitters)
     return [fitted, Light(True, settled.field(), settled.lamps)]
 
 
@@ -202,5 +202,5 @@ def _record(stage: Path) -> dict:
 def _lamps(light: Path) -> Lamps:
     """None in a light of a version that knew no lamps."""
     if (light / "lamps.json").is_file():
-        return artefacts.load(light, "lamps", Lamps)
+        return artifacts.load(light, "lamps", Lamps)
     return Lamps(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0, bool))

@@ -18,8 +18,8 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.progress import Progress
-from engine.surface.graph_laplacian import DIRECT
-from engine.surface.normal_integration import integrate_normals
+from engine.surface.depth.graph_laplacian import DIRECT
+from engine.surface.depth.normal_integration import integrate_normals
 from tests.engine.surface.landscapes import blob, camera_of, on_plate, plate
 
 SHAPES = {"blob": blob, "plate": plate}

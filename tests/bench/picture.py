@@ -15,7 +15,7 @@ import numpy as np
 import OpenEXR
 from matplotlib import colormaps
 
-from engine.png import srgb, to_8_bit
+from engine.io.png import srgb, to_8_bit
 
 GAP = 12
 TALL = 420

@@ -19,13 +19,20 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.bright import epsilon_of, render_rows, rows_of, solve_colours
-from engine.light.gaussians import Y00
-from engine.light.photographs import resample
-from engine.light.rasterise import shapes, workers
-from engine.light.sweep import knee_of
-from engine.light.train import LightParams, split_views
-from engine.reference.emitter import descend, high_luminance, relative_l1, scaled, stage_one, supervision
+from engine.light.fitting.color_solve import epsilon_of, render_rows, rows_of, solve_colours
+from engine.light.fitting.fit import LightParams, split_views
+from engine.light.fitting.plane_sweep import knee_of
+from engine.light.fitting.training_views import resample
+from engine.light.gaussians.gaussians import Y00
+from engine.light.gaussians.rasterize import shapes, workers
+from engine.reference.emitter.two_stage import (
+    descend,
+    high_luminance,
+    relative_l1,
+    scaled,
+    stage_one,
+    supervision,
+)
 from tests.bench.inputs import Clock, Inputs, inputs, machine, told, warm
 
 STOPS = (300, 3000, 30_000)

@@ -22,8 +22,8 @@ from app.bench.rows import params_of
 from app.bench.stored import load
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
+from engine.io.ground_truth import read_truth
 from engine.surface.solve import solve
-from engine.truth import read_truth
 from tests.bench.inputs import Clock, machine, told
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.light.gaussians import radiance_towards
+from engine.light.gaussians.gaussians import radiance_towards
 from tests.bench import kernel
 from tests.bench.kernel import Cost
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine import hdr
 from engine.geometry import compose, fibonacci_sphere
-from engine.light.gaussians import Y00
-from engine.light.probes import panorama_directions
-from engine.pipeline import artefacts
+from engine.hdr import merge
+from engine.light.gaussians.gaussians import Y00
+from engine.light.incident.probes import panorama_directions
+from engine.pipeline import artifacts
 from engine.progress import Progress
 from engine.types import Camera, Emitters, Gaussians, Lamps, Masks, Poses
 from hardware.errors import StudioError
@@ -223,7 +223,7 @@ def test_a_refined_light_takes_the_gains_of_the_surface_that_was_solved_with_it(
     made = finish(tmp_path / "surface" / "made", 1.0, inputs={"light": "mine"})
     brighter = replace(s.gaussians, radiance=2 * s.gaussians.radiance)
     lamps = replace(s.lamps, radiance=3 * s.lamps.radiance)
-    artefacts.save(made, "emitters", Emitters(brighter, lamps, 0))
+    artifacts.save(made, "emitters", Emitters(brighter, lamps, 0))
     fitted, refined = light_sets.lights(s)
     np.testing.assert_allclose(refined.field.radiance, 2 * fitted.field.radiance)
     np.testing.assert_allclose(refined.lamps.radiance, 3 * fitted.lamps.radiance)
@@ -231,7 +231,7 @@ def test_a_refined_light_takes_the_gains_of_the_surface_that_was_solved_with_it(
 
 def test_studio_radiance_becomes_what_the_merge_makes_of_it(tmp_path: Path) -> None:
     grey = brackets_on_disk.write(tmp_path, "grey", np.full((64, 96, 3), 0.4), 0.21)
-    frames, report = hdr.merge([grey], hdr.HdrParams(), Progress())
+    frames, report = merge.merge([grey], merge.HdrParams(), Progress())
     assert np.median(frames.radiance) == pytest.approx(
         0.4 * light_sets.session_per_studio(report.scale), rel=0.01
     )

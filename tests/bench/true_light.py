@@ -35,14 +35,15 @@ from app.bench.markdown import markdown, shown
 from app.bench.sizes import OBJECTS, ROOMS, SIZES
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
-from engine.metrics import psnr
 from engine.progress import Progress
-from engine.surface.deepen import deepened
-from engine.surface.detail import Picture
-from engine.surface.newton import State, iterate
-from engine.surface.pixels import SurfaceParams, depth_of, search, sight_of
+from engine.results.metrics import psnr
+from engine.surface.depth.shape_from_shadow import deepened
+from engine.surface.optimize.gauss_newton import State, iterate
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import depth_of, search, sight_of
+from engine.surface.rendering.transport import Sight, blocks
 from engine.surface.solve import until_still
-from engine.surface.transport import Sight, blocks
+from engine.surface.tiled_solve import Picture
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot
 

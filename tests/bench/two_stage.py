@@ -20,10 +20,10 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.photographs import resample
-from engine.light.rasterise import workers
-from engine.light.train import LightParams, fit, judge, split_views
-from engine.reference.emitter import EmitterParams, scaled, stage_one, stage_two, supervision
+from engine.light.fitting.fit import LightParams, fit, judge, split_views
+from engine.light.fitting.training_views import resample
+from engine.light.gaussians.rasterize import workers
+from engine.reference.emitter.two_stage import EmitterParams, scaled, stage_one, stage_two, supervision
 from engine.types import Gaussians, Lamps
 from hardware.errors import StudioError
 from tests.bench import irradiance

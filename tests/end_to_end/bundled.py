@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 
 from app import demo
-from engine import session as sessions
 from engine.importing import encode_poses
-from engine.posefiles import GivenPoses
-from engine.truth import read_truth
+from engine.io import session as sessions
+from engine.io.ground_truth import read_truth
+from engine.io.poses.pose_files import GivenPoses
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "demo" / "session"

@@ -29,7 +29,7 @@ from app.views.process.page import ProcessPage
 from app.views.start.page import StartPage
 from app.views.view3d.page import View3dPage
 from app.work.jobs import Job, JobState
-from engine import session as sessions
+from engine.io import session as sessions
 from tests.end_to_end import bundled, windowed
 from tests.end_to_end.windowed import LEAST, until
 

@@ -1,4 +1,4 @@
-"""A textured room of boxes, ray cast in numpy: views with known poses for the tests of `engine.sfm`.
+"""A textured room of boxes, ray cast in numpy: views with known poses for the tests of `engine.sfm.reconstruct`.
 
 World frame: y down, metres; the room is 5 x 2.8 x 4 with its centre at the origin. Every face of every box
 has its own band-limited noise texture, so nothing in it repeats. Radiance has a lamp-lit falloff.

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from engine.raw import Bracket
+from engine.io.raw import Bracket
 from hardware.virtual import dng, sensor
 
 CAMERA = sensor.Sensor()

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from engine import importing
-from engine import session as sessions
 from engine.errors import RoomlightError
+from engine.io import session as sessions
 from tests.engine import folders
 
 

@@ -14,7 +14,7 @@ from engine.geometry import project, rays, transform
 from engine.orientation import back, turn_camera, turn_picture, turn_poses, turn_vectors, turned
 from engine.types import Camera, Frames, Gaussians, Masks, Poses, Renders
 from tests.engine.ball import CENTRE, RADIUS, ball
-from tests.engine.test_metrics import ring
+from tests.engine.results.test_metrics import ring
 
 CAMERA = Camera(48, 32, 50.0, 53.0, 21.25, 17.5, 0.08, -0.03, 0.011, -0.007)
 TURNS = pytest.mark.parametrize("flip", [3, 5, 6])

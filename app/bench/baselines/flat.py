@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from engine.light.cells import sharpened
-from engine.light.gaussians import sh_basis
-from engine.light.probes import arriving
+from engine.light.gaussians.gaussians import sh_basis
+from engine.light.incident.direction_grid import sharpened
+from engine.light.incident.probes import arriving
 from engine.progress import Progress
-from engine.surface.near import Near, near_of
-from engine.surface.surroundings import amid
-from engine.surface.transport import Block, Incident, Lattice, Sight, direction_cells
+from engine.surface.lighting.room_light import amid
+from engine.surface.rendering.area_lights import Near, near_of
+from engine.surface.rendering.transport import Block, Incident, Lattice, Sight, direction_cells
 from engine.types import Emitters, Poses
 
 HARMONICS = 9

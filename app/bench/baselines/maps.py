@@ -1,6 +1,6 @@
 """Maps that were computed elsewhere (by a network, say) as a `Surface`: one more row beside ours.
 
-Files, codings and frames: see `engine/mapfiles.py`.
+Files, codings and frames: see `engine/io/normal_maps.py`.
 """
 
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from engine.errors import ImportFault
-from engine.mapfiles import FRAMES, read_albedo, read_normals, read_roughness
+from engine.io.normal_maps import FRAMES, read_albedo, read_normals, read_roughness
 from engine.progress import Progress
-from engine.surface.normal_integration import integrate_normals
+from engine.surface.depth.normal_integration import integrate_normals
 from engine.types import Camera, Surface
 
 

@@ -11,13 +11,14 @@ from jaxtyping import Float, Int
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
-from engine.surface import newton
-from engine.surface.confidence import confidence, formal
-from engine.surface.detail import maps_of
-from engine.surface.pixels import Subject, SurfaceParams, coarse_regions, subject
+from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.exhaustive_search import global_start
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import Subject, coarse_regions, subject
+from engine.surface.rendering.transport import Block, Light, Rows, Sight, blocks
 from engine.surface.solve import held_out, surface_of
-from engine.surface.start import global_start
-from engine.surface.transport import Block, Light, Rows, Sight, blocks
+from engine.surface.tiled_solve import maps_of
+from engine.surface.uncertainty.standard_errors import confidence, formal
 from engine.types import Frames, Masks, Poses, Surface
 
 MATT_ROUGHNESS = 0.5
@@ -60,26 +61,28 @@ class Matt:
         return diffuse, np.zeros_like(diffuse)
 
 
-def matt_start(who: Subject, rows: Rows, sight: Sight, candidates: int, progress: Progress) -> newton.State:
+def matt_start(
+    who: Subject, rows: Rows, sight: Sight, candidates: int, progress: Progress
+) -> gauss_newton.State:
     """Our global search, for rows without a highlight."""
     normals, albedo, _ = global_start(rows, sight, who.seen, coarse_regions(who.mask), candidates, progress)
-    return newton.begin(normals, albedo, np.full(len(normals), MATT_ROUGHNESS))
+    return gauss_newton.begin(normals, albedo, np.full(len(normals), MATT_ROUGHNESS))
 
 
 def refined(
-    who: Subject, state: newton.State, rows: Rows, sight: Sight, passes: int, progress: Progress
-) -> newton.State:
+    who: Subject, state: gauss_newton.State, rows: Rows, sight: Sight, passes: int, progress: Progress
+) -> gauss_newton.State:
     """Robust Gauss-Newton; the widths of the residuals are measured, and measured again at its answer."""
     parts = blocks(who.mask)
     for turn in range(2):
         span = progress.part(turn / 2, (turn + 1) / 2)
-        state = newton.iterate(state, rows, sight, parts, who.seen, passes, span, anew=True)
+        state = gauss_newton.iterate(state, rows, sight, parts, who.seen, passes, span, anew=True)
     # Without a highlight nothing tells the roughness but how a processor rounds.
     return replace(state, roughness=np.full_like(state.roughness, MATT_ROUGHNESS))
 
 
 def answered(
-    who: Subject, state: newton.State, sight: Sight, depth: Float[np.ndarray, "h w"], model_error: float
+    who: Subject, state: gauss_newton.State, sight: Sight, depth: Float[np.ndarray, "h w"], model_error: float
 ) -> Surface:
     """The state as maps, with standard errors from its own system."""
     unknown = np.zeros(len(state.normals))

@@ -21,10 +21,11 @@ from app.bench.baselines.flat import HARMONICS, HarmonicRows, Harmonics, answers
 from app.bench.baselines.matt import MATT_ROUGHNESS, answered, seen_object
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface import newton
-from engine.surface.observations import Observations, aside
-from engine.surface.pixels import Subject, SurfaceParams, depth_of
-from engine.surface.transport import Sight, blocks
+from engine.surface.data.observations import Observations, aside
+from engine.surface.optimize import gauss_newton
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import Subject, depth_of
+from engine.surface.rendering.transport import Sight, blocks
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 HEIGHTS = (1.0, 0.3, 0.1)
@@ -79,26 +80,26 @@ def _in_turns(
     normals: Float[np.ndarray, "p 3"],
     params: UncalibratedParams,
     progress: Progress,
-) -> newton.State:
+) -> gauss_newton.State:
     seen, parts = who.seen, blocks(who.mask)
     usual = np.median(seen.radiance.reshape(len(normals), -1, 3), axis=1)
-    state = newton.begin(normals, grey(usual), np.full(len(normals), MATT_ROUGHNESS))
+    state = gauss_newton.begin(normals, grey(usual), np.full(len(normals), MATT_ROUGHNESS))
     spreads: list[float] = []
     for turn in range(params.turns):
         span = progress.part(turn / params.turns, (turn + 1) / params.turns)
         rows = HarmonicRows(fitted_light(state, seen))
-        state = newton.respread(state, rows, sight, parts, seen)
+        state = gauss_newton.respread(state, rows, sight, parts, seen)
         spreads.append(float(np.median(state.spread)))
         if turn >= PATIENCE and spreads[-1] > SETTLED * spreads[-1 - PATIENCE]:
             break
-        state = newton.iterate(state, rows, sight, parts, seen, params.passes, span)
+        state = gauss_newton.iterate(state, rows, sight, parts, seen, params.passes, span)
         state = replace(state, albedo=grey(state.albedo), damping=np.full(len(normals), 1e-2))
     return state
 
 
 def grey(albedo: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 3"]:
     """Albedo whose median is GREY in every channel."""
-    return np.clip(albedo * (GREY / np.median(albedo, axis=0)), *newton.ALBEDO)
+    return np.clip(albedo * (GREY / np.median(albedo, axis=0)), *gauss_newton.ALBEDO)
 
 
 def balloon(
@@ -128,7 +129,7 @@ def balloon(
     return 2 * (once * half).sum(1, keepdims=True) * half - once
 
 
-def fitted_light(state: newton.State, seen: Observations) -> Harmonics:
+def fitted_light(state: gauss_newton.State, seen: Observations) -> Harmonics:
     """The harmonics of every view and channel that explain the radiance best, given the surface.
 
     Weighted as the surface's own fit is: relative errors, Cauchy weights after a first answer.

@@ -23,10 +23,10 @@ from app.capture.recovery import Patience
 from app.capture.run import USUAL, Capture
 from app.capture.status import Finding, Missing, Phase, Status
 from app.capture.wanted import captured
-from engine import session as sessions
+from engine.capture_checks.finding import Severity
 from engine.errors import RoomlightError
-from engine.live.finding import Severity
-from engine.session import Shot
+from engine.io import session as sessions
+from engine.io.session import Shot
 from hardware.errors import HardwareError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.errors import RawError, RoomlightError
-from engine.session import told
+from engine.io.session import told
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,14 +72,14 @@ class Pictures:
             SessionError: the disk refuses.
         """
         # These take a second to load, which the devices need not wait for.
+        from engine.capture_checks import shot_preview
+        from engine.capture_checks.display_image import PER_EV, WHITE_BIN, picture
         from engine.importing import RAW_SUFFIXES
-        from engine.live import glance
-        from engine.live.picture import PER_EV, WHITE_BIN, picture
         from engine.orientation import turn_picture
 
         if not all(file.suffix.lower() in RAW_SUFFIXES for file in files):
             return self._developed(files[len(files) // 2])
-        mosaics = glance.read(files)
+        mosaics = shot_preview.read(files)
         made = picture(mosaics, EDGE_PX)
         flip = mosaics[0].facts.orientation if flip is None else flip
         counts = {name: channel.tolist() for name, channel in zip("rgb", made.histogram, strict=True)}

@@ -30,7 +30,7 @@ from app.capture.recovery import Patience
 from app.capture.status import Phase
 from app.rigs import within
 from engine.errors import Cancelled, RoomlightError
-from engine.session import told
+from engine.io.session import told
 from hardware import find
 from hardware.errors import HardwareError, PositionLostError, StoppedError
 from hardware.interfaces import Angles, Bracket

@@ -33,7 +33,7 @@ from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.readout import told
 from app.words import sentence
-from engine.truth import Truth, read_truth
+from engine.io.ground_truth import Truth, read_truth
 
 if TYPE_CHECKING:
     from app.views.charts.view import ChartView

@@ -27,7 +27,7 @@ from app.views.pictures.viewport import Viewport
 from app.views.readout import told
 from app.words import QT_TRANSLATE_NOOP
 from app.work.jobs import Event
-from engine.radiance import relative_error
+from engine.color import relative_error
 
 DIMMED = 90  # of 256
 

@@ -7,7 +7,7 @@ import numpy as np
 from app.bench.rows import Answer, Method
 from app.bench.sets import Set
 from app.bench.stored import Stored
-from engine.truth import Truth
+from engine.io.ground_truth import Truth
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
 from tests.engine.ball import CAMERA, ball
 

@@ -13,13 +13,14 @@ from app.bench.choices import built_in
 from app.bench.information import Bound, derivatives
 from app.bench.sizes import SIZES, Size
 from app.bench.stored import Stored
-from engine import session as sessions
-from engine.pipeline import run, table
+from engine.io import session as sessions
+from engine.io.ground_truth import read_truth
+from engine.pipeline import run, stage_table
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
-from engine.surface.pixels import SurfaceParams, sight_of
-from engine.surface.transport import blocks
-from engine.truth import read_truth
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import sight_of
+from engine.surface.rendering.transport import blocks
 from engine.types import Frames, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot, tracer
@@ -47,7 +48,7 @@ def made(cheap: None, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str
             given.give_truth(place / "session", place / "truth", session)
             run.process(
                 sessions.open_session(session),
-                table.stages(),
+                stage_table.stages(),
                 Settings("standard", 0, {}),
                 "cpu",
                 "hdr",

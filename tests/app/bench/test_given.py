@@ -7,9 +7,9 @@ import OpenEXR
 
 from app.bench.given import give_truth
 from engine import importing
-from engine import session as sessions
+from engine.io import session as sessions
 from tests.engine.ball import CAMERA, ball
-from tests.engine.test_metrics import ring
+from tests.engine.results.test_metrics import ring
 
 
 def test_the_truths_poses_and_mask_arrive_in_the_second_session(tmp_path):

@@ -12,11 +12,11 @@ from app.bench.baselines.methods import BASELINES
 from app.bench.record import BenchError
 from app.bench.sizes import SIZES, Size
 from app.bench.stored import Stored
-from engine.light.gaussians import Y00
+from engine.light.gaussians.gaussians import Y00
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams, scaled
-from engine.surface.pixels import SurfaceParams
-from engine.surface.surroundings import furnished
+from engine.surface.lighting.room_light import furnished
+from engine.surface.params import SurfaceParams
 from tests.engine.reference.lit_room import DISTANCE, lambert, scene
 
 QUICK = SIZES["quick"]

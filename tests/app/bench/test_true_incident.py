@@ -9,9 +9,9 @@ import pytest
 
 from app.bench.true_incident import incident_of
 from engine.geometry import sphere_solid_angle
-from engine.light.probes import panorama_directions
+from engine.light.incident.probes import panorama_directions
 from engine.progress import Progress
-from engine.surface.transport import Lattice
+from engine.surface.rendering.transport import Lattice
 from hardware.virtual.studio import render, tracer
 from hardware.virtual.studio.bake import pack
 from hardware.virtual.studio.interior.around import Around

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from app.capture.order import Order, Pose, kind_of, poses_of
 from app.capture.recovery import Patience
-from engine import session as sessions
-from engine.raw import read_facts
+from engine.io import session as sessions
+from engine.io.raw import read_facts
 from hardware import plan
 from hardware.interfaces import Angles, Bracket, Exposure
 from tests.app.capture import quick_devices

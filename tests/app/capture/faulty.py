@@ -13,8 +13,8 @@ from app.capture import journal as capture_journal
 from app.capture.order import Order, read
 from app.capture.run import Capture
 from app.capture.status import Outcome
-from engine import session as sessions
 from engine.errors import RoomlightError
+from engine.io import session as sessions
 from hardware import find
 from hardware.errors import (
     BatteryError,

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.raw import read_mosaic
+from engine.io.raw import read_mosaic
 from hardware.errors import (
     DisconnectedError,
     ExposureError,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from app.capture import checks as watching
-from engine import session as sessions
+from engine.capture_checks.finding import Finding, Severity
 from engine.errors import PoseError
-from engine.live.finding import Finding, Severity
+from engine.io import session as sessions
 from hardware import plan
 from hardware.interfaces import Angles, Geometry
 from tests.end_to_end.bundled import DEMO

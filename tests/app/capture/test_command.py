@@ -14,7 +14,7 @@ from app.capture.order import Pose, read
 from app.capture.status import Missing
 from app.capture.terminal import told_missing
 from app.cli import main
-from engine import session as sessions
+from engine.io import session as sessions
 from tests.app.calls import ROOT, command, refused
 
 RIG, CAMERA = "virtual:grbl?speed=200", "virtual:?size=64x48"

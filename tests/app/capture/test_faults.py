@@ -14,8 +14,8 @@ from app.capture import journal as capture_journal
 from app.capture.order import CaptureError
 from app.capture.run import Capture
 from app.capture.status import Outcome
-from engine import session as sessions
 from engine.errors import SessionError
+from engine.io import session as sessions
 from hardware.errors import (
     AbsentError,
     BatteryError,

@@ -9,7 +9,7 @@ from app.capture import folder as capture_folder
 from app.capture import frames as capture_frames
 from app.capture.desk.pictures import Pictures
 from app.capture.order import CaptureError, Pose
-from engine import session as sessions
+from engine.io import session as sessions
 from hardware.interfaces import Exposure, Frame, Taken
 from tests.engine import folders
 

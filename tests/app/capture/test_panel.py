@@ -15,8 +15,8 @@ from app.capture.panel_state import AxisFacts, Going, Missed
 from app.capture.run import Capture
 from app.capture.status import Phase
 from app.state import Trouble
-from engine import session as sessions
-from engine.live.finding import Severity
+from engine.capture_checks.finding import Severity
+from engine.io import session as sessions
 from hardware import find
 from hardware.interfaces import State
 from tests.app.calls import ROOT

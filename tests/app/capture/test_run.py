@@ -14,13 +14,13 @@ from app.capture import journal as capture_journal
 from app.capture.order import CaptureError, Order, kind_of, poses_of, read
 from app.capture.run import Capture
 from app.capture.status import Finding, Outcome, Phase, Status
-from engine import hdr
-from engine import session as sessions
 from engine.errors import ImportFault, SessionError
+from engine.hdr import merge
 from engine.importing import find_photographs
+from engine.io import session as sessions
+from engine.io.raw import Bracket
+from engine.io.session import Shot
 from engine.progress import Progress
-from engine.raw import Bracket
-from engine.session import Shot
 from hardware import plan
 from hardware.interfaces import Angles, Exposure, Geometry
 from hardware.manual import Handheld
@@ -96,7 +96,7 @@ def test_processing_takes_a_captured_session_as_an_imported_one(tmp_path: Path) 
     assert session.facts["rig"]["kind"] == "gimbal"
     assert session.facts["rig"]["geometry"]["pan_axis"] == [0, -1, 0]
     shot = sessions.shots(session)[0]
-    frames, report = hdr.merge([Bracket(shot.name, shot.files)], hdr.HdrParams(), Progress())
+    frames, report = merge.merge([Bracket(shot.name, shot.files)], merge.HdrParams(), Progress())
     assert frames.radiance.shape == (1, 32, 32, 3)
     assert report.steps[0].exif_ev == pytest.approx(3.0, abs=0.01)
     # Its files are also what `import` would take.

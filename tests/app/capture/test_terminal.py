@@ -7,8 +7,8 @@ import pytest
 from app.capture.run import Capture
 from app.capture.status import Finding
 from app.capture.terminal import Screen
-from engine.live.finding import Severity
-from engine.session import Shot
+from engine.capture_checks.finding import Severity
+from engine.io.session import Shot
 from tests.app.capture import quick_devices
 from tests.app.capture.captures import HASTY, order
 

@@ -12,7 +12,7 @@ import pytest
 from app.inspect import charting, maps, runs
 from app.relight.lights import Light, coverage_file, load
 from engine.errors import SessionError, TruthError
-from engine.truth import Truth
+from engine.io.ground_truth import Truth
 from tests.app import furnace
 
 

@@ -10,7 +10,7 @@ from app.inspect.rerendering import Scene, find, open_run
 from engine.errors import Cancelled, SessionError
 from engine.geometry import fibonacci_sphere, rays
 from engine.progress import Progress
-from engine.surface.brdf import lobe_floor, rows
+from engine.surface.reflectance.brdf import lobe_floor, rows
 from tests.app import furnace
 
 

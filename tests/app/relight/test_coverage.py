@@ -10,7 +10,7 @@ from app.relight import coverage as light_coverage
 from app.relight import lights as light_files
 from engine.geometry import fibonacci_sphere, rays
 from engine.orientation import turn_vectors
-from engine.pipeline import artefacts
+from engine.pipeline import artifacts
 from engine.types import Emitters, Masks
 from tests.app import furnace
 from tests.app.inspect.test_rerendering import Wire
@@ -61,7 +61,7 @@ def test_what_no_photograph_shows_is_as_bright_as_the_surface_found_it(
     overhead = gaussians.means[:, 1] < -0.7 * furnace.ROOM  # y is down, and no view looks up there
     gaussians.radiance[overhead] *= 6
     surface = session / "stages" / "surface" / "aaaa"
-    artefacts.save(surface, "emitters", Emitters(gaussians, lamps, int(overhead.sum())))
+    artifacts.save(surface, "emitters", Emitters(gaussians, lamps, int(overhead.sum())))
     light = worked_out(session, monkeypatch)
     assert light.seen[:4].max() < 0.5
     assert np.median(light.radiance[:4]) == pytest.approx(6 * furnace.GLOW, rel=0.02)
@@ -72,7 +72,7 @@ def test_what_is_clipped_in_every_view_is_marked(tmp_path: Path, monkeypatch: py
     folder = session / "stages" / "hdr" / "hhhh"
     frames = furnace.photographs(furnace.surface())
     frames.clipped[:, :8] = True  # the upper rows of all views
-    artefacts.save(folder, "frames", frames)
+    artifacts.save(folder, "frames", frames)
     light = worked_out(session, monkeypatch)
     up = np.nonzero(light.clipped.any(1))[0]
     assert len(up) > 3
@@ -84,7 +84,7 @@ def test_the_answer_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     session = furnace.finished(tmp_path)
     first = worked_out(session, monkeypatch)
     masks = furnace.surface().mask
-    artefacts.save(
+    artifacts.save(
         session / "stages" / "segment" / "ssss", "masks", Masks(masks, np.zeros((9, *masks.shape), bool))
     )
     assert worked_out(session, monkeypatch).shares() == first.shares()

@@ -19,11 +19,11 @@ from app.relight import transfer as light_transfer
 from app.relight.relit import CELLS, LATTICE, Light, Setting, Transfer, relit
 from engine.errors import LightError, SessionError
 from engine.geometry import fibonacci_sphere, rays
-from engine.light.cells import face_directions
-from engine.light.probes import panorama_directions
+from engine.light.incident.direction_grid import face_directions
+from engine.light.incident.probes import panorama_directions
 from engine.progress import Progress
-from engine.surface.brdf import lobe_floor, rows
-from engine.surface.brdf_reference import rows_reference
+from engine.surface.reflectance.brdf import lobe_floor, rows
+from engine.surface.reflectance.brdf_torch import rows_reference
 from tests.app import furnace
 
 CAMERA = furnace.CAMERA

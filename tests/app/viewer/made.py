@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from engine import session as sessions
-from engine.pipeline import artefacts
+from engine.io import session as sessions
+from engine.pipeline import artifacts
 from engine.types import Camera, Frames, Gaussians, Lamps, Poses, Surface
 
 DEPTH = 0.5  # of the object, in front of the camera
@@ -97,7 +97,7 @@ def session(
         place = folder / "stages" / stage / f"{order:016x}"
         place.mkdir(parents=True)
         for name, record in records[stage].items():
-            artefacts.save(place, name, record)
+            artifacts.save(place, name, record)
         finish(place, order, {name: f"{stages.index(name):016x}" for name in INPUTS[stage] if name in stages})
     return folder
 

@@ -7,8 +7,8 @@ import pytest
 
 from app.viewer import photograph as photographs
 from app.viewer.photograph import photograph
-from engine import session as sessions
 from engine.errors import SessionError
+from engine.io import session as sessions
 from tests.app.viewer import made
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from app.viewer.reading import read, stages_of
 from app.viewer.scene import compose
-from engine import session as sessions
 from engine.errors import SessionError
 from engine.geometry import transform
-from engine.pipeline import artefacts
+from engine.io import session as sessions
+from engine.pipeline import artifacts
 from engine.types import Emitters
 from tests.app.viewer import made
 
@@ -24,7 +24,7 @@ def test_a_whole_run_is_read(tmp_path: Path) -> None:
 def test_the_light_is_the_one_that_the_surface_was_solved_under(tmp_path: Path) -> None:
     folder = made.session(tmp_path / "s")
     (surface,) = (folder / "stages" / "surface").iterdir()
-    artefacts.save(surface, "emitters", Emitters(made.gaussians(30), made.lamps(), 5))
+    artifacts.save(surface, "emitters", Emitters(made.gaussians(30), made.lamps(), 5))
     results = read(folder)
     assert results.gaussians is not None
     np.testing.assert_array_equal(results.gaussians.means, made.gaussians(30).means)

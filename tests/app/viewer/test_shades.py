@@ -5,7 +5,7 @@ import pytest
 
 from app.inspect.falsecolour import table
 from app.viewer import shades
-from engine.png import srgb
+from engine.io.png import srgb
 from tests.app.viewer import made
 
 

@@ -18,7 +18,7 @@ from app.work.jobs import Job
 from tests.app.plans import Questions, content
 from tests.app.views.conftest import until
 from tests.app.work.children import job
-from tests.engine.test_export import write as write_export
+from tests.engine.results.test_export import write as write_export
 
 
 class Finished(Questions):

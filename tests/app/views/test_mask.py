@@ -25,9 +25,9 @@ from app.views.pages import Shell, Wishes
 from app.work import answers
 from app.work.enquiries import Answer
 from app.work.queue import Board
-from engine import session as sessions
 from engine.errors import RoomlightError
-from engine.pipeline import run, table
+from engine.io import session as sessions
+from engine.pipeline import run, stage_table
 from engine.pipeline.settings import Settings as Asked
 from tests.app import sessions as small
 from tests.app.views.conftest import stop, until
@@ -55,7 +55,7 @@ class Planner:
 def processed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Photographs developed, and the object found: a given mask of rows 8 to 15, columns 10 to 19."""
     made = small.small(tmp_path_factory.mktemp("mask"))
-    run.process(sessions.open_session(made), table.stages(), Asked(), "cpu", "segment")
+    run.process(sessions.open_session(made), stage_table.stages(), Asked(), "cpu", "segment")
     return made
 
 

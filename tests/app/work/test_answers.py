@@ -17,11 +17,11 @@ from app.plan import read_plan, with_value
 from app.work import answers
 from app.work.worker import Link
 from engine import importing
-from engine import session as sessions
 from engine.errors import Cancelled
+from engine.io import session as sessions
 from engine.pipeline import presets
 from engine.pipeline import settings as asked
-from engine.surface.pixels import SurfaceParams
+from engine.surface.params import SurfaceParams
 from tests.app.calls import ROOT
 from tests.app.sessions import HEIGHT, WIDTH, small
 from tests.engine import folders as raw_folders

@@ -16,8 +16,8 @@ import pytest
 from app.work import worker
 from app.work.jobs import Job, JobState, child_command
 from app.work.worker import Link
-from engine import session as sessions
 from engine.errors import Cancelled, MaskError
+from engine.io import session as sessions
 from tests.app.calls import ROOT
 from tests.app.sessions import VIEWS, small
 from tests.app.work.children import Heard

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 
 from engine.geometry import fibonacci_sphere
-from engine.light import trace
-from engine.light.gaussians import Y00, radiance_towards
-from engine.light.rasterise import Pinhole
+from engine.light.gaussians import raytrace_reference
+from engine.light.gaussians.gaussians import Y00, radiance_towards
+from engine.light.gaussians.rasterize import Pinhole
 from engine.types import Gaussians
 
 
@@ -36,7 +36,9 @@ def shell(radiance: float, radius: float = 3.0, count: int = 1500) -> Gaussians:
 def view(width: int, height: int, seed: int = 0) -> Pinhole:
     """A camera near the origin that looks along z, a little turned."""
     rng = np.random.default_rng(seed)
-    turn = trace.rotation_of(torch.tensor([[1.0, *rng.normal(size=3) * 0.05]], dtype=torch.float64))[0]
+    turn = raytrace_reference.rotation_of(
+        torch.tensor([[1.0, *rng.normal(size=3) * 0.05]], dtype=torch.float64)
+    )[0]
     pose = np.column_stack([turn.numpy(), rng.normal(size=3) * 0.1])
     return Pinhole(
         pose, np.array([0.8 * width, 0.8 * width, width / 2 + 0.3, height / 2 - 0.2]), width, height
@@ -57,6 +59,6 @@ def traced(gaussians: Gaussians, view: Pinhole, near: float = 0.0) -> np.ndarray
     fields = (gaussians.means, gaussians.quaternions, gaussians.scales, gaussians.density)
     colours = radiance_towards(gaussians, view.origin)
     tensors = [torch.tensor(np.asarray(field, np.float64)) for field in (*fields, colours)]
-    radiance, left, far = trace.trace(*tensors, *rays(view), near)
+    radiance, left, far = raytrace_reference.trace(*tensors, *rays(view), near)
     image = torch.cat([radiance, left[:, None], far[:, None]], 1)
     return image.reshape(view.height, view.width, 5).numpy()

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from engine import session as sessions
 from engine.errors import Cancelled, SessionError
+from engine.io import session as sessions
 from engine.pipeline import run, stages
 from engine.pipeline.settings import Settings
 from tests.engine.pipeline import tiny

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine import session as sessions
 from engine.errors import SessionError
+from engine.io import session as sessions
 from engine.pipeline import run, stages
 from engine.pipeline.settings import REMOVED, Settings, from_toml, to_toml, with_changes
 from tests.engine.pipeline import tiny

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from engine import session as sessions
 from engine.errors import MaskError
-from engine.pipeline import run, stages, table, work
+from engine.io import session as sessions
+from engine.pipeline import run, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings
 from engine.types import Masks
 from tests.app import sessions as small
@@ -27,11 +27,11 @@ def paint(session: sessions.Session, add: tuple[slice, slice], remove: tuple[sli
 
 
 def segment_step(session: sessions.Session) -> stages.Step:
-    return stages.plan(session, table.stages(), Settings())[1]
+    return stages.plan(session, stage_table.stages(), Settings())[1]
 
 
 def found(session: sessions.Session) -> np.ndarray:
-    steps = run.process(session, table.stages(), Settings(), "cpu", "segment")
+    steps = run.process(session, stage_table.stages(), Settings(), "cpu", "segment")
     return run.loader(steps)("segment", "masks", Masks).object
 
 
@@ -72,6 +72,6 @@ def test_green_adds_red_takes_and_all_else_says_nothing(tmp_path: Path) -> None:
     image = np.zeros((1, 5, 3), np.uint8)  # blue, green, red
     image[0] = [(0, 255, 0), (0, 0, 255), (0, 255, 255), (255, 0, 0), (0, 127, 0)]
     cv2.imwrite(str(tmp_path / "strokes.png"), image)
-    add, remove = work.read_strokes(tmp_path / "strokes.png", 1, 5)
+    add, remove = stage_functions.read_strokes(tmp_path / "strokes.png", 1, 5)
     assert add.tolist() == [[True, False, False, False, False]]
     assert remove.tolist() == [[False, True, False, False, False]]

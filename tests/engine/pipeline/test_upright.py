@@ -10,15 +10,15 @@ import pytest
 import trimesh
 from PIL import Image
 
-from engine import session as sessions
-from engine.export import ExportParams
-from engine.light.globes import beside
+from engine.io import session as sessions
+from engine.io.poses.pose_files import read_poses
+from engine.light.fitting.lamp_model import beside
 from engine.orientation import back, rotation, turn_picture, turn_vectors, turned
-from engine.pipeline import artefacts, stages, table, work
+from engine.pipeline import artifacts, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings
 from engine.pipeline.stages import Work
-from engine.posefiles import read_poses
 from engine.progress import Progress
+from engine.results.export import ExportParams
 from engine.types import Emitters, Lamps
 from tests.app import furnace
 
@@ -34,18 +34,18 @@ def exported(folder: Path, flip: int) -> Path:
     gaussians.radiance[gaussians.means[:, 1] < -0.7 * furnace.ROOM] *= 6
     lamp = Lamps(np.array([[0, 0, 2.5]]), np.array([0.1]), np.full((1, 3), 9.0), np.array([True]))
     emitters = Emitters(beside(gaussians, lamp), lamp, 0)
-    artefacts.save(finished / "stages" / "surface" / "aaaa", "emitters", emitters)
+    artifacts.save(finished / "stages" / "surface" / "aaaa", "emitters", emitters)
     frames = furnace.photographs(furnace.surface())
     frames.radiance[:, :5, :7] *= 3  # a corner that tells how a picture lies
-    artefacts.save(finished / "stages" / "hdr" / "hhhh", "frames", frames)
+    artifacts.save(finished / "stages" / "hdr" / "hhhh", "frames", frames)
     session = sessions.create(folder / "session", "linear", {"width": 40, "height": 30, "orientation": flip})
     to = folder / "export"
     to.mkdir()
 
     def load(stage: str, name: str, kind: type):
-        return artefacts.load(finished / "stages" / stage / PLACES[stage], name, kind)
+        return artifacts.load(finished / "stages" / stage / PLACES[stage], name, kind)
 
-    work.export(Work(session, ExportParams(), 0, "cpu", to, False, load, Progress()))
+    stage_functions.export(Work(session, ExportParams(), 0, "cpu", to, False, load, Progress()))
     return to
 
 
@@ -135,7 +135,9 @@ def test_light_and_lamps_stay_in_the_world(as_sensor: Path, pair: tuple[int, Pat
 
 def fingerprints(folder: Path, **facts: int) -> dict[str, str]:
     session = sessions.create(folder, "raw", {"model": "none", "width": 4, "height": 4, **facts})
-    return {step.stage.name: step.fingerprint for step in stages.plan(session, table.stages(), Settings())}
+    return {
+        step.stage.name: step.fingerprint for step in stages.plan(session, stage_table.stages(), Settings())
+    }
 
 
 def test_only_what_uses_the_orientation_is_computed_anew_for_it(tmp_path: Path) -> None:
@@ -149,12 +151,12 @@ def test_only_what_uses_the_orientation_is_computed_anew_for_it(tmp_path: Path) 
 
 @TURNS
 def test_maps_to_start_from_are_of_the_upright_picture(tmp_path: Path, flip: int) -> None:
-    from engine.surface import start_maps
+    from engine.surface.data import initial_maps
 
     shape = furnace.surface()
     seen = turned(shape, flip)
     np.savez(tmp_path / "maps.npz", normal=seen.normal, roughness=seen.roughness, albedo=seen.albedo)
-    read = start_maps.read(tmp_path / "maps.npz", None, "opencv", shape.mask, True, flip)
+    read = initial_maps.read(tmp_path / "maps.npz", None, "opencv", shape.mask, True, flip)
     np.testing.assert_allclose(read.normals, shape.normal[shape.mask], atol=1e-6)
     np.testing.assert_allclose(read.roughness, shape.roughness[shape.mask], atol=1e-6)
     np.testing.assert_allclose(read.albedo, shape.albedo[shape.mask], atol=1e-6)

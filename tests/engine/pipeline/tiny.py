@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine import session as sessions
+from engine.io import session as sessions
 from engine.pipeline import run
 from engine.pipeline.settings import Settings
 from engine.pipeline.stages import Stage, Work

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from engine.geometry import rays
-from engine.light.gaussians import Y00
+from engine.light.gaussians.gaussians import Y00
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses
 from tests.engine.light import clouds
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.light.gaussians import Y00
-from engine.light.photographs import Photographs
-from engine.light.rasterise import Pinhole, render_view
+from engine.light.fitting.training_views import Photographs
+from engine.light.gaussians.gaussians import Y00
+from engine.light.gaussians.rasterize import Pinhole, render_view
 from engine.types import Camera, Frames, Gaussians, Masks, Poses
 from tests.engine.box_room import look
 from tests.engine.light import clouds

@@ -8,7 +8,7 @@ import torch
 
 from engine.geometry import rays
 from engine.reference.losses import STEPS, colour_loss, normal_loss, pseudo_normals, total_variation
-from engine.surface.observations import aside
+from engine.surface.data.observations import aside
 from tests.engine.ball import CAMERA, ball
 
 

@@ -11,17 +11,25 @@ import torch
 
 from engine.errors import Cancelled, SurfaceError
 from engine.geometry import angle_between, rays
-from engine.light.gaussians import Y00
-from engine.light.probes import arriving
+from engine.light.gaussians.gaussians import Y00
+from engine.light.incident.probes import arriving
 from engine.progress import Progress
 from engine.reference import solver
 from engine.reference.descent import rates
-from engine.reference.emitter import EmitterParams, EmitterReport
+from engine.reference.emitter.two_stage import EmitterParams, EmitterReport
+from engine.reference.monte_carlo.shadows import shadows_of
 from engine.reference.params import ReferenceParams, scaled, title
-from engine.reference.shadows import shadows_of
 from engine.reference.solver import part_of, solve
-from engine.surface.near import Near
-from engine.surface.transport import Incident, Lattice, Responses, Sight, blocks, direction_cells, predict
+from engine.surface.rendering.area_lights import Near
+from engine.surface.rendering.transport import (
+    Incident,
+    Lattice,
+    Responses,
+    Sight,
+    blocks,
+    direction_cells,
+    predict,
+)
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Surface
 from tests.engine.box_room import look
 from tests.engine.light import clouds
@@ -178,7 +186,7 @@ def test_the_papers_own_light_takes_the_place_of_ours(
         asked.append(params)
         return other, EmitterReport(len(other.means), 1.0, 0.1, VIEWS)
 
-    monkeypatch.setattr("engine.reference.light.train", train)
+    monkeypatch.setattr("engine.reference.emitter.light.train", train)
     params = few(maps, epochs=0, samples=4, pixels=16, emitter=stages, emitter_share=0.1, emitter_most=500)
     *_, emitters, report = run(session, params)
     assert emitters.gaussians is other

@@ -8,11 +8,11 @@ import pytest
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import solve as solving
-from engine.surface.observations import thinned
-from engine.surface.pixels import SurfaceParams
-from engine.surface.rough import rough
+from engine.surface.data.observations import thinned
+from engine.surface.lighting.room_light import furnished, light_at
+from engine.surface.params import SurfaceParams
+from engine.surface.schedule import rough
 from engine.surface.solve import held_out, solve, whole_light
-from engine.surface.surroundings import furnished, light_at
 from tests.engine.reference.lit_room import DISTANCE, lambert, metal, scene
 
 

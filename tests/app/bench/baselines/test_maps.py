@@ -9,7 +9,7 @@ import pytest
 
 from app.bench.baselines.maps import MapFiles, read_maps
 from engine.errors import ImportFault
-from engine.png import srgb
+from engine.io.png import srgb
 from engine.progress import Progress
 from tests.engine.ball import CAMERA, ball
 

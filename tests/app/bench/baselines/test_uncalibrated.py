@@ -8,8 +8,8 @@ from app.bench.baselines.methods import BASELINES
 from app.bench.baselines.uncalibrated import GREY, UncalibratedParams, balloon, fitted_light
 from engine.geometry import fibonacci_sphere, rays
 from engine.progress import Progress
-from engine.surface import newton
-from engine.surface.observations import observe
+from engine.surface.data.observations import observe
+from engine.surface.optimize import gauss_newton
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses
 
 LENS = Camera(48, 40, 500.0, 500.0, 24.0, 20.0)
@@ -88,7 +88,7 @@ def test_a_squashed_balloon_leans_less():
 
 def test_light_follows_from_the_right_surface():
     frames, mask, normals, albedo = pictures()
-    state = newton.begin(normals, albedo, np.full(len(normals), 0.5))
+    state = gauss_newton.begin(normals, albedo, np.full(len(normals), 0.5))
     seen = observe(frames, mask, np.arange(VIEWS), 0.02)
     told = np.tile(albedo, VIEWS) * (answers(normals) @ fitted_light(state, seen).coefficients)
     assert np.median(np.abs(told / seen.radiance - 1)) < 0.01

@@ -9,9 +9,9 @@ import pytest
 from app.capture import checks
 from app.capture import order as orders
 from app.capture.status import Finding, Phase
-from engine import session as sessions
-from engine.live.finding import Severity
-from engine.session import Shot
+from engine.capture_checks.finding import Severity
+from engine.io import session as sessions
+from engine.io.session import Shot
 from hardware import find
 from hardware.errors import AbsentError
 from hardware.interfaces import Angles, State

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from engine.geometry import inverse
-from engine.rig import RigLog, angle_between, logged_poses
+from engine.sfm.rig_alignment import RigLog, angle_between, logged_poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import (
     bake,

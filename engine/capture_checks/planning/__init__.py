@@ -1,0 +1,1 @@
+"""Which directions are covered, and which view helps most next."""

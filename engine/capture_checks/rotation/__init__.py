@@ -1,0 +1,1 @@
+"""How the camera turned between shots, while capturing."""

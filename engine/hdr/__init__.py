@@ -1,0 +1,1 @@
+"""Stage *hdr*: brackets of RAW files, or linear images, become linear radiance."""

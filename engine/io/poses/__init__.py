@@ -1,0 +1,1 @@
+"""Camera poses of other programs."""

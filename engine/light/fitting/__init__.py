@@ -1,0 +1,1 @@
+"""Stage *light*: Gaussians and lamps fitted to the background."""

@@ -1,0 +1,247 @@
+"""Fit the room's light to the background of the photographs: stage *light*.
+
+Source: the paper, Sec. 3.2: stage 1 is Eq. (5) by Adam, coarse to fine, on a budget of Gaussians;
+stage 2 is the colour solve of `color_solve.py`. World frame, scene units, linear radiance.
+
+Held-out views judge the fit: they supervise neither stage. A Gaussian looks the same from every side.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from engine.color import luminance
+from engine.errors import LightError
+from engine.light.fitting.adam import Cloud, advance, cloud_of, gaussians_of, resettle
+from engine.light.fitting.color_solve import bright_ones, rows_of, solve_colours
+from engine.light.fitting.free_space import Emptiness, floating, intruding, surface_of
+from engine.light.fitting.initialize import begin
+from engine.light.fitting.lamp_detection import Sightings, find_lamps
+from engine.light.fitting.lamp_model import measured, put_back, without
+from engine.light.fitting.plane_sweep import knee_of
+from engine.light.fitting.training_views import Photographs, camera_centres, resample
+from engine.light.gaussians.gaussians import Y00, radiance_towards
+from engine.light.gaussians.rasterize import Run, push_back, render, shapes, workers
+from engine.light.gaussians.rasterize_kernels import DARKEST
+from engine.progress import Progress
+from engine.types import Frames, Gaussians, Lamps, Masks, Poses
+from engine.validation import MORE, check
+
+BOUNDS = {
+    "budget": (1, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
+    "hollow": (0.0, MORE),
+}  # fmt: skip
+"""What each number that may be asked must lie between."""
+
+
+@dataclass(frozen=True, slots=True)
+class LightParams:
+    """How the light is fitted.
+
+    Raises:
+        LightError: what is asked lies outside `BOUNDS`.
+    """
+
+    budget: int = 6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
+    width: int = 256  # widest picture trained on, pixels
+    passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
+    holdout: int = 8  # every so many-th view only judges; 0: none
+    # Radius around each camera centre without Gaussians, scene units; None: derived.
+    keep_out: float | None = None
+    hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
+
+    def __post_init__(self) -> None:
+        check(self, "light", LightError, BOUNDS)
+
+
+@dataclass(frozen=True, slots=True)
+class LightReport:
+    """What the fit reached; held-out numbers are over background pixels of views that did not supervise."""
+
+    count: int
+    keep_out: float  # scene units
+    knee: float  # radiance that Eq. (5) takes for 1
+    heldout_log_l1: float
+    heldout_psnr_db: float  # of log(1 + m), against its range
+    heldout_energy: float  # rendered over photographed, all background pixels
+    heldout_energy_bright: float  # the same, brightest 1 % of pixels
+    training_log_l1: float
+    lamps: int  # small bright things that were found beforehand and stand apart from the fit
+    lamps_clipped: int  # those whose radiance is a lower bound
+    views_used: int
+    views_heldout: int
+
+
+def fit(
+    frames: Frames, masks: Masks, poses: Poses, params: LightParams, seed: int, progress: Progress
+) -> tuple[Gaussians, Lamps, LightReport]:
+    """The room's light from the background pixels of the registered views; its small lamps are the last Gaussians.
+
+    Raises:
+        LightError: fewer than 4 registered views, or hardly any background.
+    """
+    used, held = split_views(poses, params.holdout)
+    widest = min(params.width, poses.camera.width)
+    widths = [max(32, widest >> (len(params.passes) - 1 - i)) for i in range(len(params.passes))]
+    rng = np.random.default_rng(seed)
+    with workers() as run:
+        progress.step(0.0, "depth of the room")
+        sightings, lamps = _lamps(frames, masks, poses, used)
+
+        def room(width: int) -> Photographs:
+            return without(resample(frames, masks, poses, used, width), lamps)
+
+        small = room(min(64, poses.camera.width))
+        start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
+        cloud = cloud_of(start)
+        knee = knee_of(small)
+        total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))
+        done, loss = 0.0, np.nan
+        everything = sum(params.passes)
+        count = 0
+        for passes, width in zip(params.passes, widths, strict=True):
+            photographs = room(width)
+            surface = surface_of(emptiness, photographs)
+            for _ in range(passes):
+                progress.step(
+                    0.05 + 0.85 * done / total, f"light at {width} px, {len(cloud.means)} Gaussians"
+                )
+                rate = 0.05 ** (count / everything)
+                loss = _pass(cloud, photographs, surface, params, knee, rate, rng, run)
+                done, count = done + width * width, count + 1
+                cloud = _settle(cloud, photographs, params, emptiness, count / everything)
+        gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.96), run)
+        gaussians = put_back(gaussians, lamps, sightings, small)
+        progress.step(0.98, "light, held-out views")
+        judged = resample(frames, masks, poses, held if len(held) else used, widest)
+        heldout = judge(gaussians, judged, knee, run)
+    return (
+        gaussians,
+        lamps,
+        LightReport(
+            count=len(gaussians.means),
+            keep_out=float(np.median(emptiness.radii)),
+            knee=knee,
+            **heldout,
+            training_log_l1=float(loss),
+            lamps=len(lamps.radii),
+            lamps_clipped=int(lamps.clipped.sum()),
+            views_used=len(used),
+            views_heldout=len(held),
+        ),
+    )
+
+
+def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[np.ndarray, " h"]]:
+    """Registered views that supervise, and those that only judge: every `holdout`-th if there are enough.
+
+    Raises:
+        LightError: fewer than 4 registered views, or none of them left to supervise.
+    """
+    views = np.nonzero(poses.registered)[0]
+    if len(views) < 4:
+        raise LightError(
+            f"{len(views)} views are registered; the light needs at least 4: photograph more of the room"
+        )
+    held = views[holdout // 2 :: holdout] if holdout and len(views) >= 2 * holdout else views[:0]
+    used = np.setdiff1d(views, held)
+    if len(used) < 4:
+        raise LightError(
+            f"holdout = {holdout} leaves {len(used)} of {len(views)} views for the light, which needs at least 4: "
+            "hold out every 8th, or 0 for none"
+        )
+    return used, held
+
+
+def _lamps(frames: Frames, masks: Masks, poses: Poses, used: np.ndarray) -> tuple[Sightings, Lamps]:
+    """The lamps, from the photographs at full size, which are not kept: they are larger than all later sizes."""
+    sharp = resample(frames, masks, poses, used, poses.camera.width)
+    return measured(find_lamps(sharp), sharp)
+
+
+def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progress, run: Run) -> Gaussians:
+    """Stage 2: colours of the bright Gaussians that render the photographed energy.
+
+    Eq. (5) and Eq. (6) take medians of ratios, which dims what is small and much brighter than its
+    surroundings, as lamps and windows are: the energy objective of `color_solve.py` does not.
+    """
+    rows = rows_of(shapes(gaussians), photographs, run)
+    start = gaussians.radiance[:, 0].astype(np.float64) * Y00
+    free = bright_ones(start)
+    colours = solve_colours(
+        rows, start, free, "energy", run, step=lambda share: progress.step(share, "colours of the lamps")
+    )
+    radiance = gaussians.radiance.copy()
+    radiance[free, 0] = colours[free] / Y00
+    return replace(gaussians, radiance=radiance)
+
+
+def _pass(
+    cloud: Cloud,
+    photographs: Photographs,
+    surface: Float[np.ndarray, "n h w"],
+    params: LightParams,
+    knee: float,
+    rate: float,
+    rng: np.random.Generator,
+    run: Run,
+) -> float:
+    """One Adam step per view, in random order; mean log-L1 of the pass."""
+    cloud.weight[:] = 0
+    cloud.blame[:] = 0
+    loss = 0.0
+    tree = KDTree(camera_centres(photographs))
+    distance = tree.query(cloud.means)[0]
+    smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
+    for view in rng.permutation(len(photographs.weight)).tolist():
+        _, gradients = push_back(
+            cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
+            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.hollow,
+            surface[view], run,
+        )  # fmt: skip
+        loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
+        i = gradients.index
+        advance(cloud, gradients, rate, smallest[i], largest[i])
+    return loss / len(photographs.weight)
+
+
+def _settle(
+    cloud: Cloud, photographs: Photographs, params: LightParams, emptiness: Emptiness, fraction: float
+) -> Cloud:
+    """Grow to the budget by three fifths of the way, move the useless until four fifths, then only clear."""
+    useless = intruding(emptiness, cloud.means, 2 * np.exp(cloud.log_scales.max(1)))
+    useless |= floating(emptiness, cloud.means)
+    budget = 0
+    if fraction < 0.85:
+        useless |= cloud.weight < 0.3
+        grown = min(1.0, fraction / 0.6)
+        budget = int(params.budget * (1 / 3 + 2 / 3 * grown))
+        faint = np.argsort(cloud.weight, kind="stable")[: int(0.02 * len(cloud.weight))]
+        useless[faint] = True
+    return resettle(cloud, budget, useless)
+
+
+def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> dict[str, float]:
+    """The report's `heldout_...`: renderings against photographs, on background pixels that were not clipped."""
+    geometry = shapes(gaussians)
+    wide = replace(gaussians, radiance=gaussians.radiance.astype(np.float64))
+    ours, theirs = [], []
+    for view in range(len(photographs.weight)):
+        pinhole = photographs.pinhole(view)
+        image = render(geometry, radiance_towards(wide, pinhole.origin), pinhole, 0.0, run)
+        good = (photographs.weight[view] > 0) & ~photographs.clipped[view]
+        ours.append(image[good][:, :3])
+        theirs.append(photographs.radiance[view][good])
+    m, want = np.concatenate(ours).astype(np.float64), np.concatenate(theirs).astype(np.float64)
+    # Noise, or a colour beyond the display's, may put a pixel below black by more than the knee.
+    gap = np.log(knee + m) - np.log(np.maximum(knee + want, DARKEST * knee))
+    span = np.log(knee + want.max()) - np.log(knee)
+    bright = luminance(want) >= np.quantile(luminance(want), 0.99)
+    return {
+        "heldout_log_l1": float(np.abs(gap).mean()),
+        "heldout_psnr_db": float(10 * np.log10(span**2 / (gap**2).mean())),
+        "heldout_energy": float(m.sum() / want.sum()),
+        "heldout_energy_bright": float(m[bright].sum() / want[bright].sum()),
+    }

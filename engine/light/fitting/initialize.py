@@ -1,0 +1,125 @@
+"""First Gaussians: SfM points, and cones of background rays at swept depths where there are none.
+
+World frame. Candidates are thinned on a grid of (direction, log distance) around the middle of the camera
+path, so that primitives start evenly spread over what the object can see of the room.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from engine.errors import LightError
+from engine.light.fitting.free_space import Emptiness, emptiness_of, floating, intruding
+from engine.light.fitting.plane_sweep import FEW_POINTS, sweep
+from engine.light.fitting.training_views import Photographs
+from engine.light.gaussians.gaussians import Y00
+from engine.light.gaussians.rasterize import Run
+from engine.types import Gaussians
+
+
+def _candidates(
+    photographs: Photographs, depth: Float[np.ndarray, "n h w"]
+) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, "c 3"]]:
+    """World points of all background pixels, with their radiance."""
+    view, v, u = np.nonzero(np.isfinite(depth))
+    z = depth[view, v, u]
+    lens = photographs.lens
+    cam = np.stack([(u + 0.5 - lens[2]) / lens[0] * z, (v + 0.5 - lens[3]) / lens[1] * z, z], axis=1)
+    pose = photographs.cam_from_world[view]
+    world = np.einsum("nij,ni->nj", pose[:, :, :3], cam - pose[:, :, 3])
+    return world, photographs.radiance[view, v, u].astype(np.float64)
+
+
+def seen_radiance(
+    photographs: Photographs, points: Float[np.ndarray, "m 3"], fallback: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "m 3"]:
+    """Mean radiance at which views show the points; the fallback where none does."""
+    total, count = np.zeros((len(points), 3)), np.zeros(len(points))
+    _, height, width = photographs.weight.shape
+    for i, pose in enumerate(photographs.cam_from_world):
+        cam = points @ pose[:, :3].T + pose[:, 3]
+        z = np.where(cam[:, 2] > 0, cam[:, 2], np.nan)
+        u = photographs.lens[0] * cam[:, 0] / z + photographs.lens[2]
+        v = photographs.lens[1] * cam[:, 1] / z + photographs.lens[3]
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)  # NaN compares false
+        rows = np.nonzero(inside)[0]
+        column, row = u[rows].astype(int), v[rows].astype(int)
+        shown = photographs.weight[i, row, column] > 0
+        total[rows[shown]] += photographs.radiance[i, row[shown], column[shown]]
+        count[rows[shown]] += 1
+    return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], fallback)
+
+
+def _thin(
+    directions: Float[np.ndarray, "c 3"], distance: Float[np.ndarray, " c"], priority: np.ndarray, count: int
+) -> np.ndarray:
+    """At most about `count` of the candidates, one for each occupied cell; the lowest priority wins."""
+    order = np.argsort(priority, kind="stable")
+    low, high, chosen = 0.002, 1.0, order
+    for _ in range(18):
+        cell = np.sqrt(low * high)
+        keys = np.concatenate(
+            [np.floor(directions / cell), np.floor(np.log(distance) / (4 * cell))[:, None]], axis=1
+        ).astype(np.int64)
+        _, first = np.unique(keys[order], axis=0, return_index=True)
+        chosen = order[np.sort(first)]
+        if len(chosen) > count:
+            low = cell
+        else:
+            high = cell
+        if 0.93 * count <= len(chosen) <= count:
+            break
+    return chosen[:count] if len(chosen) > count else chosen
+
+
+def begin(
+    photographs: Photographs,
+    points: Float[np.ndarray, "m 3"],
+    count: int,
+    keep_out: float | None,
+    run: Run,
+) -> tuple[Gaussians, Emptiness]:
+    """About `count` Gaussians to start from, and where the room is empty.
+
+    Raises:
+        LightError: hardly any background pixel shows the room.
+    """
+    depth, sure = sweep(photographs, points, 40, run)
+    world, radiance = _candidates(photographs, depth)
+    if len(world) < 50:
+        raise LightError(
+            f"only {len(world)} background pixels show the room; mask less or photograph more of the room"
+        )
+    trusted = sure[np.isfinite(depth)] > 0.5
+    surface = np.concatenate([points, world[trusted] if trusted.sum() > 50 else world])
+    emptiness = emptiness_of(
+        photographs, depth, sure, surface, keep_out, 1 if len(points) >= FEW_POINTS else 2
+    )
+    priority = np.where(trusted, 1, 2)
+    if len(points):
+        colours = seen_radiance(photographs, points, np.median(radiance, axis=0))
+        world, radiance = np.concatenate([points, world]), np.concatenate([colours, radiance])
+        priority = np.concatenate([np.zeros(len(points), int), priority])
+    stands = ~intruding(emptiness, world, np.zeros(len(world)))
+    stands &= ~floating(emptiness, world)
+    world, radiance, priority = world[stands], radiance[stands], priority[stands]
+    if len(world) < 50:
+        raise LightError(
+            f"only {len(world)} points of the room lie beyond what is kept free around the cameras "
+            f"({float(np.median(emptiness.radii)):.3g} scene units); ask for a smaller keep_out, or leave it out to have it found"
+        )
+    offset = world - np.median(emptiness.centres, axis=0)
+    distance = np.linalg.norm(offset, axis=1)
+    chosen = _thin(offset / distance[:, None], distance, priority, count)
+    world, radiance, distance = world[chosen], radiance[chosen], distance[chosen]
+    gap = KDTree(world).query(world, k=min(4, len(world)))[0][:, 1:].mean(1)
+    size = np.clip(0.6 * gap, 0.002 * distance, 0.08 * distance)
+    floor = 1e-4 * radiance.mean() + 1e-12
+    gaussians = Gaussians(
+        means=world,
+        quaternions=np.tile([1.0, 0.0, 0.0, 0.0], (len(world), 1)),
+        scales=np.repeat(size[:, None], 3, axis=1),
+        density=np.full(len(world), 1.2),
+        radiance=np.maximum(radiance, floor)[:, None, :] / Y00,
+    )
+    return gaussians, emptiness

@@ -1,0 +1,1 @@
+"""The Gaussians and how they are rendered."""

@@ -1,0 +1,89 @@
+"""The table of stages: which rooms' functions make up roomlight's pipeline, and at which version each is.
+
+Raise a stage's version whenever the same inputs and parameters would give another result: finished results of
+the old version then count as stale, and `plan` says so.
+"""
+
+import hashlib
+from collections.abc import Callable
+
+from engine.io.session import Session, edits, shots
+from engine.pipeline import presets, stage_functions
+from engine.pipeline.stages import Hashes, Stage, canonical
+
+
+def stages(solver: str = "transport") -> tuple[Stage, ...]:
+    """hdr -> segment -> poses -> light -> surface -> export; `solver` (`settings.SOLVERS`) is the surface's."""
+    from engine.hdr.merge import HdrParams
+    from engine.light.fitting.fit import LightParams
+    from engine.results.export import ExportParams
+    from engine.segmentation.segment import SegmentParams
+    from engine.sfm.reconstruct import PoseParams
+
+    return (
+        Stage(
+            "hdr", 3, HdrParams(), (), stage_functions.hdr, reads=_shots, presets=presets.of_stage("hdr")
+        ),
+        Stage(
+            "segment", 5, SegmentParams(), ("hdr",), stage_functions.segment, reads=_edits("mask.png", "strokes.png"),
+            given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
+        ),
+        Stage(
+            "poses", 7, PoseParams(), ("hdr", "segment"), stage_functions.poses, reads=_pose_inputs, given="poses.json",
+            given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
+        ),
+        Stage(
+            "light", 10, LightParams(), ("hdr", "segment", "poses"), stage_functions.light, seeded=True,
+            presets=presets.of_stage("light"),
+        ),
+        _reference() if solver == "reference" else _transport(),
+        Stage(
+            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), stage_functions.export, reads=_orientation,
+            presets=presets.of_stage("export"),
+        ),
+    )  # fmt: skip
+
+
+def _transport() -> Stage:
+    from engine.surface.solve import SurfaceParams
+
+    return Stage(
+        "surface", 42, SurfaceParams(), ("hdr", "segment", "poses", "light"), stage_functions.surface, seeded=True,
+        reads=_orientation, presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
+    )  # fmt: skip
+
+
+def _reference() -> Stage:
+    """The paper's solver. Its parameters alone tell its results from ours."""
+    from engine.reference.params import ReferenceParams
+
+    return Stage(
+        "surface", 5, ReferenceParams(), ("hdr", "segment", "poses", "light"), stage_functions.reference, seeded=True,
+        reads=_orientation, files=("start_maps",), presets=presets.of_reference(),
+    )  # fmt: skip
+
+
+def _shots(session: Session) -> Hashes:
+    return {f"shots/{shot.folder.name}": shot.fingerprint for shot in shots(session)}
+
+
+def _edits(*names: str) -> Callable[[Session], Hashes]:
+    def read(session: Session) -> Hashes:
+        return {f"edits/{name}": sha for name, sha in edits(session).items() if name in names}
+
+    return read
+
+
+def _orientation(session: Session) -> Hashes:
+    """How the photographs are turned to stand upright, where they are."""
+    return {"orientation": str(session.orientation)} if session.orientation else {}
+
+
+def _pose_inputs(session: Session) -> Hashes:
+    """Given poses, or else what the rig logged: its geometry and every view's angles."""
+    given = _edits("poses.json")(session)
+    rig = session.facts.get("rig")
+    if given or not rig:
+        return given
+    log = canonical([rig, [shot.rig for shot in shots(session)]])
+    return {"rig": hashlib.sha256(log.encode()).hexdigest()[:16]}

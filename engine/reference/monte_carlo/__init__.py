@@ -1,0 +1,1 @@
+"""The paper's Monte Carlo renderer: sampling, queries of the light, shadows."""

@@ -1,0 +1,1 @@
+"""Stage *segment*: where the object is."""

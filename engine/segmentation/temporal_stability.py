@@ -1,0 +1,111 @@
+"""How steadily each pixel behaves while the room turns behind the object: numbers for *segment*.
+
+A pixel of the object shows one surface point in every view: its brightness follows the light around it, a
+smooth thing, and its colour and its ratio to its neighbours hardly change. A pixel of the background shows
+another part of the room each time. All statistics are taken over the views, pixel by pixel, without looking
+around, so that thin parts are told as well as broad ones. Logarithms are natural, of luminance unless said otherwise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+
+from engine.color import luminance
+from engine.types import Frames
+
+NORMAL_ROOTS = 2.19  # a normal variable's variance over the fourth power of its mean root magnitude
+STEADY = 0.01**2  # variance of a log ratio that counts as no change
+FEATURES = ("mean", "spread", "red", "blue", "colour_spread", "steadiest_links")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steadiness:
+    """Statistics over the views of one session."""
+
+    features: Float32[np.ndarray, "h w 6"]  # in the order of FEATURES
+    link_x: Float32[np.ndarray, "h w-1"]  # how much the log ratio to the right neighbour changes, squared
+    link_y: Float32[np.ndarray, "h-1 w"]  # and that to the one below; the photographs' noise is taken off
+    relative: Float32[np.ndarray, "n h w"]  # luminance over the pixel's geometric mean
+
+
+def measure(frames: Frames) -> Steadiness:
+    """One pass over the views."""
+    n, h, w, _ = frames.radiance.shape
+    shot, floor = frames.noise
+    middle = float(np.median(luminance(np.asarray(frames.radiance[:: max(1, n // 8)]))))
+    # Below the offset a logarithm would only show noise.
+    offset = np.float32(max(3 * floor, 1e-3 * middle))
+    first, second, noise = np.zeros((3, h, w)), np.zeros((3, h, w)), np.zeros((h, w))
+    relative = np.empty((n, h, w), np.float32)
+    for view in range(n):
+        radiance = np.maximum(np.asarray(frames.radiance[view]), 0)
+        lum = luminance(radiance)
+        logs = np.log(radiance + offset)
+        brightness = np.log(lum + offset)
+        values = np.stack([brightness, logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]])
+        first += values
+        second += np.square(values)
+        noise += (shot * lum + floor**2) / np.square(lum + offset)
+        relative[view] = brightness
+    mean = first / n
+    deviation = np.sqrt(np.maximum(second / n - np.square(mean), 0))
+    noise /= n
+    relative -= mean[0].astype(np.float32)
+    link_x, link_y = np.zeros((h, w - 1), np.float32), np.zeros((h - 1, w), np.float32)
+    for view in relative:
+        # Roots, for what counts is that a ratio changes in most views: a lamp passes any pixel once.
+        link_x += np.sqrt(np.abs(np.diff(view, axis=1)))
+        link_y += np.sqrt(np.abs(np.diff(view, axis=0)))
+    link_x = np.power(link_x / n, 4) * NORMAL_ROOTS - (noise[:, 1:] + noise[:, :-1])
+    link_y = np.power(link_y / n, 4) * NORMAL_ROOTS - (noise[1:] + noise[:-1])
+    # What noise leaves cannot be told from steadiness, nor a change of one percent from none.
+    link_x = np.maximum(link_x, STEADY + 0.5 * (noise[:, 1:] + noise[:, :-1])).astype(np.float32)
+    link_y = np.maximum(link_y, STEADY + 0.5 * (noise[1:] + noise[:-1])).astype(np.float32)
+    np.exp(relative, out=relative)
+    features = np.stack(
+        [
+            mean[0],
+            np.log(deviation[0] + 1e-3),
+            mean[1],
+            mean[2],
+            np.log(deviation[1:].mean(axis=0) + 1e-3),
+            _steadiest(link_x, link_y),
+        ],
+        axis=-1,
+    )
+    return Steadiness(features.astype(np.float32), link_x, link_y, relative)
+
+
+def unexplained(
+    steadiness: Steadiness, core: Bool[np.ndarray, "h w"], rank: int, rng: np.random.Generator
+) -> Float32[np.ndarray, "h w"]:
+    """Log of the part of each pixel's history that the histories of `core` do not explain.
+
+    Under any light, a matte surface's shading is close to a sum of few patterns (nine, Ramamoorthi and
+    Hanrahan 2001), so a few patterns learnt on the object explain the rest of it and little of the room.
+    """
+    n, h, w = steadiness.relative.shape
+    history = steadiness.relative.reshape(n, h * w)
+    inside = np.flatnonzero(core)
+    sample = history[:, rng.permutation(inside)[:1500]]
+    # A lamp close by may brighten a view tenfold; relative to the typical pixel every view counts alike.
+    typical = np.maximum(np.median(sample, axis=1, keepdims=True), 1e-6)
+    # Left singular vectors, from the small square matrix: its eigenvectors come in ascending order.
+    shares = (sample / typical).astype(np.float64)
+    patterns = np.linalg.eigh(shares @ shares.T)[1][:, -rank:].astype(np.float32)
+    scaled = history / typical
+    rest = scaled - patterns @ (patterns.T @ scaled)
+    # Half of the views: glints and cast shadows in the others may go unexplained.
+    return np.log(np.median(np.abs(rest), axis=0) + 1e-3).reshape(h, w).astype(np.float32)
+
+
+def _steadiest(
+    link_x: Float32[np.ndarray, "h a"], link_y: Float32[np.ndarray, "b w"]
+) -> Float64[np.ndarray, "h w"]:
+    """Log deviation along the steadier two of a pixel's four links: an edge on one side does not count."""
+    h, w = link_x.shape[0], link_y.shape[1]
+    links = np.full((4, h, w), np.inf)
+    links[0, :, :-1], links[1, :, 1:] = link_x, link_x
+    links[2, :-1], links[3, 1:] = link_y, link_y
+    return 0.5 * np.log(np.sort(links, axis=0)[:2].mean(axis=0))

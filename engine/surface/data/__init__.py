@@ -1,0 +1,1 @@
+"""What the solver reads: observations, pyramids of photographs, initial maps."""

@@ -1,0 +1,155 @@
+"""A first surface from maps that were made elsewhere, by a network say, in place of the global search.
+
+The files' normals, and roughness where there is any, stand for every pixel's first answer; albedo, whose scale such
+maps do not know, is what explains the photographs best under them, and so is roughness where there is none. Gauss-Newton
+goes on from there as from the search. Camera frame, as the sensor lies; files are of the upright picture.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.errors import ImportFault, SurfaceError
+from engine.io import normal_maps
+from engine.orientation import back, turn_picture, turn_vectors
+from engine.parallel import each
+from engine.progress import Progress
+from engine.surface.data.observations import Observations
+from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.exhaustive_search import ROUGHNESSES
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import Subject
+from engine.surface.rendering.transport import Incident, Sight, blocks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartMaps:
+    """What the files hold of the mask's pixels."""
+
+    mask: Bool[np.ndarray, "h w"]
+    normals: Float[np.ndarray, "p 3"]  # unit
+    roughness: Float[np.ndarray, " p"] | None
+    albedo: Float[np.ndarray, "p 3"] | None  # linear, of a scale of its own
+
+
+def read(
+    path: Path,
+    roughness: Path | None,
+    frame: str,
+    mask: Bool[np.ndarray, "h w"],
+    coloured: bool,
+    flip: int = 0,
+) -> StartMaps:
+    """The maps at the photographs' size as they are processed, see `engine/io/normal_maps.py`.
+
+    Roughness is `roughness`'s, or what an .npz holds beside its normals; so is albedo where `coloured` asks for it.
+    The photographs' `flip` stands them upright (`engine/orientation.py`), as the maps are.
+
+    Raises:
+        SurfaceError: a file cannot be read or does not fit, or a pixel of the object has no normal.
+    """
+    upright = turn_picture(mask, flip)
+
+    def inside(values: np.ndarray) -> np.ndarray:
+        return turn_picture(values, back(flip))[mask]
+
+    try:
+        normal = turn_vectors(inside(normal_maps.read_normals(path, upright, frame)), back(flip))
+        beside = roughness or (path if normal_maps.holds(path, "roughness") else None)
+        rough = inside(normal_maps.read_roughness(beside, upright)) if beside else None
+        coloured = coloured and normal_maps.holds(path, "albedo")
+        albedo = inside(normal_maps.read_albedo(path, upright, "linear")) if coloured else None
+    except ImportFault as fault:
+        raise SurfaceError(f"start maps: {fault}") from fault
+    missing = int((~normal.any(1)).sum())
+    if missing:
+        raise SurfaceError(
+            f"start maps: {path}: {missing} of {len(normal)} object pixels have no normal; make the map with the"
+            " session's mask, or do without it"
+        )
+    return StartMaps(mask, normal, rough, albedo)
+
+
+def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 0) -> StartMaps | None:
+    """The maps that the parameters name; None where they name none.
+
+    Raises:
+        SurfaceError: as `read`.
+    """
+    if not params.start_maps:
+        return None
+    roughness = Path(params.start_roughness) if params.start_roughness else None
+    return read(Path(params.start_maps), roughness, params.start_frame, mask, False, flip)
+
+
+def halved(maps: StartMaps, small: Bool[np.ndarray, "h2 w2"]) -> StartMaps:
+    """Means over the object's pixels of each 2 x 2, as `pyramid.halved` has the photographs; `small` is its mask."""
+    v, u = np.nonzero(maps.mask)
+    v, u = v // 2, u // 2
+    height, width = small.shape
+    kept = (v < height) & (u < width)  # an odd last row or column is cut off
+    cell = v[kept] * width + u[kept]
+
+    def mean(values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
+        total = np.bincount(cell, values[kept], height * width)
+        count = np.maximum(np.bincount(cell, minlength=height * width), 1)
+        return (total / count)[small.ravel()]
+
+    normals = np.stack([mean(x) for x in maps.normals.T], 1)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    roughness = None if maps.roughness is None else mean(maps.roughness)
+    albedo = None if maps.albedo is None else np.stack([mean(x) for x in maps.albedo.T], 1)
+    return StartMaps(small, normals / np.maximum(length, 1e-9), roughness, albedo)
+
+
+def begun(
+    maps: StartMaps,
+    who: Subject,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    progress: Progress,
+) -> gauss_newton.State:
+    """The maps as a first surface of the subject's pixels: all of the maps' mask, or `pyramid.halved` ones."""
+    if maps.mask.shape != who.mask.shape:
+        maps = halved(maps, who.mask)
+    responses, parts = who.responses(light, params, "cpu", sight), blocks(who.mask)
+    normals = gauss_newton.facing(maps.normals, sight.views)
+    tried = np.tile(ROUGHNESSES, (len(normals), 1)) if maps.roughness is None else maps.roughness[:, None]
+    tried = np.clip(tried, *gauss_newton.ROUGHNESS)
+    albedo, roughness = np.zeros((len(normals), 3)), np.zeros(len(normals))
+
+    def begin(pixels: Int[np.ndarray, " _"]) -> None:
+        leaning = np.repeat(normals[pixels][:, None], tried.shape[1], 1)
+        block = responses.block(sight, pixels)
+        diffuse, specular = responses(block.under(block.energy), leaning, tried[pixels])
+        best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
+        roughness[pixels] = tried[pixels, best]
+
+    each(begin, parts, progress, "beginning from the maps given")
+    return gauss_newton.begin(normals, albedo, roughness)
+
+
+def _explained(
+    diffuse: Float[np.ndarray, "p k v"],
+    specular: Float[np.ndarray, "p k v"],
+    seen: Observations,
+    pixels: Int[np.ndarray, " p"],
+) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
+    """Which of `k` variants explains each pixel best, and its albedo: the one in the middle of all views."""
+    eps = seen.eps[pixels][:, None, None]
+    radiance, valid = seen.radiance[pixels][:, None], seen.weight[pixels][:, None] > 0
+    share = np.where(valid, (radiance - specular) / np.maximum(diffuse, 1e-6), np.nan)
+    albedo = np.stack([_middle(share[..., c::3]) for c in range(3)], -1)  # p k 3
+    model = np.tile(albedo, diffuse.shape[2] // 3) * diffuse + specular
+    logs = np.log((radiance + eps) / (np.maximum(model, 0) + eps))
+    best = np.where(valid, np.abs(logs), 0).sum(2).argmin(1)
+    return best, albedo[np.arange(len(pixels)), best]
+
+
+def _middle(values: Float[np.ndarray, "p k n"]) -> Float[np.ndarray, "p k"]:
+    """Median of what is known, within what albedo may be; its middle where nothing is."""
+    nothing = np.asarray(np.isnan(values).all(2))
+    return np.clip(np.nanmedian(np.where(nothing[..., None], 0.5, values), 2), *gauss_newton.ALBEDO)

@@ -1,0 +1,1 @@
+"""Depth from normals, horizons and shadows."""

@@ -1,0 +1,1 @@
+"""The room's light at the object, and what of it the object's shading calibrates."""

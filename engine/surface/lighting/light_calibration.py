@@ -1,0 +1,379 @@
+"""What only the object can tell about the light: how bright its parts are, and how far away they stand.
+
+The background says how bright each part of the room is, within some uncertainty; of a lamp that is clipped in
+every exposure it says no more than a lower bound. And camera and object are fixed to one another, so the object
+cannot be triangulated: how far in front of the camera it is shows only in the parallax of near light. Both
+speak through the object's own shading in every view.
+
+Unknown are therefore the log of the object's distance and, for every group of emitters (each lamp its own, the rest
+by neighbourhood, and what no view has seen) and channel, the log of a gain with the background's uncertainty as
+prior. They and a sample of the object's pixels are solved in one Gauss-Newton system whose pixel unknowns are
+eliminated first (Schur complement): a pixel has six, the light dozens to a hundred. The object's own shadows and
+bounced light, which do not change when the whole object moves along the viewing rays, are those of
+the surface that is already known.
+
+Two things more may have gone wrong between background and object, and are among the unknowns where the room leaves
+them open: the exposure of every view (one log factor each, the mean of all zero: the scale stays the background's), and
+the direction of every lamp (two angles across the way to it; how far away it stands would be argued with the
+object's own distance).
+
+Logs throughout: residual log((I + eps) / (model + eps)). Camera frame.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from engine.color import luminance
+from engine.parallel import abreast
+from engine.progress import Progress
+from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN
+from engine.surface.lighting.grouped_light import Parts
+from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.pixel_sample import Sample
+from engine.surface.rendering.transport import Responses
+
+TOTAL = 0.001
+"""How well the background fixes the sum of the light that is neither clipped nor unseen, per channel (relative): as good as wholly. As
+fitted it is right to 0.3-0.8 %; given 1 %, the pixels, whose model errors are alike, made it 1-2 % too bright and
+the object a hundredth too far away and too dark."""
+CORRELATED = 10.0
+"""Observations that share one model error; each pixel counts as so many times fewer than it has."""
+BRIGHTER = (0.7, 2.0)
+"""Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded, and wide
+enough that a room of clipped lamps is not pulled towards dim lamps and bright paint."""
+GUESSED = (0.0, 1.5)
+"""The same of a part of the room that no view shows: a lamp may hang there, or none. Of a part of such a part it counts as much less
+as that is smaller: dividing the unseen says nothing about it."""
+BRIGHT = 0.005
+"""Share of all light from which on a part that no view shows is divided."""
+PER_VIEW = 8
+"""So many parts that no view shows there may be for each view: of a matt object one tells nine numbers about its light."""
+CERTAIN = (0.0, 1e-3)
+"""The same of what was filled in between: it keeps its level."""
+EVEN = 1e-4
+"""How well the mean of the views' log exposures is zero."""
+ASIDE = 0.003
+"""Step in a lamp's direction for its derivative, radians."""
+FARTHEST_ASIDE = 0.02
+"""Longest step of it: a sharp highlight's flank ends there."""
+NUDGE = 0.02
+"""Step in log distance for its derivative."""
+LONGEST = 0.4
+"""Longest step of one log gain or of log distance."""
+TRUSTED = 0.8
+"""Share of the pixels that vote on a comparison: those in a shadow nobody foresaw misfit everywhere."""
+STRIDE, FARTHEST = 0.03, 4
+"""Of `place`: steps of log distance, and how many of them it goes at most."""
+FREE, FIXED = 1e-6, 1e12
+"""Weights of the prior on an unknown that anything may move, and on one that nothing may."""
+AT_REST = 1e-3
+"""Of `_moved`, below which a setting stands: the background's sum is known no better."""
+SPREAD = 3.0
+"""One residual spread for every pixel, so that misfits compare."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """Where the object stands and how bright the groups are, relative to what the background said."""
+
+    distance: float
+    gain: Float[np.ndarray, "k 3"]
+    distance_stderr: float  # of log distance; 0 if it was given, inf if nothing depends on it
+    misfit: float  # what was minimised; compares settings of one sample
+    drift: Float[np.ndarray, " n"]  # of each view's log exposure
+    aside: Float[np.ndarray, "l 2"]  # radians across, of each lamp
+
+
+def untouched(parts: Parts, distance: float, unseen: float = 1.0) -> Setting:
+    """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
+    shows so many times brighter than its surroundings."""
+    gain = np.exp(_belief(parts)[0])[:, None].repeat(3, 1)
+    gain[parts.unseen] = unseen
+    still = np.zeros(parts.incident.energy.shape[2] // 3), np.zeros((len(parts.near.radii), 2))
+    return Setting(distance, gain, float("inf"), float("inf"), *still)
+
+
+def divided(parts: Parts, setting: Setting) -> tuple[Parts, Setting] | None:
+    """The same light with the brightest parts that no view shows each in several; None if none is bright, or the views cannot
+    tell more parts apart."""
+    if parts.patches is None or parts.patch is None:
+        return None
+    light = luminance(parts.levels() * setting.gain)
+    more = PER_VIEW * parts.incident.energy.shape[2] // 3 - int(parts.unseen.sum())
+    ranked = np.argsort(np.where(parts.unseen, -light, 0), kind="stable")[: max(0, more) // (INTO - 1)]
+    group = parts.patches.divided(ranked[light[ranked] * parts.unseen[ranked] > BRIGHT * light.sum()])
+    end = int(parts.patches.group.max()) + 1
+    added = int(group.max()) + 1 - end
+    if not added:
+        return None
+    # Of each new number the one that it was part of.
+    numbers, somewhere = np.unique(group, return_index=True)
+    whole = parts.patches.group[somewhere[numbers >= end]]
+    before = np.concatenate([np.arange(end), whole, np.arange(end, len(parts.kind))])
+    cells = np.where(parts.patch >= 0, group[parts.patch], parts.group + added * (parts.group >= end))
+    finer = replace(parts, group=cells, kind=parts.kind[before], patches=replace(parts.patches, group=group))
+    return finer, replace(setting, gain=setting.gain[before])
+
+
+def settle(
+    setting: Setting,
+    parts: Parts,
+    sample: Sample,
+    state: gauss_newton.State,
+    free_distance: bool,
+    free_light: bool,
+    rounds: int,
+    passes: int,
+    progress: Progress,
+) -> tuple[Setting, gauss_newton.State]:
+    """`rounds` times the pixels under the setting, then the setting under the pixels; the best one wins."""
+    best = replace(setting, misfit=float("inf")), state
+    for turn in range(rounds + 1):
+        span = progress.part(turn / (rounds + 1), (turn + 1) / (rounds + 1))
+        even, sight = sample.exposed(setting.drift), sample.at(setting.distance)
+        responses = even.responses(parts.under(setting.gain, setting.aside))
+        state = gauss_newton.iterate(
+            state, responses, sight, sample.regions, even.seen, passes, span, anew=True
+        )
+        fresh, misfit = _improved(setting, parts, sample, state, free_distance, free_light)
+        if misfit < best[0].misfit:
+            best = replace(setting, distance_stderr=fresh.distance_stderr, misfit=misfit), state
+        moved, setting = _moved(parts, setting, fresh), fresh
+        if moved < AT_REST:
+            break
+        span.step(1.0, "refining the light")
+    return best
+
+
+def _moved(parts: Parts, before: Setting, after: Setting) -> float:
+    """How far two settings are apart: in shares of all light, in logs of distance and exposure, in radians of the lamps."""
+    levels = parts.levels()
+    light, change = (
+        luminance(levels * np.abs(gain)).sum() for gain in (before.gain, after.gain - before.gain)
+    )
+    away = [
+        np.log([after.distance / before.distance]),
+        after.drift - before.drift,
+        after.aside - before.aside,
+    ]
+    return float(change / light) + max(float(np.abs(x).max(initial=0)) for x in away)
+
+
+def place(
+    setting: Setting,
+    parts: Parts,
+    sample: Sample,
+    state: gauss_newton.State,
+    free_light: bool,
+    rounds: int,
+    passes: int,
+    progress: Progress,
+) -> Setting:
+    """The distance at which the light that suits it best misfits least: the middle of a parabola through three.
+
+    The joint step of `settle` stops on the flank: normals and gains lean the way that makes a wrong distance look
+    right, and each of its steps takes them as they are. So every distance tried here gets pixels and gains of its
+    own. The standard error is the parabola's: where the misfit, a sum of squared standard errors, rises by one.
+    """
+    tried: dict[int, Setting] = {}
+
+    def at(shift: float) -> Setting:
+        begun = replace(setting, distance=setting.distance * float(np.exp(shift * STRIDE)))
+        return settle(begun, parts, sample, state, False, free_light, rounds, passes, progress)[0]
+
+    lowest = 0
+    for _ in range(FARTHEST):
+        for k in (lowest - 1, lowest, lowest + 1):
+            if k not in tried:
+                tried[k] = at(float(k))
+        before, lowest = lowest, min(tried, key=lambda k: tried[k].misfit)
+        if lowest == before:
+            break
+    if not {lowest - 1, lowest + 1} <= tried.keys():
+        return replace(
+            tried[lowest], distance_stderr=float("inf")
+        )  # still falling: it stands farther than told
+    left, middle, right = (tried[lowest + k].misfit for k in (-1, 0, 1))
+    bend = left + right - 2 * middle
+    if bend <= 0:
+        return replace(tried[lowest], distance_stderr=float("inf"))
+    found = at(lowest + 0.5 * (left - right) / bend)
+    return replace(found, distance_stderr=STRIDE * float(np.sqrt(2 / bend)))
+
+
+def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Mean and spread of every group's log gain."""
+    beliefs = {KNOWN: (0.0, parts.prior), CLIPPED: BRIGHTER, UNSEEN: GUESSED, FILLED: CERTAIN}
+    mean, spread = np.array([beliefs[int(kind)] for kind in parts.kind]).T
+    if parts.patches is not None:
+        spread = spread / np.sqrt(parts.patches.extent(len(spread)))
+    return mean, spread
+
+
+def _unknowns(setting, parts):
+    """Where the step has log distance, log exposures and the lamps' first angle, and how many unknowns there are.
+
+    Log gains come first; exposures and both angles of each lamp only where they are open.
+    """
+    far, views = setting.gain.size, len(setting.drift)
+    angles = far + 1 + views * bool(parts.drift)
+    return far, slice(far + 1, angles), angles, angles + setting.aside.size * bool(parts.astray)
+
+
+def _told(setting, parts, sample, state):
+    """What the pixels say about the light, their own unknowns eliminated: system, slope, the misfit of each pixel, and how its
+    own unknowns follow the light's (p 6 u)."""
+    count, views = len(setting.gain), len(setting.drift)
+    far, exposures, angles, unknowns = _unknowns(setting, parts)
+    system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    sample = sample.exposed(setting.drift)
+    seen, sight = sample.seen, sample.at(setting.distance)
+    responses = sample.responses(parts.under(setting.gain, setting.aside))
+    dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
+    misfits, following = np.zeros(len(seen.eps)), np.zeros((len(seen.eps), 6, unknowns))
+    lamps = parts.of_lamps
+    others = np.r_[0 : lamps.start, lamps.stop : count]
+    near = responses.incident.near
+    lean = [parts.moved(setting.aside + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)]
+
+    def tell(pixels: Int[np.ndarray, " _"]) -> tuple[Float[np.ndarray, "u u"], Float[np.ndarray, " u"]]:
+        block = responses.block(sight, pixels)
+        points, here = block.points, block.points.mean(0)
+        each = parts.at(here, setting.gain)[others]
+        further = parts.at(here * np.exp(NUDGE), setting.gain).sum(0)
+        total = each.sum(0)
+        n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
+        variants, rough, inward = gauss_newton.variants(n, r)
+        diffuse, specular = responses(block, variants, rough)
+        made = sample.full_diffuse, block.material
+        shining = near.each(points, block.views, variants, rough, block.lamps, *made)
+        channels = total.shape[1]
+        colour = np.tile(a, channels // 3)
+        eps = seen.eps[pixels][:, None]
+        base, own = gauss_newton.slopes(diffuse, specular, a, inward, seen.eps[pixels])
+        e = np.log((seen.radiance[pixels] + eps) / base)
+        weight = seen.weight[pixels]
+        width = (seen.cauchy * SPREAD) ** 2
+        misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (SPREAD**2 * CORRELATED)
+        width = (seen.cauchy * state.spread[pixels][:, None]) ** 2
+        weight = weight / (1 + weight * e * e / width) / (state.spread[pixels][:, None] ** 2 * CORRELATED)
+        lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
+        every = np.ascontiguousarray(lights).reshape(len(total), -1)
+        d, s = dark(block.under(every), n[:, None], r[:, None])
+        sent = (len(pixels), len(others) + 1, channels)
+        share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
+        # What hides what does not change when the whole object moves along the viewing rays.
+        moved = near.each(points * np.exp(NUDGE), block.views, n[:, None], r[:, None], block.lamps, *made)
+        for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
+            change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / NUDGE
+            share[:, -1] += gain_of * change
+        share = share / base[:, None]
+        light = np.zeros((*base.shape, unknowns))
+        for c in range(3):
+            light[:, c::3, c + 3 * others] = share[:, :-1, c::3].transpose(0, 2, 1)
+            # p n l: what each lamp sends to a channel.
+            lamp = a[:, c, None, None] * shining[0][:, 0] + shining[1][:, 0]
+            lamp = lamp * near.radiance[..., c] / base[:, c::3, None]
+            light[:, c::3, c + 3 * lamps.start : c + 3 * lamps.stop : 3] = lamp
+        light[..., far] = share[:, -1]
+        if parts.drift:
+            known = seen.radiance[pixels] / (seen.radiance[pixels] + eps)
+            for c in range(3):
+                light[:, c::3, exposures] = known[:, c::3, None] * np.eye(views)
+        if parts.astray:
+            for way, there in enumerate(lean):
+                d, s = there.each(points, block.views, n[:, None], r[:, None], block.lamps, *made)
+                for c in range(3):
+                    change = a[:, c, None, None] * (d[:, 0] - shining[0][:, 0]) + s[:, 0] - shining[1][:, 0]
+                    change = change * near.radiance[..., c] / (ASIDE * base[:, c::3, None])
+                    light[:, c::3, angles + way :: 2] = change
+        wo, wl = own * weight[..., None], light * weight[..., None]
+        inner = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
+        cross = own.transpose(0, 2, 1) @ wl  # p 6 u
+        own_slope = np.einsum("pvi,pv->pi", wo, e)
+        solved = np.linalg.solve(inner, np.concatenate([cross, own_slope[..., None]], 2))
+        following[pixels] = -solved[..., :-1]
+        flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
+        own_share = cross.reshape(-1, unknowns).T @ solved.reshape(-1, unknowns + 1)
+        return flat.T @ weighted - own_share[:, :-1], weighted.T @ e.ravel() - own_share[:, -1]
+
+    for more, pull in abreast(tell, sample.regions):
+        system += more
+        slope += pull
+    return system, slope, misfits, following
+
+
+def _believed(setting, parts, sample, state, free_distance, free_light):
+    """The pixels' system and slope with what is believed of the light; and the misfit at the setting."""
+    views = len(setting.drift)
+    far, exposures, angles, unknowns = _unknowns(setting, parts)
+    system, slope, misfits, _ = _told(setting, parts, sample, state)
+    misfit = np.sort(misfits)[: int(TRUSTED * len(misfits))].mean() * len(misfits)
+    mean, spread = _belief(parts)
+    logs = np.log(setting.gain)
+    off = (logs - mean[:, None]) / spread[:, None]
+    trust = np.full(unknowns, FIXED)
+    if free_light:
+        trust[:far] = np.repeat(1 / spread**2, 3)
+    if free_distance:
+        trust[far] = FREE
+    slope[:far] -= (off / spread[:, None]).ravel()
+    misfit += float((off**2).sum())
+    if parts.drift:
+        trust[exposures] = 1 / parts.drift**2
+        system[exposures, exposures] += 1 / (views * EVEN) ** 2
+        slope[exposures] -= setting.drift / parts.drift**2 + setting.drift.sum() / (views * EVEN) ** 2
+        # Not in the misfit: beside residuals in units of SPREAD the prior would stop the step short of the data.
+    if parts.astray:
+        trust[angles:] = 1 / parts.astray**2
+        slope[angles:] -= setting.aside.ravel() / parts.astray**2
+        misfit += float((setting.aside**2).sum()) / parts.astray**2
+    system += np.diag(trust)
+    # The sum of all light that is neither clipped nor unseen is the background's; only its parts are open to argument, else
+    # albedo drifts.
+    known = parts.levels() * ~(parts.clipped | parts.unseen)[:, None]
+    part = known * setting.gain
+    drift = np.log(part.sum(0) / known.sum(0))
+    misfit += float((drift**2).sum()) / TOTAL**2
+    part = part / part.sum(0)
+    for c in range(3):
+        row = np.zeros(unknowns)
+        row[c:far:3] = part[:, c]
+        system += np.outer(row, row) / TOTAL**2
+        slope -= row * drift[c] / TOTAL**2
+    return system, slope, float(misfit)
+
+
+def _improved(setting, parts, sample, state, free_distance, free_light):
+    """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
+    far, exposures, angles, _ = _unknowns(setting, parts)
+    system, slope, misfit = _believed(setting, parts, sample, state, free_distance, free_light)
+    covariance = np.linalg.inv(system)
+    step = covariance @ slope
+    step[angles:] = np.clip(step[angles:], -FARTHEST_ASIDE, FARTHEST_ASIDE)
+    step = np.clip(step, -LONGEST, LONGEST)
+    logs = np.log(setting.gain) + step[:far].reshape(setting.gain.shape)
+    logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
+    distance, stderr = setting.distance, 0.0
+    if free_distance:
+        distance, stderr = float(distance * np.exp(step[far])), float(np.sqrt(covariance[far, far]))
+    drifted, aside = setting.drift, setting.aside
+    if parts.drift:
+        drifted = drifted + step[exposures]
+    if parts.astray:
+        aside = aside + step[angles:].reshape(aside.shape)
+    return Setting(distance, np.exp(logs), stderr, float("inf"), drifted, aside), misfit
+
+
+def doubt(
+    setting: Setting,
+    parts: Parts,
+    voting: tuple[Sample, gauss_newton.State],
+    others: tuple[Sample, gauss_newton.State],
+) -> Float[np.ndarray, "p 6"]:
+    """Variances of other pixels' unknowns by what those that vote leave open of the light; the distance stands."""
+    system, _, _ = _believed(setting, parts, *voting, False, True)
+    following = _told(setting, parts, *others)[3]
+    return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(system), following, optimize=True)

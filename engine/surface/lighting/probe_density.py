@@ -1,0 +1,130 @@
+"""How many probes and directions tell the light around an object: as many as its parallax and its gloss ask for.
+
+Between probes the light is interpolated, so what matters is how far it bends between them. Along each axis of the object's
+box, what a grey ball sends to the camera is told by the light in the middle and by the mean of the light at both ends;
+a line cut into k pieces bends away from its chords by a k-th squared. Between directions light is averaged; whether there
+are enough is seen on some of the object's own pixels, for only a highlight tells one from the next. A few views suffice:
+they see one room from a few places. Camera frame.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from engine.light.incident.probes import arriving
+from engine.progress import Progress
+from engine.surface.data.observations import thinned
+from engine.surface.lighting.room_light import ball, light_at
+from engine.surface.optimize.gauss_newton import State
+from engine.surface.params import SurfaceParams
+from engine.surface.reflectance.brdf import of_pixels
+from engine.surface.rendering.transport import (
+    Lattice,
+    Responses,
+    Sight,
+    direction_cells,
+    lattice_around,
+    predict,
+)
+from engine.types import Camera, Emitters
+
+SHARE = 0.25
+"""Of the misfit expected of a good model that may be the interpolation's."""
+CELLS = 512
+"""Directions under which parallax is measured."""
+FEWEST, MOST_CELLS = 256, 1024
+"""Directions of which `enough` chooses. Errors of a solve go on falling beyond, though slower than its time grows: preset
+fine takes four times as many."""
+UNTOLD = 0.5
+"""Of the misfit expected of a good model that may be what too few directions leave out."""
+PIXELS, DARK = 200, 0.01
+"""That are looked at; what is darker than so much of their mean counts as that."""
+VIEWS = 8
+MOST = 9
+"""Probes along one axis."""
+CROSS = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]])
+"""Places in a lattice of 3 x 3 x 3: the middle, and both ends of each axis."""
+
+
+def spaced(
+    camera: Camera,
+    mask: Bool[np.ndarray, "h w"],
+    near_far: tuple[float, float],
+    emitters: Emitters,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    params: SurfaceParams,
+    progress: Progress,
+) -> Lattice:
+    """The lattice around the object's pixels between two z, as dense as was asked or as the light of these views needs."""
+    asked = params.probes_across, params.probes_across, params.probes_deep
+    box = lattice_around(camera, mask, near_far, (3, 3, 3))
+    if not all(asked):
+        few = cam_from_world[thinned(np.arange(len(cam_from_world)), VIEWS)]
+        measured = probes(box, emitters, few, params, progress)
+        asked = tuple(a or m for a, m in zip(asked, measured, strict=True))
+    return replace(box, shape=asked)
+
+
+def probes(
+    box: Lattice,
+    emitters: Emitters,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    params: SurfaceParams,
+    progress: Progress,
+) -> tuple[int, ...]:
+    """Along each axis of the box as many as leave `SHARE` of `params.model_error`; one where the light stays the same.
+
+    The lamps are not counted: they shine on every pixel from their own place.
+    """
+    points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(CROSS.T)]
+    cells = direction_cells(CELLS)
+    light = arriving(emitters.field(), cam_from_world, points, cells, params.probe_face_px, True, progress)
+    sent = np.einsum("md,npdc->npmc", ball(cells, params.full_diffuse), light.energy)
+    middle, ends = sent[:, 0], (sent[:, 1::2], sent[:, 2::2])
+
+    def off(other: Float[np.ndarray, "n 3 m c"]) -> Float[np.ndarray, " 3"]:
+        """From the middle, for each axis."""
+        return np.sqrt((((other - middle[:, None]) / middle[:, None]) ** 2).mean((0, 2, 3)))
+
+    bent, moved = off((ends[0] + ends[1]) / 2), np.maximum(off(ends[0]), off(ends[1]))
+    least = SHARE * params.model_error
+    pieces = np.clip(np.ceil(np.sqrt(bent / least)), 1, MOST - 1)
+    return tuple(int(k) for k in np.where(moved <= least, 1, pieces + 1))
+
+
+def enough(
+    state: State,
+    sight: Sight,
+    emitters: Emitters,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    params: SurfaceParams,
+    progress: Progress,
+) -> int:
+    """Fewest directions, `MOST_CELLS` at most, under which this surface looks as under twice `MOST_CELLS`.
+
+    The RMS of the logarithms of what some pixels send may be `UNTOLD` of `params.model_error`.
+    """
+    few = thinned(np.arange(len(state.normals)), PIXELS)
+    there = cam_from_world[thinned(np.arange(len(cam_from_world)), VIEWS)]
+    x, y, z = sight.points[few].mean(0)
+    middle = np.array([x / z, y / z, z])
+    alone = Sight(sight.points[few], sight.views[few], None, material=of_pixels(sight.material, few))
+    nothing = np.zeros((0, 3 * len(there)), np.float32)
+
+    def sent(directions: int) -> Float[np.ndarray, "p n 3"]:
+        at = Lattice(middle, middle, (1, 1, 1))
+        light = light_at(at, emitters, there, directions, params.probe_face_px, progress)
+        responses = Responses(light, nothing, params.full_diffuse, False, "cpu")
+        every = [np.arange(len(few))]
+        ((_, radiance),) = predict(
+            responses, alone, every, state.normals[few], state.albedo[few], state.roughness[few]
+        )
+        return np.asarray(np.log(np.maximum(radiance, DARK * radiance.mean())))
+
+    whole, directions = sent(2 * MOST_CELLS), FEWEST
+    while directions < MOST_CELLS:
+        if np.sqrt(((sent(directions) - whole) ** 2).mean()) <= UNTOLD * params.model_error:
+            break
+        directions *= 2
+    return directions

@@ -1,0 +1,223 @@
+"""The room around the object as the solver reads it: energy at probes, and which emitters it comes from.
+
+Gaussians live in the world frame; probes and directions in the camera frame of each view.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from engine.color import luminance
+from engine.geometry import inverse, tangents
+from engine.light.fitting.lamp_model import apart, beside
+from engine.light.gaussians.gaussians import joined
+from engine.light.incident.direction_grid import FACES, face_directions, sharpened
+from engine.light.incident.inpainting import fill_energy, neighbourhood
+from engine.light.incident.probe_interpolation import between
+from engine.light.incident.probes import arriving
+from engine.light.incident.unseen_patches import DIRECTIONS, patches
+from engine.progress import Progress
+from engine.surface.lighting.emitter_groups import (
+    CLIPPED,
+    FILLED,
+    KNOWN,
+    UNSEEN,
+    Patches,
+    brightened,
+    clipped_groups,
+    group_emitters,
+    group_patches,
+    whose,
+)
+from engine.surface.lighting.grouped_light import Parts
+from engine.surface.lighting.quadratic_probes import survey
+from engine.surface.reflectance.brdf import lobe_floor, rows
+from engine.surface.rendering.area_lights import Near, near_of
+from engine.surface.rendering.transport import Incident, Lattice, direction_cells
+from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
+
+BALL, GREY, ROUGHNESS = 96, 0.3, 0.4
+"""Normals of a ball (those that face the camera count), its albedo, its roughness: glossy, for highlights move most."""
+FACING = 0.2
+MANY, FORETOLD = 1000, 0.01
+"""Probes, of all views, from which on their light is worth being foretold from some of them; and what a ball of it may be off by."""
+PHOTOGRAPHED = 0.5
+"""Share of a cell that was photographed, at least, for its light to count as somebody's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """The room's light, how its emitters are grouped, and where the camera stood."""
+
+    emitters: Emitters  # as the photographs have them
+    poses: Poses
+    group: Int[np.ndarray, " k"]  # of every Gaussian of the field; the lamps are the groups after these
+    kind: UInt8[
+        np.ndarray, " g"
+    ]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`emitter_groups.py`)
+    prior: float  # spread of a known group's log gain
+    drift: float  # spread of a view's log exposure; 0: none drifts
+    astray: float  # of the lamps' directions, radians; 0: all stand where they were found
+
+    def patches(self) -> Patches | None:
+        """What closes the room where no photograph looked; None where it is closed."""
+        count = self.emitters.patches
+        if not count:
+            return None
+        towards = self.emitters.field().means[-count:] - amid(self.poses)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        return Patches(towards, self.group[-count:], 4 * np.pi / DIRECTIONS)
+
+    def divided(self, patches: Patches | None) -> "Room":
+        """The same with what closes it in other groups."""
+        if patches is None:
+            return self
+        known = len(self.group) - len(patches.group)
+        first, last = int(patches.group.min()), int(self.group.max())
+        kind = (
+            self.kind[:first],
+            np.full(int(patches.group.max()) + 1 - first, UNSEEN, np.uint8),
+            self.kind[last + 1 :],
+        )
+        return replace(
+            self, group=np.concatenate([self.group[:known], patches.group]), kind=np.concatenate(kind)
+        )
+
+    def size(self) -> float:
+        """Median distance from the cameras to the Gaussians."""
+        centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
+        return float(np.median(np.linalg.norm(self.emitters.field().means[None] - centres[:, None], axis=2)))
+
+    def under(
+        self, gain: Float[np.ndarray, "g 3"], shift: Float[np.ndarray, "l 3"] | None = None
+    ) -> Emitters:
+        """The emitters, every group under its gain, every lamp `shift` (world) from where it was."""
+        lamps = self.emitters.lamps
+        count = len(gain) - len(lamps.radii)
+        field = brightened(self.emitters.field(), self.group, gain[:count])
+        centres = lamps.centres if shift is None else lamps.centres + shift
+        lamps = replace(lamps, centres=centres, radiance=lamps.radiance * gain[count:])
+        return replace(self.emitters, gaussians=beside(field, lamps), lamps=lamps)
+
+
+def amid(poses: Poses) -> Float[np.ndarray, " 3"]:
+    """The middle of the cameras, world frame."""
+    return inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
+
+
+def furnished(
+    gaussians: Gaussians,
+    lamps: Lamps,
+    frames: Frames,
+    masks: Masks,
+    poses: Poses,
+    groups: int,
+    prior: float,
+    seed: int,
+    drift: float = 0.0,
+    astray: float = 0.0,
+) -> Room:
+    """The room closed, and its emitters grouped: whatever is bright one by one, `groups` for the rest, the unseen by
+    direction.
+
+    The lamps are taken from the Gaussians, whose last they are.
+    """
+    middle = amid(poses)
+    field = apart(gaussians, lamps)
+    unseen, group = patches(field, middle), group_emitters(field, middle, groups, seed)
+    beyond = group_patches(unseen, middle, DIRECTIONS, seed)
+    clipped = clipped_groups(field, group, frames, masks, poses)
+    kind = [
+        np.where(clipped, CLIPPED, KNOWN),
+        np.full(beyond.max(initial=-1) + 1, UNSEEN),
+        np.where(lamps.clipped, CLIPPED, KNOWN),
+    ]
+    emitters = Emitters(beside(joined(field, unseen), lamps), lamps, len(unseen.means))
+    every = np.concatenate([group, len(clipped) + beyond])
+    return Room(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior, drift, astray)
+
+
+def light_at(
+    lattice: Lattice,
+    emitters: Emitters,
+    cam_from_world: Float[np.ndarray, "n 3 4"],
+    directions: int,
+    face_px: int,
+    progress: Progress,
+) -> Incident:
+    """The energy at the lattice for some views, small holes of the room filled."""
+    cells, asked = direction_cells(directions), survey(lattice)
+    field, points = emitters.field(), asked.points
+    if len(cam_from_world) * len(points) < MANY:
+        energy = arriving(field, cam_from_world, points, cells, face_px, True, progress).energy
+    else:
+        # What it looks like from all sides: the places are few, and turned otherwise in every view.
+        rays = face_directions(face_px).reshape(-1, 3)
+        takes = np.concatenate([ball(rays @ turn.T, True) for turn in FACES])
+        energy = between(field, cam_from_world, points, cells, face_px, takes, FORETOLD, progress)
+    middle = lattice.points().mean(0)
+    near = near_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
+    return Incident(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
+
+
+def parts_at(
+    lattice: Lattice,
+    room: Room,
+    views: Int[np.ndarray, " n"],
+    directions: int,
+    face_px: int,
+    progress: Progress,
+) -> Parts:
+    """The same, group by group."""
+    cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
+    asked, field = survey(lattice), room.emitters.field()
+    found = arriving(field, poses, asked.points, cells, face_px, False, progress)
+    energy, seen = found.energy, found.seen
+    lit = luminance(energy) > 0
+    source = np.ascontiguousarray(whose(found.places, lit, field).transpose(1, 2, 0))
+    # Small holes are filled in from their surroundings, whose level they keep.
+    source[seen.transpose(1, 2, 0) < PHOTOGRAPHED] = -1
+    around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
+    for view in range(len(views)):
+        for probe, share in enumerate(seen[view].astype(np.float64)):
+            energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
+    stacked = _stacked(energy)
+    source = asked.brightest(stacked, source)
+    filled, patches = len(room.kind), room.patches()
+    came_from = np.where(source < 0, filled, room.group[source])
+    patch = None if patches is None else np.maximum(source - (len(room.group) - len(patches.group)), -1)
+    middle = lattice.points().mean(0)
+    near = near_of(room.emitters.lamps, room.emitters.shown(), poses, middle, directions)
+    no_lamps = Near.none(len(views), directions)
+    total = Incident(lattice, cells, asked.everywhere(sharpened(stacked, cells)), no_lamps)
+    kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
+    across = across_of(room)
+    return Parts(
+        total, came_from, near, kind, room.prior, turned, across, room.drift, room.astray, patches, patch
+    )
+
+
+def across_of(room: Room) -> Float[np.ndarray, "l 2 3"]:
+    """The two ways, world frame, in which a lamp moves across as seen from amid the cameras: a step per radian."""
+    away = room.emitters.lamps.centres - amid(room.poses)
+    distance = np.linalg.norm(away, axis=1)
+    return np.stack(tangents(away / np.maximum(distance, 1e-12)[:, None]), 1) * distance[:, None, None]
+
+
+def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]:
+    """Views and channels on one axis, view-major; float32."""
+    n, m, d, _ = energy.shape
+    return np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)
+
+
+def ball(cells: Float[np.ndarray, "d 3"], full_diffuse: bool) -> Float[np.ndarray, "m d"]:
+    """What every direction's light sends to the camera from the half of a ball that faces it."""
+    normals = direction_cells(BALL)
+    normals = normals[normals[:, 2] < -FACING]
+    views = np.tile([0.0, 0.0, -1.0], (len(normals), 1))
+    roughness = np.full(len(normals), ROUGHNESS)
+    everything = np.ones((len(normals), len(cells)), np.uint8)
+    floor = lobe_floor(len(cells))
+    diffuse, specular = rows(normals, roughness, views, cells, everything, full_diffuse, floor)
+    return GREY * diffuse + specular

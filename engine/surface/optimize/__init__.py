@@ -1,0 +1,1 @@
+"""Per-pixel optimisation, and the priors between pixels."""

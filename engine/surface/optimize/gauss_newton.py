@@ -1,0 +1,516 @@
+"""Damped Gauss-Newton on every pixel's own six unknowns: normal (2), albedo (3), roughness (1).
+
+A pixel of the object's rim holds a share b of what is photographed beside it, which is a seventh unknown and is eliminated
+from the systems that others see.
+
+Residual: log((I + eps) / ((1 - b) (a D + S) + b I_beside + eps)) per view and channel, weighted by its variance and by a Cauchy
+weight whose width is the pixel's own spread of residuals, so that views with a passing shadow or a
+highlight the model misses count little. Marquardt damping per pixel; a step that does not lower the misfit
+is taken back. Albedo is solved as its logarithm. Derivatives of D and S by forward differences of the rows.
+"""
+
+import itertools
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import TypeGuard, no_type_check
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.geometry import tangents
+from engine.parallel import abreast, each
+from engine.progress import Progress
+from engine.surface.data.observations import Observations
+from engine.surface.rendering.transport import Responses, Rows, Sight
+from engine.surface.visibility.ray_visibility import SECTORS
+
+STEP = 0.01
+"""Forward-difference step: radians of normal, units of roughness."""
+ROUGHNESS = (0.06, 1.0)
+ALBEDO = (0.004, 1.0)
+GLOSS = (0.5, 0.25)
+"""Mean and spread of what is expected of a roughness of which nothing is known. One observation's worth, as every
+expectation is."""
+SHARE = (0.0, 0.8)
+SHARE_SPREAD = 0.3
+"""Of a weak prior, one observation's worth, around no share at all."""
+
+AT_REST = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
+"""Steps that are not worth the rows they take: a tenth, or so, of the errors that are left."""
+FRESH = 1e-2
+"""Damping of a pixel that has not stepped yet."""
+EASED, STIFFENED, DAMPING = 0.3, 6.0, (1e-4, 1e4)
+"""Times the damping after a step that was worth it and one that was not, and its bounds."""
+FIRM = 1e-6
+"""Of a system's diagonal, damped or not: nothing divides by zero."""
+LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
+"""Trust region: beyond these lengths the linearisation says nothing."""
+FAR = 0.03
+"""Radians of normal, or units of roughness, up to which the derivatives of the rows are left as they were told."""
+AT_ONCE = 16
+"""Residuals whose share of the misfit is summed as the logarithm of a product."""
+OF_MEDIAN, LEAST_SPREAD = 1.4826, 0.3
+"""A normal distribution's spread over its median deviation; and what no pixel's residuals fall below."""
+GRAZING = 0.03
+"""Cosine to the camera from which on a normal is one that can be seen."""
+MOST_APART = 5.0
+"""Times the shared light that a pixel's own is taken for, at most: of next to nothing anything is many times as much."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Where the iteration stands; arrays over pixels in mask order."""
+
+    normals: Float[np.ndarray, "p 3"]
+    albedo: Float[np.ndarray, "p 3"]
+    roughness: Float[np.ndarray, " p"]
+    share: Float[np.ndarray, " p"]  # of what is beside the object in what the pixel photographed
+    spread: Float[np.ndarray, " p"]  # robust standard deviation of the weighted residuals
+    damping: Float[np.ndarray, " p"]
+    misfit: Float[np.ndarray, " p"]  # robust misfit at the accepted state
+    system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state, the share eliminated
+    slope: Float[np.ndarray, "p 6"]
+    gloss: Float[np.ndarray, "p 2"]  # mean and spread of the roughness that is expected
+    level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
+    lift: Float[np.ndarray, " p"]  # of `steps`: log of how much nearer the point is than normals tell
+
+    def copy(self) -> "State":
+        """The same in arrays of its own."""
+        return State(*(getattr(self, name).copy() for name in State.__slots__))
+
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "State":
+        """The same of a few pixels."""
+        return State(*(getattr(self, name)[pixels] for name in State.__slots__))
+
+
+def either(first: Bool[np.ndarray, " p"], one: State, other: State) -> State:
+    """Of every pixel the one state where `first`, else the other."""
+    return State(*(
+        np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y)
+        for x, y in ((getattr(one, name), getattr(other, name)) for name in State.__slots__)
+    ))  # fmt: skip
+
+
+def begin(
+    normals: Float[np.ndarray, "p 3"],
+    albedo: Float[np.ndarray, "p 3"],
+    roughness: Float[np.ndarray, " p"],
+    level: Int[np.ndarray, "p s"] | None = None,
+    lift: Float[np.ndarray, " p"] | None = None,
+) -> State:
+    """A state with no misfit known yet."""
+    count = len(normals)
+    return State(
+        normals,
+        np.clip(albedo, *ALBEDO),
+        np.clip(roughness, *ROUGHNESS),
+        np.zeros(count),
+        np.full(count, np.nan),
+        np.full(count, FRESH),
+        np.full(count, np.inf),
+        np.zeros((count, 6, 6)),
+        np.zeros((count, 6)),
+        np.tile(GLOSS, (count, 1)),
+        np.zeros((count, SECTORS), np.int8) if level is None else level,
+        np.zeros(count) if lift is None else lift,
+    )
+
+
+def tilt(normals: Float[np.ndarray, "p 3"], steps: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 3"]:
+    """Normals moved by `steps` radians along their tangents."""
+    first, second = tangents(normals)
+    moved = normals + first * steps[:, :1] + second * steps[:, 1:]
+    return moved / np.linalg.norm(moved, axis=1, keepdims=True)
+
+
+def respread(
+    state: State, responses: Rows, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations
+) -> State:
+    """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
+    spread = np.empty(len(state.normals))
+
+    def measure(pixels: Int[np.ndarray, " _"]) -> None:
+        diffuse, specular = responses(
+            responses.block(sight, pixels), state.normals[pixels][:, None], state.roughness[pixels][:, None]
+        )
+        spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
+
+    deque(abreast(measure, parts), 0)
+    return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
+
+
+def _spread(diffuse, specular, state, seen, pixels):
+    """Of the residuals of the answers' first variants, that of the state itself."""
+    residual = np.sort(np.abs(_residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)), axis=1)
+    known = np.isfinite(residual).sum(1)  # those that are not stand last
+    middle = np.stack([(known - 1) // 2, known // 2], 1).clip(0)
+    spread = OF_MEDIAN * np.take_along_axis(residual, middle, 1).mean(1)
+    return np.maximum(np.nan_to_num(spread, nan=1.0), LEAST_SPREAD)
+
+
+def _residuals(diffuse, specular, state, seen, pixels):
+    eps = seen.eps[pixels][:, None]
+    model = diffuse * np.tile(state.albedo[pixels], diffuse.shape[1] // 3) + specular
+    mixed = np.nonzero(seen.row[pixels] >= 0)[0]
+    share = state.share[pixels[mixed], None]
+    model[mixed] += share * (seen.beside[seen.row[pixels[mixed]]] - model[mixed])
+    weight = seen.weight[pixels]
+    logs = np.log((seen.radiance[pixels] + eps) / (np.maximum(model, 0) + eps))
+    return np.where(weight > 0, logs * np.sqrt(weight), np.nan)
+
+
+def variants(
+    normals: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
+) -> tuple[Float[np.ndarray, "p 4 3"], Float[np.ndarray, "p 4"], Float[np.ndarray, " p"]]:
+    """What forward differences need of each pixel: itself, leaning both ways, and rougher.
+
+    The third value is the signed roughness step: inwards at the upper bound.
+    """
+    first, second = tangents(normals)
+    leaning = np.stack([normals, normals + STEP * first, normals + STEP * second, normals], 1)
+    leaning /= np.linalg.norm(leaning, axis=2, keepdims=True)
+    step = np.where(roughness + STEP > ROUGHNESS[1], -STEP, STEP)
+    return leaning, np.stack([roughness, roughness, roughness, roughness + step], 1), step
+
+
+def elsewhere(responses: Rows) -> TypeGuard[Responses]:
+    """Whether these are solved on another device than the processor."""
+    return isinstance(responses, Responses) and responses.device != "cpu"
+
+
+def iterate(
+    state: State,
+    responses: Rows,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    passes: int,
+    progress: Progress,
+    anew: bool = False,
+) -> State:
+    """Up to `passes` evaluations of every pixel with a damped step between them; ends on an accepted state.
+
+    A pixel whose next step would be less than `AT_REST` is left where it is. `anew`: after a `respread`, which costs nothing here.
+    """
+    if elsewhere(responses):
+        from engine.surface.optimize import gauss_newton_cuda  # torch takes seconds to load
+
+        return gauss_newton_cuda.iterate(state, responses, sight, parts, seen, passes, progress, anew)
+    kept = state.copy()
+    tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
+
+    def solve(pixels: Int[np.ndarray, " _"]) -> None:
+        block = responses.block(sight, pixels)
+        n, a, r, b = (x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.share))
+        leaning, rough, inward = variants(n, r)
+        told = _tell(responses, block, leaning, rough, passes > 1)
+        for turn in range(passes):
+            diffuse, specular = told.variants
+            if anew and turn == 0:
+                kept.spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
+                kept.misfit[pixels] = np.inf
+            misfit, system, slope = _normal_equations(
+                diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels],
+                kept.spread[pixels], seen.cauchy, r, kept.gloss[pixels], b, seen.row[pixels], seen.beside, 1.0,
+            )  # fmt: skip
+            better = misfit <= kept.misfit[pixels]
+            won, lost = pixels[better], pixels[~better]
+            kept.normals[won], kept.albedo[won], kept.roughness[won] = n[better], a[better], r[better]
+            kept.share[won], kept.misfit[won] = b[better], misfit[better]
+            kept.system[won], kept.slope[won] = reduced(system[better], slope[better])
+            tie[0][won], tie[1][won] = system[better, 6], slope[better, 6]
+            kept.damping[won] = np.maximum(kept.damping[won] * EASED, DAMPING[0])
+            kept.damping[lost] = np.minimum(kept.damping[lost] * STIFFENED, DAMPING[1])
+            if turn + 1 == passes:
+                break
+            move = _damped_step(kept.system[pixels], kept.slope[pixels], kept.damping[pixels])
+            # Unknown, and then nothing, where not even the first evaluation was an improvement.
+            stiff = np.where(tie[0][pixels, 6] > 0, tie[0][pixels, 6], np.inf)
+            shift = (tie[1][pixels] - (tie[0][pixels, :6] * move).sum(1)) / stiff
+            move = np.clip(np.column_stack([move, shift]), -LONGEST, LONGEST)
+            moving = np.nonzero((np.abs(move) > AT_REST).any(1))[0]
+            if not len(moving):
+                break
+            if len(moving) < len(pixels):
+                pixels, move = pixels[moving], move[moving]
+                block, told = block.part(moving), told.part(moving)
+            before = n[moving], r[moving], inward[moving]
+            n = facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
+            a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
+            r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
+            b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
+            leaning, rough, inward = variants(n, r)
+            far = np.linalg.norm(n - before[0], axis=1) > FAR
+            far |= (np.abs(r - before[1]) > FAR) | (inward != before[2])
+            _follow(responses, block, leaning, rough, told, far)
+
+    each(solve, parts, progress, "solving pixels")
+    return kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Told:
+    """What some pixels of a block answer: diffuse, specular."""
+
+    variants: tuple[Float[np.ndarray, "p 4 v"], ...]
+    shared: tuple[Float[np.ndarray, "p v"], ...]  # the first to the light that all of the block share
+
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "_Told":
+        """The same of a few of them."""
+        return _Told(tuple(x[pixels] for x in self.variants), tuple(x[pixels] for x in self.shared))
+
+    def put(self, pixels: Int[np.ndarray, " k"], other: "_Told") -> None:
+        """Take what is told of a few of them."""
+        for into, x in zip((*self.variants, *self.shared), (*other.variants, *other.shared), strict=True):
+            into[pixels] = x
+
+
+def _tell(responses, block, leaning, rough, more):
+    """All of it; what is shared only if `more` follows."""
+    answers = shared = responses(block, leaning, rough)
+    if more and len(block.ways):
+        shared = _to_shared(responses, block, leaning, rough)
+    return _Told(answers, tuple(x[:, 0].copy() for x in shared))
+
+
+def _to_shared(responses, block, leaning, rough):
+    return responses(block.under(block.energy), leaning[:, :1], rough[:, :1])
+
+
+def _follow(responses, block, leaning, rough, told, far):
+    """Bring it to where a step has led. Of pixels that did not go `far` only what the first variant answers to the shared light is
+    asked anew, which is a fifth of the work: their variants differ as before, their own light from the shared as many times."""
+    near, some = np.nonzero(~far)[0], np.nonzero(far)[0]
+    if len(near):
+        which, part = (slice(None), block) if not len(some) else (near, block.part(near))
+        answers = _to_shared(responses, part, leaning[which], rough[which])
+        for into, shared, x in zip(told.variants, told.shared, answers, strict=True):
+            before = shared[which]
+            times = np.divide(into[which, 0], before, out=np.ones_like(before), where=before > 0)
+            into[which] += ((x[:, 0] - before) * np.minimum(times, MOST_APART))[:, None]
+            shared[which] = x[:, 0]
+    if len(some):
+        part = block if not len(near) else block.part(some)
+        told.put(some, _tell(responses, part, leaning[some], rough[some], True))
+
+
+def reduced(
+    system: Float[np.ndarray, "*p 7 7"], slope: Float[np.ndarray, "*p 7"]
+) -> tuple[Float[np.ndarray, "*p 6 6"], Float[np.ndarray, "*p 6"]]:
+    """A system and slope whose last unknown, the share, is eliminated."""
+    tie = system[..., :6, 6] / system[..., 6:, 6]
+    left = system[..., :6, :6] - tie[..., None] * system[..., 6:, :6]
+    return left, slope[..., :6] - tie * slope[..., 6:]
+
+
+def by_stretches(
+    state: State,
+    responses: Rows,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    count: int,
+    progress: Progress,
+) -> tuple[State, Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
+    """The state after a `respread`, and (J^T W J, J^T W e) of all its seven unknowns, parted by stretches of `g` = `count`
+    views in a row; each bears its share of the priors."""
+    pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
+    ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
+    system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
+    spread, doing = np.empty(pixels_in_all), "judging the answer by parts of the views"
+
+    def judge(pixels: Int[np.ndarray, " _"]) -> None:
+        n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
+        leaning, rough, inward = variants(n, r)
+        answers = responses(responses.block(sight, pixels), leaning, rough)
+        spread[pixels] = _spread(*answers, state, seen, pixels)
+        by_view = *answers, seen.radiance[pixels], seen.weight[pixels], seen.beside
+        for k, (begin, end) in enumerate(itertools.pairwise(ends)):
+            d, s, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
+            _, system[pixels, k], slope[pixels, k] = _normal_equations(
+                d, s, a, inward, radiance, weight, seen.eps[pixels], spread[pixels], seen.cauchy, r,
+                state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
+            )  # fmt: skip
+
+    if elsewhere(responses):
+        from engine.surface.optimize import gauss_newton_cuda  # as above
+
+        spread, system, slope = gauss_newton_cuda.by_stretches(
+            state, responses, sight, parts, seen, ends, progress, doing
+        )
+    else:
+        each(judge, parts, progress, doing)
+    return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
+
+
+def slopes(
+    diffuse: Float[np.ndarray, "p 4 v"],
+    specular: Float[np.ndarray, "p 4 v"],
+    albedo: Float[np.ndarray, "p 3"],
+    inward: Float[np.ndarray, " p"],
+    eps: Float[np.ndarray, " p"],
+) -> tuple[Float[np.ndarray, "p v"], Float[np.ndarray, "p v 6"]]:
+    """What the answers to `variants` send, with eps, and how its logarithm follows each of the unknowns."""
+    colour = np.tile(albedo, diffuse.shape[2] // 3)
+    model = colour[:, None] * diffuse + specular
+    base = np.maximum(model[:, 0], 0) + eps[:, None]
+    own = np.zeros((*base.shape, 6))
+    own[..., 0] = (model[:, 1] - model[:, 0]) / (STEP * base)
+    own[..., 1] = (model[:, 2] - model[:, 0]) / (STEP * base)
+    own[..., 5] = (model[:, 3] - model[:, 0]) / (inward[:, None] * base)
+    for c in range(3):
+        own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
+    return base, own
+
+
+def regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
+    """The system with so much on its diagonal that it can be inverted."""
+    return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
+
+
+def _damped_step(system, slope, damping):
+    diagonal = np.einsum("pii->pi", system)
+    damped = system + np.eye(6) * (diagonal * damping[:, None] + FIRM)[:, None]
+    move = np.linalg.solve(damped, slope[..., None])[..., 0]
+    return np.clip(move, -LONGEST[:6], LONGEST[:6])
+
+
+def facing(normals, views):
+    """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
+    cosine = (normals * views).sum(-1, keepdims=True)
+    fixed = normals + views * np.maximum(GRAZING - cosine, 0)
+    return fixed / np.linalg.norm(fixed, axis=-1, keepdims=True)
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside):
+    """What was photographed over what the state sends, eps included."""
+    out = np.empty(radiance.shape, np.float32)
+    for p in range(len(out)):
+        part, mixed, q = np.float32(share[p]), row[p] >= 0, max(row[p], 0)
+        for c in range(3):
+            a = np.float32(albedo[p, c])
+            for v in range(c, out.shape[1], 3):
+                model = a * diffuse[p, 0, v] + specular[p, 0, v]
+                if mixed:
+                    model += part * (beside[q, v] - model)
+                out[p, v] = (radiance[p, v] + eps[p]) / (max(model, np.float32(0)) + eps[p])
+    return out
+
+
+def _normal_equations(
+    diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
+    prior,
+):  # fmt: skip
+    # Numpy takes logarithms a vector at a time, a kernel of ours one by one.
+    logs = _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside)
+    np.log(logs, out=logs)
+    return _equations(
+        diffuse, specular, logs, albedo, inward, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
+        prior,
+    )  # fmt: skip
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@no_type_check
+def _equations(
+    diffuse, specular, logs, albedo, inward, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
+    prior,
+):  # fmt: skip
+    count, _, channels = diffuse.shape
+    misfit = np.zeros(count)
+    system = np.zeros((count, 7, 7))
+    slope = np.zeros((count, 7))
+    for p in range(count):
+        width = (cauchy * spread[p]) ** 2
+        tilt_step, rough_step = np.float32(1 / STEP), np.float32(1) / np.float32(inward[p])
+        d, s = diffuse[p], specular[p]
+        mixed, q = row[p] >= 0, max(row[p], 0)
+        own, part = np.float32(1) - np.float32(share[p]), np.float32(share[p])
+        total = 0.0
+        for c in range(3):
+            a = np.float32(albedo[p, c])
+            # One channel sees four unknowns: two tilts, its own albedo, roughness.
+            h00 = h01 = h02 = h03 = h11 = h12 = h13 = h22 = h23 = h33 = 0.0
+            g0 = g1 = g2 = g3 = 0.0
+            h04 = h14 = h24 = h34 = h44 = g4 = 0.0
+            # The product of a few is within the numbers' range, and has one logarithm; without its one, so that small ratios count.
+            for begin in range(c, channels, 3 * AT_ONCE):
+                excess = 0.0
+                for v in range(begin, min(begin + 3 * AT_ONCE, channels), 3):
+                    w = weight[p, v]
+                    model = a * d[0, v] + s[0, v]
+                    other = np.float32(0)
+                    if mixed:
+                        other = beside[q, v] - model
+                        model += part * other
+                    over = np.float32(1) / (max(model, np.float32(0)) + eps[p])
+                    other *= over
+                    e = logs[p, v]
+                    ratio = w * e * e / width
+                    excess += ratio + excess * ratio
+                    robust = w / (1 + ratio)
+                    over *= own
+                    j0 = (a * (d[1, v] - d[0, v]) + s[1, v] - s[0, v]) * over * tilt_step
+                    j1 = (a * (d[2, v] - d[0, v]) + s[2, v] - s[0, v]) * over * tilt_step
+                    j2 = a * d[0, v] * over
+                    j3 = (a * (d[3, v] - d[0, v]) + s[3, v] - s[0, v]) * over * rough_step
+                    g0 += robust * j0 * e
+                    g1 += robust * j1 * e
+                    g2 += robust * j2 * e
+                    g3 += robust * j3 * e
+                    h00 += robust * j0 * j0
+                    h01 += robust * j0 * j1
+                    h02 += robust * j0 * j2
+                    h03 += robust * j0 * j3
+                    h11 += robust * j1 * j1
+                    h12 += robust * j1 * j2
+                    h13 += robust * j1 * j3
+                    h22 += robust * j2 * j2
+                    h23 += robust * j2 * j3
+                    h33 += robust * j3 * j3
+                    if mixed:
+                        g4 += robust * other * e
+                        h04 += robust * j0 * other
+                        h14 += robust * j1 * other
+                        h24 += robust * j2 * other
+                        h34 += robust * j3 * other
+                        h44 += robust * other * other
+                total += math.log1p(excess)
+            k = 2 + c
+            slope[p, 0] += g0
+            slope[p, 1] += g1
+            slope[p, k] = g2
+            slope[p, 5] += g3
+            system[p, 0, 0] += h00
+            system[p, 0, 1] += h01
+            system[p, 1, 1] += h11
+            system[p, 0, 5] += h03
+            system[p, 1, 5] += h13
+            system[p, 5, 5] += h33
+            system[p, 0, k] = h02
+            system[p, 1, k] = h12
+            system[p, k, k] = h22
+            system[p, k, 5] = h23
+            slope[p, 6] += g4
+            system[p, 0, 6] += h04
+            system[p, 1, 6] += h14
+            system[p, k, 6] = h24
+            system[p, 5, 6] += h34
+            system[p, 6, 6] += h44
+        spread_r = gloss[p, 1]
+        off = (roughness[p] - gloss[p, 0]) / spread_r
+        misfit[p] = width * total + prior * off * off * spread[p] ** 2
+        slope[p, 5] -= prior * off / spread_r * spread[p] ** 2
+        system[p, 5, 5] += prior * (spread[p] / spread_r) ** 2
+        off = share[p] / SHARE_SPREAD
+        misfit[p] += prior * off * off * spread[p] ** 2
+        slope[p, 6] -= prior * off / SHARE_SPREAD * spread[p] ** 2
+        system[p, 6, 6] += prior * (spread[p] / SHARE_SPREAD) ** 2
+        for k in range(7):
+            for j in range(k):
+                system[p, k, j] = system[p, j, k]
+    return misfit, system, slope

@@ -1,0 +1,467 @@
+"""What `gauss_newton` asks of every pixel, on a CUDA device: many blocks at a time, in torch.
+
+Threads of the processor gather what reaches the blocks; rows, products and normal equations of a batch of blocks are some
+hundred launches on the device, which else would wait for each block in turn. All pixels of a batch go through all passes, and
+all that `gauss_newton` keeps over small steps is told anew beside it: picking out those that do not need it costs more than it brings.
+Nothing is added where it falls, so that the same device finds the same bits.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from engine.errors import SurfaceError
+from engine.parallel import abreast
+from engine.progress import Progress
+from engine.surface.data.observations import Observations
+from engine.surface.optimize.gauss_newton import (
+    ALBEDO,
+    AT_REST,
+    DAMPING,
+    EASED,
+    FAR,
+    FIRM,
+    GRAZING,
+    LEAST_SPREAD,
+    LONGEST,
+    MOST_APART,
+    OF_MEDIAN,
+    ROUGHNESS,
+    SHARE,
+    SHARE_SPREAD,
+    STEP,
+    STIFFENED,
+    State,
+)
+from engine.surface.reflectance.brdf import PAINT, of_pixels
+from engine.surface.reflectance.brdf_torch import lobes_reference, rows_reference
+from engine.surface.rendering.transport import Responses, Sight
+
+ROWS = 2**24
+"""Entries of the rows of a batch, at most: 64 MB, of which the reflectance keeps some twenty copies for a moment."""
+THROWN = 2**27
+"""Entries of the light that comes from hidden directions to the pixels that are summed at once: half a gigabyte."""
+FULL = ("out of memory", "ALLOC_FAILED")
+"""What errors say that are none of torch's own for it."""
+LEANING = 4
+"""Variants of a pixel: itself, leaning both ways, and rougher."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Gathered:
+    """What reaches a batch of blocks, padded to one size with each block's first pixel. `p` counts the pixels of all blocks."""
+
+    pixels: Int[np.ndarray, " p"]
+    own: Bool[np.ndarray, " p"]  # of the padding false
+    points: Float[np.ndarray, "p 3"]
+    views: Float[np.ndarray, "p 3"]
+    material: Float[np.ndarray, "p 2"]
+    mixing: Float[np.ndarray, "b w m"]  # of the probes: to the shared light, and to the ways it differs in
+    apart: Float[np.ndarray, "b s r"]  # how far each pixel's does so in each
+    lamps: Float[np.ndarray, "p n l"]  # the share of each that each pixel sees
+    direction: Int[np.ndarray, "p e"]  # hidden from each; padded with one more than there are
+    source: Int[np.ndarray, "p e"]  # what is seen there instead, a row of `_Scene.thrown`
+    radiance: Float[np.ndarray, "p v"]
+    weight: Float[np.ndarray, "p v"]
+    eps: Float[np.ndarray, " p"]
+    mixed: Int[np.ndarray, " q"]  # pixels that have something beside them
+    beside: Float[np.ndarray, "q v"]
+
+
+def _gather(
+    responses: Responses, sight: Sight, seen: Observations, parts: list[Int[np.ndarray, " _"]]
+) -> _Gathered:
+    side, near = max(map(len, parts)), responses.incident.near
+    own = np.arange(side) < np.array([len(part) for part in parts])[:, None]
+    pixels = np.array([np.append(part, np.full(side - len(part), part[0])) for part in parts]).ravel()
+    points, nothing = sight.points[pixels], len(responses.photographed) + len(responses.walls)
+    hidden, entries = None, np.zeros((len(pixels), 0), bool)
+    if sight.occlusion is not None:
+        hidden = sight.occlusion.of(pixels)
+        lengths = np.diff(hidden[0])
+        entries = np.arange(lengths.max(initial=0)) < lengths[:, None]
+    direction = np.full(entries.shape, len(responses.incident.directions), np.int32)
+    source = np.full(entries.shape, nothing, np.int32)
+    if hidden is not None:
+        direction[entries] = hidden[1]
+        if responses.bounce:
+            source[entries] = np.where(hidden[2] < 0, nothing, hidden[2])
+    shares = [responses.incident.shares(sight.points[part]) for part in parts]
+    most = max(len(ways) for _, ways, _ in shares)
+    mixing = np.zeros((len(parts), 1 + most, shares[0][0].shape[-1]), np.float32)
+    apart = np.zeros((len(parts), side, most), np.float32)
+    for i, (middle, ways, far) in enumerate(shares):
+        mixing[i, 0], mixing[i, 1 : 1 + len(ways)], apart[i, : len(far), : len(ways)] = middle, ways, far
+    material = of_pixels(sight.material, pixels)
+    row = seen.row[pixels]
+    mixed = np.nonzero(row >= 0)[0]
+    return _Gathered(
+        pixels, own.ravel(), points, sight.views[pixels],
+        np.tile(PAINT, (len(pixels), 1)) if material is None else material,
+        mixing, apart, near.visible(points, hidden and hidden[:2]), direction, source,
+        seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels], mixed, seen.beside[row[mixed]],
+    )  # fmt: skip
+
+
+class _Scene:
+    """Light and what throws it, on the device; all batches share it."""
+
+    def __init__(self, responses: Responses):
+        incident, near = responses.incident, responses.incident.near
+        self.device, self.full_diffuse, self.floor = (
+            responses.device,
+            responses.full_diffuse,
+            responses.floor,
+        )
+        self.cell = float(responses.cell)
+        self.directions = self.there(incident.directions)
+        # One direction more, from which nothing comes.
+        self.energy = torch.nn.functional.pad(self.there(incident.energy), (0, 0, 0, 1))
+        nothing = np.zeros((1, responses.photographed.shape[1]), np.float32)
+        self.thrown = self.there(np.concatenate([responses.photographed, responses.walls, nothing]))
+        self.centres = self.there(near.centres, torch.float64)
+        self.radii, self.radiance = self.there(near.radii), self.there(near.radiance)
+
+    def there(self, array: np.ndarray, kind: torch.dtype = torch.float32) -> Tensor:
+        """A copy on the device."""
+        return torch.as_tensor(np.ascontiguousarray(array)).to(self.device, kind)
+
+
+class _Batch:
+    """A batch of blocks on the device, and what its pixels answer."""
+
+    def __init__(self, scene: _Scene, gathered: _Gathered):
+        there = scene.there
+        self.scene, self.pixels, self.own = scene, gathered.pixels, gathered.own
+        self.points = there(gathered.points, torch.float64)
+        self.views = there(gathered.views, torch.float64)
+        self.material, self.lamps = there(gathered.material), there(gathered.lamps)
+        b, r, m = gathered.mixing.shape
+        mixed = there(gathered.mixing).reshape(b * r, m) @ scene.energy.reshape(m, -1)
+        self.light = mixed.reshape(b, r, *scene.energy.shape[1:])
+        self.apart = there(gathered.apart)
+        self.direction = there(gathered.direction, torch.int64)
+        self.source = there(gathered.source, torch.int64)
+        self.radiance, self.weight, self.eps = (
+            there(x) for x in (gathered.radiance, gathered.weight, gathered.eps[:, None])
+        )
+        self.beside = torch.full_like(self.radiance, math.nan)
+        self.beside[there(gathered.mixed, torch.int64)] = there(gathered.beside)
+        self.mixed = self.beside.isfinite().any(1)[:, None]
+
+    def answers(
+        self, normals: Float[Tensor, "p k 3"], roughness: Float[Tensor, "p k"]
+    ) -> tuple[Float[Tensor, "2 p k v"], Float[Tensor, "2 p v"]]:
+        """`Responses` of every pixel's variants, diffuse and specular; and the first to the light that its block shares."""
+        scene, (p, k), d = self.scene, roughness.shape, len(self.scene.directions)
+        blocks, v = len(self.light), self.light.shape[-1]
+        leaning, rough = normals.float(), roughness.float()
+        rows = rows_reference(
+            leaning.reshape(-1, 3), rough.reshape(-1), self.views.float().repeat_interleave(k, 0),
+            scene.directions, rough.new_ones(()), scene.full_diffuse, scene.floor,
+            self.material.repeat_interleave(k, 0),
+        )  # fmt: skip
+        table = rough.new_zeros(blocks, p // blocks, 2, k, d + 1)
+        for half, row in enumerate(rows):
+            table[:, :, half, :, :d] = row.reshape(blocks, p // blocks, k, d)
+        by_pixel = table.reshape(p, 2 * k, d + 1)
+        thrown = self._bounced(by_pixel)
+        out = (table.reshape(blocks, -1, d + 1) @ self.light[:, 0]).reshape(p, 2, k, v)
+        if thrown is not None:
+            out += thrown.reshape(p, 2, k, v)
+        out = out.transpose(0, 1).contiguous()
+        if len(scene.radii):
+            out += self._shone(leaning, rough)
+        shared = out[:, :, 0].clone()
+        if self.apart.shape[2]:
+            first = table[:, :, :, 0].reshape(blocks, 1, -1, d + 1)
+            ways = (first @ self.light[:, 1:]).reshape(blocks, -1, p // blocks, 2, v)
+            out += torch.einsum("brsxv,bsr->xbsv", ways, self.apart).reshape(2, p, 1, v)
+        return out, shared
+
+    def _bounced(self, table: Float[Tensor, "p x d"]) -> Float[Tensor, "p x v"] | None:
+        """What stands before hidden directions throws, whose rows in the table become 0."""
+        if not self.direction.shape[1]:
+            return None
+        at = self.direction[:, None].expand(-1, table.shape[1], -1)
+        share = table.gather(2, at) * self.scene.cell
+        table.scatter_(2, at, 0.0)
+        few = max(1, THROWN // (self.direction.shape[1] * self.scene.thrown.shape[1]))
+        return torch.cat(
+            [
+                share[begin : begin + few] @ self.scene.thrown[self.source[begin : begin + few]]
+                for begin in range(0, len(table), few)
+            ]
+        )
+
+    def _shone(
+        self, normals: Float[Tensor, "p k 3"], roughness: Float[Tensor, "p k"]
+    ) -> Float[Tensor, "2 p k v"]:
+        """`area_lights.Near.add`: what all lamps send."""
+        scene, views = self.scene, self.views.float()
+        way = scene.centres - self.points[:, None, None]
+        far = way.norm(dim=3)
+        towards, sine = (way / far[..., None]).float(), (scene.radii / far.float()).clamp(max=0.99)
+        solid = 2 * math.pi * sine**2 / (1 + (1 - sine**2).sqrt()) * self.lamps
+        nl = torch.einsum("pnlx,pkx->pknl", towards, normals)
+        lv = torch.einsum("pnlx,px->pnl", towards, views)[:, None]
+        nv = torch.einsum("pkx,px->pk", normals, views).clamp(min=1e-3)[..., None, None]
+        sine = sine[:, None]
+        t = (nl / sine).clamp(-1, 1)
+        part = t * (math.pi / 2 + t.asin()) + (1 - t**2).sqrt() * (2 + t**2) / 3
+        nl = torch.where(nl < sine, (sine * part / math.pi).clamp(min=0), nl)
+        rough = roughness[..., None, None]
+        level, metal = (x[:, None, None, None] for x in self.material.T)
+        unit = lobes_reference(nl, nv, lv, rough, rough**4 + sine**2 / 8, scene.full_diffuse, level, metal)
+        shape = *roughness.shape, -1
+        return torch.stack([
+            torch.einsum("pknl,nlc->pknc", x * solid[:, None], scene.radiance).reshape(shape) for x in unit
+        ])  # fmt: skip
+
+    def spread(self, answers: Float[Tensor, "2 p k v"], at: "_Standing") -> Float[Tensor, " p"]:
+        """`gauss_newton._spread`, by the first of the answers."""
+        model = at.albedo.float().repeat(1, answers.shape[3] // 3) * answers[0, :, 0] + answers[1, :, 0]
+        model = torch.where(self.mixed, model + at.share.float()[:, None] * (self.beside - model), model)
+        logs = ((self.radiance + self.eps) / (model.clamp(min=0) + self.eps)).log()
+        known = self.weight > 0
+        residual = torch.where(known, (logs * self.weight.sqrt()).abs(), math.inf).sort(dim=1)[0]
+        count = known.sum(1)
+        middle = torch.stack([(count - 1) // 2, count // 2], 1).clamp(min=0)
+        spread = OF_MEDIAN * residual.gather(1, middle).double().mean(1)
+        return torch.where(count > 0, spread, 1.0).clamp(min=LEAST_SPREAD)
+
+    def equations(
+        self, answers: Float[Tensor, "2 p k v"], at: "_Standing", spread: Float[Tensor, " p"], cauchy: float,
+        columns: slice = slice(None), prior: float = 1.0,
+    ) -> tuple[Float[Tensor, " p"], Float[Tensor, "p 7 7"], Float[Tensor, "p 7"]]:  # fmt: skip
+        """`gauss_newton._normal_equations` of some of the columns: misfit, system, slope (double precision)."""
+        (diffuse, specular), share = answers[..., columns], at.share.float()[:, None]
+        radiance, weight, beside = (x[:, columns] for x in (self.radiance, self.weight, self.beside))
+        colour = at.albedo.float().repeat(1, diffuse.shape[2] // 3)
+        width = (cauchy * spread) ** 2
+        model = colour * diffuse[:, 0] + specular[:, 0]
+        other = torch.where(self.mixed, beside - model, 0.0)
+        over = 1 / ((model + share * other).clamp(min=0) + self.eps)
+        e = ((radiance + self.eps) * over).log()
+        ratio = weight * e**2 / width.float()[:, None]
+        robust = weight / (1 + ratio)
+        own = over * (1 - share)
+        moved = colour[:, None] * (diffuse[:, 1:] - diffuse[:, :1]) + specular[:, 1:] - specular[:, :1]
+        steps = torch.stack([torch.full_like(at.inward, STEP)] * 2 + [at.inward], 1).float()
+        first, second, rougher = (moved * own[:, None] / steps[:, :, None]).unbind(1)
+        channels = torch.eye(3, device=own.device).repeat(1, own.shape[1] // 3)
+        tints = (colour * diffuse[:, 0] * own)[:, None] * channels
+        slopes = torch.cat(
+            [torch.stack([first, second], 1), tints, torch.stack([rougher, other * over], 1)], 1
+        )
+        weighted = slopes * robust[:, None]
+        system = (weighted @ slopes.transpose(1, 2)).double()
+        slope = (weighted @ e[:, :, None])[..., 0].double()
+        misfit = width * ratio.log1p().sum(1, dtype=torch.float64)
+        expected = ((5, at.roughness - at.gloss[:, 0], at.gloss[:, 1]), (6, at.share, SHARE_SPREAD))
+        for unknown, off, wide in expected:
+            tight = prior * (spread / wide) ** 2
+            misfit = misfit + tight * off**2
+            slope[:, unknown] -= tight * off
+            system[:, unknown, unknown] += tight
+        return misfit, system, slope
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Standing:
+    """Where the pixels of a batch stand, or try to; double precision, on the device."""
+
+    normals: Float[Tensor, "p 3"]
+    albedo: Float[Tensor, "p 3"]
+    roughness: Float[Tensor, " p"]
+    share: Float[Tensor, " p"]
+    gloss: Float[Tensor, "p 2"]
+
+    @property
+    def inward(self) -> Float[Tensor, " p"]:
+        """The signed step of the rougher variant, as `gauss_newton.variants` has it."""
+        return torch.where(self.roughness + STEP > ROUGHNESS[1], -STEP, STEP).to(self.roughness)
+
+    def variants(self) -> tuple[Float[Tensor, "p 4 3"], Float[Tensor, "p 4"]]:
+        """`gauss_newton.variants`."""
+        n, r = self.normals, self.roughness
+        first, second = _tangents(n)
+        leaning = torch.stack([n, n + STEP * first, n + STEP * second, n], 1)
+        leaning = leaning / leaning.norm(dim=2, keepdim=True)
+        return leaning, torch.stack([r, r, r, r + self.inward], 1)
+
+    def moved(self, move: Float[Tensor, "p 7"], views: Float[Tensor, "p 3"]) -> "_Standing":
+        """Where a step leads to, within bounds and facing the camera."""
+        first, second = _tangents(self.normals)
+        n = self.normals + first * move[:, :1] + second * move[:, 1:2]
+        n = n / n.norm(dim=1, keepdim=True)
+        n = n + views * (GRAZING - (n * views).sum(1, keepdim=True)).clamp(min=0)
+        return replace(
+            self,
+            normals=n / n.norm(dim=1, keepdim=True),
+            albedo=(self.albedo * move[:, 2:5].exp()).clamp(*ALBEDO),
+            roughness=(self.roughness + move[:, 5]).clamp(*ROUGHNESS),
+            share=(self.share + move[:, 6]).clamp(*SHARE),
+        )
+
+    def far(self, before: "_Standing") -> Bool[Tensor, " p"]:
+        """Which pixels have moved so far that what `gauss_newton` keeps over small steps holds no more."""
+        far = (self.normals - before.normals).norm(dim=1) > FAR
+        return far | ((self.roughness - before.roughness).abs() > FAR) | (self.inward != before.inward)
+
+    def taking(self, better: Bool[Tensor, " p"], other: "_Standing") -> "_Standing":
+        """The other's where it is better."""
+        return _Standing(*(
+            torch.where(better.reshape(-1, *[1] * (x.ndim - 1)), y, x)
+            for x, y in ((getattr(self, name), getattr(other, name)) for name in _Standing.__slots__)
+        ))  # fmt: skip
+
+
+def _tangents(normals: Float[Tensor, "p 3"]) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
+    """`geometry.tangents`."""
+    x, y, z = normals.T
+    sign = torch.where(z >= 0, 1.0, -1.0).to(z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    return torch.stack([1 + sign * x * x * a, sign * b, -sign * x], 1), torch.stack(
+        [b, sign + y * y * a, -y], 1
+    )
+
+
+@contextmanager
+def _within_memory() -> Iterator[None]:
+    """Say in our words that the device has too little."""
+    try:
+        yield
+    except RuntimeError as error:
+        # A device that is full from the start refuses even its context, and the library of products its handle.
+        if not isinstance(error, torch.OutOfMemoryError) and not any(sign in str(error) for sign in FULL):
+            raise
+        raise SurfaceError(
+            "the GPU has too little memory free to solve pixels; close what else uses it, or use --device cpu"
+        ) from error
+
+
+def _batches(
+    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations,
+    progress: Progress, doing: str,
+) -> Iterator[tuple[_Batch, _Standing]]:  # fmt: skip
+    """Batch by batch, and where its pixels stand."""
+    if not parts:
+        return
+    responses.check(sight)
+    # Blocks of a size side by side: all of a batch are padded to its largest.
+    parts = sorted(parts, key=len)
+    lamps = responses.incident.near.centres
+    wide = max(len(responses.incident.directions), lamps.shape[0] * lamps.shape[1])
+    few = max(1, ROWS // (2 * LEANING * len(parts[-1]) * wide))
+    groups = [parts[begin : begin + few] for begin in range(0, len(parts), few)]
+    scene = _Scene(responses)
+    for i, gathered in enumerate(abreast(lambda group: _gather(responses, sight, seen, group), groups)):
+        progress.step(i / len(groups), doing)
+        batch, pixels = _Batch(scene, gathered), gathered.pixels
+        values = (getattr(state, name)[pixels] for name in _Standing.__slots__)
+        yield batch, _Standing(*(scene.there(x, torch.float64) for x in values))
+
+
+@_within_memory()
+def iterate(
+    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations,
+    passes: int, progress: Progress, anew: bool,
+) -> State:  # fmt: skip
+    """`gauss_newton.iterate`.
+
+    Raises:
+        SurfaceError: the device has too little memory.
+    """
+    kept = state.copy()
+    for batch, stand in _batches(state, responses, sight, parts, seen, progress, "solving pixels"):
+        there, pixels = batch.scene.there, batch.pixels
+        rest, longest = (there(x, torch.float64) for x in (AT_REST, LONGEST))
+        spread, damping, misfit, system, slope = (
+            there(getattr(state, name)[pixels], torch.float64)
+            for name in ("spread", "damping", "misfit", "system", "slope")
+        )
+        # The row of the share, which the systems that others see have eliminated.
+        tie, tie_slope = system.new_zeros(len(pixels), 7), system.new_zeros(len(pixels))
+        best, tried, active = stand, stand, there(batch.own, torch.bool)
+        answers, shared = batch.answers(*tried.variants())
+        for turn in range(passes):
+            if anew and turn == 0:
+                spread = batch.spread(answers, tried)
+                misfit = torch.full_like(spread, math.inf)
+            now, whole, whole_slope = batch.equations(answers, tried, spread, seen.cauchy)
+            better = active & (now <= misfit)
+            best, misfit = best.taking(better, tried), torch.where(better, now, misfit)
+            ties = whole[:, :6, 6] / whole[:, 6:, 6]
+            system[better] = (whole[:, :6, :6] - ties[:, :, None] * whole[:, 6:, :6])[better]
+            slope[better] = (whole_slope[:, :6] - ties * whole_slope[:, 6:])[better]
+            tie[better], tie_slope[better] = whole[better, 6], whole_slope[better, 6]
+            eased, stiffened = (
+                (damping * EASED).clamp(min=DAMPING[0]),
+                (damping * STIFFENED).clamp(max=DAMPING[1]),
+            )
+            damping = torch.where(better, eased, torch.where(active, stiffened, damping))
+            if turn + 1 == passes:
+                break
+            move = _damped_step(system, slope, damping).clamp(-longest[:6], longest[:6])
+            stiff = torch.where(tie[:, 6] > 0, tie[:, 6], math.inf)
+            shift = (tie_slope - (tie[:, :6] * move).sum(1)) / stiff
+            move = torch.cat([move, shift[:, None]], 1).clamp(-longest, longest)
+            active &= (move.abs() > rest).any(1)
+            if not active.any():
+                break
+            before, tried = tried, best.moved(move, batch.views)
+            answers, shared = _followed(answers, shared, *batch.answers(*tried.variants()), tried.far(before))
+        found = {name: getattr(best, name) for name in ("normals", "albedo", "roughness", "share")}
+        found |= {"spread": spread, "damping": damping, "misfit": misfit, "system": system, "slope": slope}
+        for name, values in found.items():
+            getattr(kept, name)[pixels[batch.own]] = values.cpu().numpy()[batch.own]
+    return kept
+
+
+def _followed(
+    answers: Float[Tensor, "2 p k v"], shared: Float[Tensor, "2 p v"], now: Float[Tensor, "2 p k v"],
+    shared_now: Float[Tensor, "2 p v"], far: Bool[Tensor, " p"],
+) -> tuple[Float[Tensor, "2 p k v"], Float[Tensor, "2 p v"]]:  # fmt: skip
+    """`gauss_newton._follow`: of pixels that went far what they answer now, of others as far as their first variant tells."""
+    times = torch.where(shared > 0, answers[:, :, 0] / shared, 1.0).clamp(max=MOST_APART)
+    near = answers + ((shared_now - shared) * times)[:, :, None]
+    return torch.where(far[:, None, None], now, near), shared_now
+
+
+@_within_memory()
+def by_stretches(
+    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations,
+    ends: Int[np.ndarray, " e"], progress: Progress, doing: str,
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:  # fmt: skip
+    """Of `gauss_newton.by_stretches` the spreads, systems and slopes; stretches end at these columns.
+
+    Raises:
+        SurfaceError: as `iterate`.
+    """
+    count = len(state.normals)
+    spread, system, slope = (np.empty((count, *[len(ends) - 1] * bool(s), *s)) for s in ((), (7, 7), (7,)))
+    for batch, stand in _batches(state, responses, sight, parts, seen, progress, doing):
+        answers, _ = batch.answers(*stand.variants())
+        wide, own = batch.spread(answers, stand), batch.pixels[batch.own]
+        spread[own] = wide.cpu().numpy()[batch.own]
+        for k, (begin, end) in enumerate(itertools.pairwise(ends)):
+            share = 1 / (len(ends) - 1)
+            told = batch.equations(answers, stand, wide, seen.cauchy, slice(begin, end), share)
+            system[own, k], slope[own, k] = (x.cpu().numpy()[batch.own] for x in told[1:])
+    return spread, system, slope
+
+
+def _damped_step(
+    system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"]
+) -> Float[Tensor, "p 6"]:
+    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + FIRM
+    return torch.linalg.solve_ex(system + stiffer.diag_embed(), slope[..., None])[0][..., 0]

@@ -1,0 +1,240 @@
+"""What the object is made of, where the model's paint does not do: how much it mirrors head on, and metal.
+
+Most things are dielectrics of an index near 1.5, and everything is taken for such paint until its photographs say otherwise.
+Some pixels are solved as each other material in part of the views; the views kept back say which explains them best. How
+much a dielectric mirrors, all pixels of a region tell together: one alone can hardly tell more mirror from less
+roughness. Metal is plain in most pixels; where some are, every pixel is asked, and its neighbours with it. A region is
+what is near and looks alike. The materials are those of `brdf`. Camera frame.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.cluster.vq import kmeans2
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
+
+from engine.progress import Progress
+from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.exhaustive_search import global_start
+from engine.surface.optimize.pixel_sample import Sample, inner, sampled, some_of
+from engine.surface.params import SurfaceParams
+from engine.surface.reflectance.brdf import PAINT
+from engine.surface.rendering.object_pixels import Subject
+from engine.surface.rendering.transport import Incident, Sight, blocks
+
+LEVELS = np.array([0.25, 0.5, 1.0])
+"""Specular levels tried: a reflectance head on of 0.02 (water has that), of paint, and of 0.08 (sapphire)."""
+METAL = (0.5, 1.0)
+KEPT_BACK = 4
+"""Of so many views one decides."""
+PASSES, CANDIDATES = 8, 300
+ASKED = 600
+"""Pixels that are solved as every material."""
+REGIONS = 12
+ANYTHING = 1e6
+"""Spread of what is expected where nothing is."""
+LIKE = 0.5
+"""A difference in log radiance that parts two pixels as far as half the object's size does."""
+LOUDEST = 1.0
+"""Log likelihood ratio for one view and channel: the most that a pixel says for or against a level."""
+NEEDED, SURE, FEWEST = 0.05, 4.0, 20
+"""What it takes to believe in another level: a gain in log likelihood for one view and channel, the mean over a region; how many
+times its own standard error that is; and so many pixels. A coat that mirrors twice as much brought 0.2."""
+EXPLAINED, WELL = 1.5, 0.33
+"""Pixels that speak of levels: whose residuals are at most so many times as wide as in this share of all. Where shadows are not
+foreseen rightly another level may explain a groove better than paint does."""
+NARROWER, CERTAIN = 3.0, 1.5
+"""So many times narrower a metal's residuals must be as metal's than as paint's, and the logarithm of a further factor that
+makes quite sure. Of gold, satin, they are 14 times narrower in the median and 5 in the tenth worst; where a groove's
+shadows are not foreseen yet, metal explains paint up to twice as well as paint does."""
+SOME = 0.02
+"""Share of pixels asked that are metal from which on all are asked."""
+NEIGHBOURS = 1.0
+"""Pixels, one standard deviation, whose word on metal counts as a pixel's own."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """Some pixels in the views that fit them and in those that judge, and what they are taken for so far."""
+
+    fitted: tuple[Sample, Incident]
+    kept: tuple[Sample, Incident]
+    state: gauss_newton.State
+
+    @property
+    def data(self) -> int:
+        """Views times channels that judge each pixel."""
+        return self.kept[0].seen.radiance.shape[1]
+
+    def tried(self, material: tuple[float, float], progress: Progress) -> gauss_newton.State:
+        """The pixels as of one material, by the views that fit."""
+        spread, count = self.state.spread, len(self.state.spread)
+        made = np.tile(material, (count, 1))
+        answer = _solved(self.fitted, self.state, made, PASSES, progress.part(0, 0.5))
+        so_far = self.fitted[0].sight.material
+        if np.any((PAINT[1] if so_far is None else so_far[:, 1]) != material[1]):
+            # As another kind of thing it may have ended anywhere.
+            begun = replace(_sought(self.fitted, made, progress.part(0.5, 0.6)), spread=spread)
+            other = _solved(self.fitted, begun, made, PASSES, progress.part(0.6, 1))
+            answer = gauss_newton.either(other.misfit < answer.misfit, other, answer)
+        return answer
+
+    def likelihood(
+        self, answer: gauss_newton.State, material: tuple[float, float]
+    ) -> Float[np.ndarray, " p"]:
+        """Of every pixel's kept views by what was `tried` as this material, per view and channel; a logarithm, up to what is
+        alike for all materials: residuals are as wide as they are so far."""
+        # What is expected of roughness is no photograph's word.
+        free = replace(answer, gloss=np.tile([0.5, ANYTHING], (len(answer.spread), 1)))
+        judged = _solved(self.kept, free, np.tile(material, (len(free.spread), 1)), 1, Progress())
+        return -judged.misfit / (2 * self.data * self.state.spread**2)
+
+    def spread(self, answer: gauss_newton.State, material: tuple[float, float]) -> Float[np.ndarray, " p"]:
+        """How wide the residuals of every pixel's kept views are by what was `tried` as this material."""
+        of, light = self.kept
+        sight = replace(of.sight, material=np.tile(material, (len(answer.spread), 1)))
+        return gauss_newton.respread(answer, of.responses(light), sight, of.regions, of.seen).spread
+
+
+def told(
+    who: Subject,
+    state: gauss_newton.State,
+    light: Incident,
+    sight: Sight,
+    exactly: bool,
+    params: SurfaceParams,
+    seed: int,
+    progress: Progress,
+) -> Float[np.ndarray, "p 2"] | None:
+    """The material of every pixel; None: nothing speaks against paint. `sight` is that under which the state was solved, its
+    horizons in force; only `exactly` is it asked what else than metal it may be; `seed` picks the pixels that are asked."""
+    chosen = some_of(inner(who), ASKED, seed)
+    trial = _trial(who, chosen, state, light, sight, params)
+    spans = iter(progress.parts(len(LEVELS) + 2))
+    as_paint = trial.tried(PAINT, next(spans))
+    shiny = metallic(trial, as_paint, next(spans)) > 0
+    level = np.full(len(state.spread), PAINT[0])
+    heard = ~shiny & (trial.state.spread < EXPLAINED * np.quantile(trial.state.spread, WELL))
+    if exactly and heard.any():
+        kinds = [(float(one), PAINT[1]) for one in LEVELS]
+        answers = [as_paint if one == PAINT else trial.tried(one, next(spans)) for one in kinds]
+        said = np.stack([trial.likelihood(*pair) for pair in zip(answers, kinds, strict=True)], 1)
+        region = regions(who, chosen, seed)
+        level = levels(said[heard], region[chosen][heard], int(region.max()) + 1)[region]
+    metal = np.zeros(len(level), bool)
+    if shiny.mean() >= SOME:
+        everybody = _trial(who, np.arange(len(level)), state, light, sight, params, blocks(who.mask))
+        voices = np.zeros(who.mask.shape)
+        first, second = next(spans).parts(2)
+        voices[who.mask] = metallic(everybody, everybody.tried(PAINT, first), second)
+        metal = gaussian_filter(voices, NEIGHBOURS)[who.mask] > 0
+    if (level == PAINT[0]).all() and not metal.any():
+        return None
+    return np.where(metal[:, None], METAL, np.stack([level, np.full(len(level), PAINT[1])], 1))
+
+
+def metallic(trial: Trial, as_paint: gauss_newton.State, progress: Progress) -> Float[np.ndarray, " p"]:
+    """How much narrower each pixel's residuals are as metal's than as paint's: a logarithm, above 0 where that is enough."""
+    as_metal = trial.tried(METAL, progress)
+    gained = np.log(trial.spread(as_paint, PAINT) / trial.spread(as_metal, METAL)) - np.log(NARROWER)
+    return np.clip(gained, -CERTAIN, CERTAIN)
+
+
+def kind(material: Float[np.ndarray, "p 2"] | None, who: Subject) -> Bool[np.ndarray, " p"]:
+    """Which pixels are metal."""
+    return np.zeros(int(who.mask.sum()), bool) if material is None else material[:, 1] > 0
+
+
+def same(one: Float[np.ndarray, "p 2"] | None, other: Float[np.ndarray, "p 2"] | None) -> bool:
+    """Whether two materials of the same pixels are one."""
+    if one is None or other is None:
+        return one is other
+    return bool((one == other).all())
+
+
+def regions(who: Subject, chosen: Int[np.ndarray, " k"], seed: int) -> Int[np.ndarray, " p"]:
+    """A number for every pixel; alike for what is near and looks alike."""
+    place = np.stack(np.nonzero(who.mask), 1)
+    radiance = who.seen.radiance.reshape(len(place), -1, 3)
+    looks = np.log(np.median(radiance, axis=1) + who.seen.eps[:, None])
+    size = np.sqrt(len(place))
+    feature = np.concatenate([2 * place / size, looks / LIKE], 1)
+    count = min(REGIONS, len(chosen))
+    centres, _ = kmeans2(feature[chosen], count, rng=seed, minit="++")
+    return np.asarray(KDTree(centres).query(feature)[1])
+
+
+def levels(
+    said: Float[np.ndarray, "k l"], region: Int[np.ndarray, " k"], count: int
+) -> Float[np.ndarray, " r"]:
+    """The specular level of each of `count` regions by their pixels' log likelihoods, for one view and channel, of `LEVELS`:
+    that of all together, unless its own speak against it."""
+    usual = _level(said, PAINT[0]) or PAINT[0]
+    found = np.full(count, usual)
+    for k in np.unique(region):
+        found[k] = _level(said[region == k], usual) or usual
+    return found
+
+
+def _level(said: Float[np.ndarray, "k l"], usual: float) -> float | None:
+    """The level that some pixels speak for, against a `usual` one; None: not plainly for another."""
+    if len(said) < FEWEST:
+        return None
+    low, middle, high = np.clip(said - said[:, 1:2], -LOUDEST, LOUDEST).T
+    # Their logarithms are evenly spaced: the top of a parabola through three, no farther than they go.
+    slope, bend = (high - low) / 2, low + high - 2 * middle
+    top = -slope.mean() / bend.mean() if bend.mean() < 0 else np.sign(slope.mean())
+    top, there = float(np.clip(top, -1, 1)), float(np.log2(usual / LEVELS[1]))
+    gained = slope * (top - there) + bend * (top**2 - there**2) / 2
+    # NaN: nobody knows, and it stays as it is.
+    if not gained.mean() >= max(NEEDED, SURE * gained.std() / np.sqrt(len(gained))):
+        return None
+    return float(LEVELS[1] * 2.0**top)
+
+
+def _trial(
+    who: Subject,
+    chosen: Int[np.ndarray, " k"],
+    state: gauss_newton.State,
+    light: Incident,
+    sight: Sight,
+    params: SurfaceParams,
+    parts: list[Int[np.ndarray, " _"]] | None = None,
+) -> Trial:
+    """Of some pixels; `parts` of them share their light (a few large ones where left out)."""
+    every = np.arange(light.energy.shape[2] // 3)
+    back = every[KEPT_BACK - 1 :: KEPT_BACK]
+    seen = []
+    for views in (np.setdiff1d(every, back), back):
+        here = light.views(views)
+        of = sampled(who, sight, 1.0, chosen, params, views, here)
+        seen.append((of if parts is None else replace(of, regions=parts), here))
+    return Trial(seen[0], seen[1], state.part(chosen))
+
+
+def _solved(
+    witness: tuple[Sample, Incident],
+    begun: gauss_newton.State,
+    material: Float[np.ndarray, "p 2"],
+    passes: int,
+    progress: Progress,
+) -> gauss_newton.State:
+    """Every pixel as of a material; with one pass its misfit as begun."""
+    of, light = witness
+    count = len(begun.misfit)
+    begun = replace(begun, misfit=np.full(count, np.inf), damping=np.full(count, gauss_newton.FRESH))
+    sight = replace(of.sight, material=material)
+    return gauss_newton.iterate(begun, of.responses(light), sight, of.regions, of.seen, passes, progress)
+
+
+def _sought(
+    witness: tuple[Sample, Incident], material: Float[np.ndarray, "p 2"], progress: Progress
+) -> gauss_newton.State:
+    """Every pixel from nothing, with nothing hidden."""
+    of, light = replace(witness[0], bounce=False), witness[1]
+    sight = replace(of.sight, material=material, occlusion=None)
+    return gauss_newton.begin(
+        *global_start(of.responses(light), sight, of.seen, of.regions, CANDIDATES, progress)
+    )

@@ -1,0 +1,116 @@
+"""What a pixel's surroundings say about its gloss, before its own photographs are asked.
+
+Roughness shows only where a highlight passed; a white wall that is dull and one that is glossy and leans a little
+otherwise may explain all photographs equally well. But what looks alike is mostly of one material: pixels of the same
+albedo near by, and most of all those whose roughness is well known, tell what to expect. How far they agree
+among themselves is how far the expectation is trusted.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.progress import Progress
+from engine.surface.data.observations import Observations, aside
+from engine.surface.optimize.gauss_newton import FRESH, GLOSS, State, either, iterate
+from engine.surface.rendering.transport import Rows, Sight
+
+REACH = 0.2
+"""How far the pixels that are asked may be, in sides of a square as large as the object."""
+ASKED = 64
+ALIKE = 0.1
+"""Difference of log albedo, root mean square over the channels, that two pixels of one material may well show."""
+KNOWN = 0.03
+"""A pixel whose error is less than this has no more to say for it."""
+LEAST_SPREAD = 0.03
+FEW = 4.0
+"""So many pixels' worth of agreement, at least, before anything is expected."""
+UNEXPECTED = 1.5
+"""A pixel so many spreads off what it may expect is solved a second time, from there."""
+CHUNK = 32_768
+
+
+def reconsidered(
+    state: State,
+    responses: Rows,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    mask: Bool[np.ndarray, "h w"],
+    passes: int,
+    progress: Progress,
+) -> State:
+    """The state under what its pixels may expect; those far off it begin once more with it, and keep what explains better."""
+    state = expecting(state, expected(state, mask, sight.material))
+    mean, spread = state.gloss.T
+    surprised = np.abs(state.roughness - mean) > UNEXPECTED * spread
+    few = [part for block in parts if len(part := block[surprised[block]])]
+    other = replace(
+        state,
+        roughness=np.where(surprised, mean, state.roughness),
+        misfit=np.full(len(mean), np.inf),
+        damping=np.full(len(mean), FRESH),
+    )
+    other = iterate(other, responses, sight, few, seen, passes, progress)
+    return either(surprised & (other.misfit < state.misfit), other, state)
+
+
+def expecting(state: State, gloss: Float[np.ndarray, "p 2"]) -> State:
+    """The same where something else is expected of the roughness, its misfit and system with it."""
+    square = state.spread**2
+    (was, width), (mean, spread) = state.gloss.T, gloss.T
+    before, now = (state.roughness - was) / width, (state.roughness - mean) / spread
+    system, slope = state.system.copy(), state.slope.copy()
+    system[:, 5, 5] += square * (1 / spread**2 - 1 / width**2)
+    slope[:, 5] += square * (before / width - now / spread)
+    misfit = state.misfit + square * (now**2 - before**2)
+    return replace(state, misfit=misfit, system=system, slope=slope, gloss=gloss)
+
+
+def expected(
+    state: State, mask: Bool[np.ndarray, "h w"], material: Float[np.ndarray, "p 2"] | None = None
+) -> Float[np.ndarray, "p 2"]:
+    """Mean and spread of the roughness that every pixel may expect, `material` as in `Sight`."""
+    count = len(state.roughness)
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(ASKED)
+    reach = REACH * np.sqrt(count) * np.sqrt((np.arange(ASKED) + 0.5) / ASKED)
+    steps = np.rint(np.stack([reach * np.sin(turn), reach * np.cos(turn)], 1)).astype(int)
+    steps = np.unique(steps[(steps != 0).any(1)], axis=0)
+    answer = np.tile(np.asarray(GLOSS), (count, 1))
+    if not len(steps):  # a handful of pixels has no neighbourhood
+        return answer
+    others = aside(mask, steps)
+    logs, error = np.log(state.albedo), own_error(state)
+    for first in range(0, count, CHUNK):
+        part = slice(first, first + CHUNK)
+        other = others[part]
+        away = ((logs[other] - logs[part][:, None]) ** 2).mean(-1) / ALIKE**2
+        weight = np.exp(-away / 2) * (other >= 0) * KNOWN**2 / (error[other] ** 2 + KNOWN**2)
+        if material is not None:
+            weight = weight * (material[other, 1] == material[part, None, 1])
+        told = state.roughness[other]
+        mean = weighted_median(told, weight)
+        spread = 1.4826 * weighted_median(np.abs(told - mean[:, None]), weight)
+        enough = weight.sum(1) > FEW
+        found = np.stack([mean, np.maximum(spread, LEAST_SPREAD)], 1)
+        answer[part] = np.where(enough[:, None], found, answer[part])
+    return answer
+
+
+def own_error(state: State) -> Float[np.ndarray, " p"]:
+    """Standard error of the roughness by the photographs alone; 1 at most."""
+    alone = expecting(state, np.tile([0.0, np.inf], (len(state.roughness), 1))).system
+    square = np.maximum(state.spread, 1.0)[:, None, None] ** 2
+    variance = np.linalg.inv(alone / square + 1e-6 * np.eye(6))[:, 5, 5]
+    return np.sqrt(np.clip(np.where(variance > 0, variance, 1), 0, 1))
+
+
+def weighted_median(
+    values: Float[np.ndarray, "p k"], weight: Float[np.ndarray, "p k"]
+) -> Float[np.ndarray, " p"]:
+    """Along the second axis."""
+    order = np.argsort(values, axis=1)
+    total = np.cumsum(np.take_along_axis(weight, order, 1), axis=1)
+    at = (total < total[:, -1:] / 2).sum(1).clip(0, values.shape[1] - 1)
+    return np.take_along_axis(values, np.take_along_axis(order, at[:, None], 1), 1)[:, 0]

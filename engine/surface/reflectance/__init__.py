@@ -1,0 +1,1 @@
+"""The BRDF, as a kernel and in torch."""

@@ -1,0 +1,1 @@
+"""How pixels answer the light: transport, area lights, interreflection."""

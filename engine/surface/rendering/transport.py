@@ -1,0 +1,407 @@
+"""What the light does at every pixel, in all views at once: I = E T.
+
+Camera and object are rigid, so a pixel's rows T (reflectance, cosine, visibility for every direction) are
+the same in all views and the pictures follow from one matrix product with the incident energy E. E is known
+at a small lattice of probe points around the object and interpolated to every pixel: the pixels of a block share the
+mean of their light, which is all that small changes of their rows are told under, and two or three ways in which it
+differs among them (decision 42). Lamps are left out of E and shine on every pixel from their own place (`area_lights`).
+
+Camera frame throughout; energies are radiance times solid angle; arrays over views keep (view, channel)
+flattened to one axis `v` = 3 n, view-major.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol, no_type_check, runtime_checkable
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.geometry import fibonacci_sphere, unproject
+from engine.parallel import abreast
+from engine.surface.reflectance.brdf import lobe_floor, of_pixels, rows_into
+from engine.surface.rendering.area_lights import Near
+from engine.surface.visibility.ray_visibility import Occlusion, owned
+from engine.types import Camera
+
+BLOCK = 16
+"""Pixels along one side of a block that shares products with one light."""
+UNEVEN = 0.01
+"""What the probes' weights may be off at the pixels of a block, root mean square; the light differs in as many ways as that takes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """Probe points on a regular lattice in (x / z, y / z, log z) that encloses the object."""
+
+    low: Float[np.ndarray, " 3"]  # x / z, y / z, z
+    high: Float[np.ndarray, " 3"]
+    shape: tuple[int, int, int]
+
+    def depths(self) -> Float[np.ndarray, " k"]:
+        """z of the lattice's layers."""
+        if self.shape[2] == 1:
+            return np.array([np.sqrt(self.low[2] * self.high[2])])
+        return np.geomspace(self.low[2], self.high[2], self.shape[2])
+
+    def points(self) -> Float[np.ndarray, "m 3"]:
+        """The probes, camera frame, last lattice axis fastest."""
+        axes = [
+            np.linspace(lo, hi, k) if k > 1 else np.array([(lo + hi) / 2])
+            for lo, hi, k in zip(self.low[:2], self.high[:2], self.shape[:2], strict=True)
+        ]
+        x, y, z = np.meshgrid(*axes, self.depths(), indexing="ij")
+        return np.stack([x * z, y * z, z], -1).reshape(-1, 3)
+
+    def weights(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p m"]:
+        """Trilinear weights of the probes at some points; points outside take the nearest face's values."""
+        at = np.stack([points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], np.log(points[:, 2])])
+        low, high = (
+            np.append(self.low[:2], np.log(self.low[2])),
+            np.append(self.high[:2], np.log(self.high[2])),
+        )
+        every, per_axis = np.arange(len(points)), []
+        for i, count in enumerate(self.shape):
+            axis = np.zeros((len(points), count))
+            if count == 1:
+                axis[:] = 1
+            else:
+                t = np.clip((at[i] - low[i]) / (high[i] - low[i]), 0, 1) * (count - 1)
+                k = np.minimum(t.astype(int), count - 2)
+                axis[every, k], axis[every, k + 1] = 1 - (t - k), t - k
+            per_axis.append(axis)
+        return np.einsum("pi,pj,pk->pijk", *per_axis).reshape(len(points), -1)
+
+
+def lattice_around(
+    camera: Camera, mask: Bool[np.ndarray, "h w"], depth: tuple[float, float], shape: tuple[int, int, int]
+) -> Lattice:
+    """The lattice that spans the mask's bounding box and the depth range."""
+    v, u = np.nonzero(mask)
+    corners = np.array([[u.min(), v.min()], [u.max() + 1.0, v.max() + 1.0]], dtype=float)
+    xy = unproject(camera, corners)
+    return Lattice(np.append(xy.min(0), depth[0]), np.append(xy.max(0), depth[1]), shape)
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True)
+@no_type_check
+def _mixed(energy, probes, weights):
+    """Weighted sums of some probes' energy, four probes at a time: so one pass over a row of sums serves all four."""
+    directions, size = energy.shape[1], energy.shape[2]
+    count, out = len(probes), np.zeros((len(weights), directions, size), np.float32)
+    for d in range(directions):
+        for j in range(len(weights)):
+            row = out[j, d]
+            for k in range(0, count - 3, 4):
+                a, b, c, e = weights[j, k], weights[j, k + 1], weights[j, k + 2], weights[j, k + 3]
+                one, two = energy[probes[k], d], energy[probes[k + 1], d]
+                three, four = energy[probes[k + 2], d], energy[probes[k + 3], d]
+                for v in range(size):
+                    row[v] += a * one[v] + b * two[v] + c * three[v] + e * four[v]
+            for k in range(count - count % 4, count):
+                a, one = weights[j, k], energy[probes[k], d]
+                for v in range(size):
+                    row[v] += a * one[v]
+    return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Incident:
+    """The light at the lattice: energy per view and direction cell, view-major in the last axis; and the lamps."""
+
+    lattice: Lattice
+    directions: Float[np.ndarray, "d 3"]  # camera frame
+    energy: Float[np.ndarray, "m d v"]  # float32, radiance times solid angle; of all that is no lamp
+    near: Near
+
+    def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
+        """Energy at a point of the camera frame, without the lamps."""
+        return self._sums(self.lattice.weights(point[None]))[0]
+
+    def among(
+        self, points: Float[np.ndarray, "p 3"]
+    ) -> tuple[Float[np.ndarray, "d v"], Float[np.ndarray, "r d v"], Float[np.ndarray, "p r"]]:
+        """The mean energy of some points, without the lamps, the ways in which theirs differs from it, and how much each
+        point's does so in each way."""
+        middle, ways, apart = self.shares(points)
+        sums = self._sums(np.concatenate([middle[None], ways]))
+        return sums[0], sums[1:], apart
+
+    def shares(
+        self, points: Float[np.ndarray, "p 3"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "r m"], Float[np.ndarray, "p r"]]:
+        """The probes' weights in the first two of `among`, and its third: the principal components of the weights at the points."""
+        weights = self.lattice.weights(points)
+        middle = weights.mean(0)
+        apart = weights - middle
+        strength, ways = np.linalg.eigh(apart.T @ apart / len(points))
+        # The rest is what the weakest leave out, which come first.
+        told = np.sqrt(np.cumsum(np.maximum(strength, 0))) > UNEVEN
+        ways = ways.T[told]
+        return middle, ways, (apart @ ways.T).astype(np.float32)
+
+    def _sums(self, weights: Float[np.ndarray, "j m"]) -> Float[np.ndarray, "j d v"]:
+        probes = np.nonzero(weights.any(0))[0]
+        return _mixed(self.energy, probes, weights[:, probes].astype(np.float32))
+
+    def views(self, index: Int[np.ndarray, " k"]) -> "Incident":
+        """The same light for some of its views."""
+        m, d, v = self.energy.shape
+        energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
+        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy), self.near.views(index))
+
+    def beside(self, other: "Incident") -> "Incident":
+        """Its views, and another's after them, at the same probes."""
+        energy = np.concatenate([self.energy, other.energy], 2)
+        return Incident(self.lattice, self.directions, energy, self.near.beside(other.near))
+
+
+def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
+    """Indices (into the mask's pixels in row order) of each block's pixels."""
+    v, u = np.nonzero(mask)
+    tile = (v // BLOCK) * (mask.shape[1] // BLOCK + 1) + u // BLOCK
+    order = np.argsort(tile, kind="stable")
+    cuts = np.nonzero(np.diff(tile[order]))[0] + 1
+    return [part.astype(np.int64) for part in np.split(order, cuts)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """Where the pixels' points are, what they are made of, and what they see of the object itself."""
+
+    points: Float[np.ndarray, "p 3"]
+    views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
+    occlusion: Occlusion | None  # None: nothing hides anything
+    cast_z: Float[np.ndarray, " p"] | None = None  # z of the depth that hides, where points do not follow it
+    material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
+
+    def middle(self, pixels: Int[np.ndarray, " k"]) -> Float[np.ndarray, " 3"]:
+        """The mean direction to the camera of a few pixels, unit."""
+        middle = self.views[pixels].mean(0)
+        return middle / np.linalg.norm(middle)
+
+    def at(self, scale: float) -> "Sight":
+        """The same with the object so many times as far away: what hides what does not change."""
+        cast_z = None if self.cast_z is None else self.cast_z * scale
+        occlusion = self.occlusion and self.occlusion.at(scale)
+        return replace(self, points=self.points * scale, occlusion=occlusion, cast_z=cast_z)
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True)
+@no_type_check
+def _bounce(table, start, direction, source, photographed, walls, cell, variants, out):
+    """Move each occluded entry's light from the room's to what the photograph saw there, or to what walls throw.
+
+    Rows are the variants of every pixel, diffuse and then specular: each row of light is read once for all.
+    """
+    pixels, known = len(start) - 1, len(photographed)
+    for p in range(pixels):
+        for k in range(start[p], start[p + 1]):
+            d, q = direction[k], source[k]
+            if d < 0:
+                continue
+            light = walls[q - known] if q >= known else photographed[max(q, 0)]
+            for half in range(2):
+                for row in range((half * pixels + p) * variants, (half * pixels + p + 1) * variants):
+                    t = table[row, d] * cell
+                    table[row, d] = 0
+                    if t != 0 and q >= 0:
+                        for v in range(out.shape[1]):
+                            out[row, v] += t * light[v]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Some neighbouring pixels and what reaches them, whatever their normals and roughness are.
+
+    `hidden` as `Occlusion.of` has it.
+    """
+
+    points: Float[np.ndarray, "p 3"]
+    views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
+    energy: Float[np.ndarray, "d v"]  # the light they share: the mean of all but the lamps
+    ways: Float[np.ndarray, "r d v"]  # in which it differs among them
+    apart: Float[np.ndarray, "p r"]  # how far each pixel's does so in each
+    hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
+    lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
+    material: Float[np.ndarray, "p 2"] | None = None  # as in `Sight`
+
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "Block":
+        """The same of a few of them; the light they share stays that of all."""
+        hidden = None if self.hidden is None else owned(self.hidden, pixels)
+        material = of_pixels(self.material, pixels)
+        return Block(
+            self.points[pixels], self.views[pixels], self.energy, self.ways, self.apart[pixels], hidden,
+            self.lamps[pixels], material,
+        )  # fmt: skip
+
+    def under(self, energy: Float[np.ndarray, "d v"]) -> "Block":
+        """The same under another light, which is the same for all of them."""
+        ways, apart = np.zeros((0, *energy.shape), np.float32), self.apart[:, :0]
+        return replace(self, energy=energy, ways=ways, apart=apart)
+
+
+@runtime_checkable
+class Light(Protocol):
+    """What the rows of a block are multiplied with."""
+
+    def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
+        """The light at a point of the camera frame; `d` counts directions or other functions on the sphere."""
+        ...
+
+
+@runtime_checkable
+class Rows(Protocol):
+    """What search and Gauss-Newton ask of a model of reflectance and light: `Responses`, or a poorer one."""
+
+    @property
+    def incident(self) -> Light:
+        """The light."""
+        ...
+
+    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+        """What reaches a block of pixels."""
+        ...
+
+    def __call__(
+        self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
+    ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
+        """(diffuse, specular) of `k` variants of each of the block's pixels, which lean little from the first; no albedo
+        applied."""
+        ...
+
+
+class Responses:
+    """Diffuse and specular responses of blocks of pixels in every view, under one light."""
+
+    def __init__(
+        self,
+        incident: Incident,
+        photographed: Float[np.ndarray, "q v"],
+        full_diffuse: bool,
+        bounce: bool,
+        device: str,
+        walls: Float[np.ndarray, "w v"] | None = None,
+    ):
+        """`photographed` and `walls` (what `interreflection.lit` says of the sight's; None: it has none) throw light."""
+        self.incident = incident
+        self.photographed = photographed
+        self.walls = np.zeros((0, photographed.shape[1]), np.float32) if walls is None else walls
+        self.bounce = bounce
+        self.full_diffuse = full_diffuse
+        self.device = device
+        self.towards = incident.directions.T.astype(np.float32)
+        self.floor = lobe_floor(len(incident.directions))
+        self.cell = np.float32(4 * np.pi / len(incident.directions))
+
+    def check(self, sight: Sight) -> None:
+        """Whether what throws light is what this sight knows.
+
+        Raises:
+            ValueError: the sight knows other walls than were lit.
+        """
+        hides = sight.occlusion and sight.occlusion.walls
+        if self.bounce and len(self.walls) != (len(hides.points) if hides else 0):
+            raise ValueError(f"{len(self.walls)} walls are lit, but not those that the sight knows")
+
+    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+        """What reaches a block of pixels.
+
+        Raises:
+            ValueError: the sight knows other walls than were lit.
+        """
+        self.check(sight)
+        points = sight.points[pixels]
+        hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
+        lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
+        material = of_pixels(sight.material, pixels)
+        return Block(points, sight.views[pixels], *self.incident.among(points), hidden, lamps, material)
+
+    def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
+        """All the light a block of pixels shares, with the lamps as its middle sees them."""
+        middle = sight.points[pixels].mean(0)
+        return self.incident.at(middle) + self.incident.near.spread(middle)
+
+    def __call__(
+        self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
+    ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
+        """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied. What sets a pixel's light apart
+        from the block's is told for its first variant, and taken to be the same for the others."""
+        count, variants = roughness.shape
+        # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
+        first = normals[:, 0].astype(np.float32)
+        lean = np.linalg.norm(normals - normals[:, :1], axis=2).max()
+        kept = np.nonzero((first @ self.towards).max(0) > -lean)[0]
+        hidden = None
+        if block.hidden is not None:
+            start, direction, source = block.hidden
+            if not self.bounce:
+                source = np.full_like(source, -1)
+            column = np.full(self.towards.shape[1], -1, np.int32)
+            column[kept] = np.arange(len(kept))
+            hidden = start, column[direction], source
+        material = None if block.material is None else np.repeat(block.material, variants, 0)
+        answer = self._products(
+            normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0), material,
+            self.incident.directions[kept], block.energy[kept], hidden, variants,
+            [(way[kept], block.apart[:, j]) for j, way in enumerate(block.ways)],
+        )  # fmt: skip
+        diffuse, specular = answer.reshape(2, count, variants, -1)
+        self.incident.near.add(
+            block.points,
+            block.views,
+            normals,
+            roughness,
+            block.lamps,
+            self.full_diffuse,
+            diffuse,
+            specular,
+            block.material,
+        )
+        return diffuse, specular
+
+    def _products(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
+        size, d = len(normals), len(directions)
+        table = np.empty((2 * size, d), np.float32)
+        everything = np.ones((size, d), np.uint8)
+        rows_into(
+            normals, roughness, views, material, directions, everything, self.full_diffuse, self.floor,
+            table[:size], table[size:],
+        )  # fmt: skip
+        if hidden is None or not len(hidden[1]):
+            out = table @ energy
+        else:
+            start, column, source = hidden
+            out = np.zeros((2 * size, energy.shape[1]), np.float32)
+            _bounce(table, start, column, source, self.photographed, self.walls, self.cell, variants, out)
+            out += table @ energy
+        if ways:
+            first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
+            every += np.sum([(first @ way) * np.tile(apart, 2)[:, None] for way, apart in ways], 0)[:, None]
+        return out
+
+
+def direction_cells(count: int) -> Float[np.ndarray, "d 3"]:
+    """The direction grid of the solver, camera frame."""
+    return fibonacci_sphere(count)
+
+
+def predict(
+    responses: Responses,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    normals: Float[np.ndarray, "p 3"],
+    albedo: Float[np.ndarray, "p 3"],
+    roughness: Float[np.ndarray, " p"],
+) -> Iterator[tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b n 3"]]]:
+    """Re-rendered radiance of each block of pixels in every view of the responses' light."""
+
+    def sent(pixels: Int[np.ndarray, " b"]) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b n 3"]]:
+        diffuse, specular = responses(
+            responses.block(sight, pixels), normals[pixels][:, None], roughness[pixels][:, None]
+        )
+        shape = (len(pixels), -1, 3)
+        return pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)
+
+    yield from abreast(sent, parts)

@@ -1,0 +1,123 @@
+"""How far each pixel can be trusted: standard errors from its own Gauss-Newton system and from parts of the views, and flags.
+
+The system's covariance is (J^T W J)^-1 times the squared spread of the weighted residuals where that exceeds one. It takes residuals for
+independent, which those of neighbouring views and of the three channels are not: they look at one and the same error of
+the light. So the answer is also asked what it would be without each of a few stretches of the views (delete-a-group
+jackknife: Shao, Tu, "The Jackknife and Bootstrap", 1995, ch. 2), one Gauss-Newton step each. What is wrong
+alike in all views, neither can know: of the light `Doubt` tells it, of what hides the room `horizon_uncertainty`. Radians for
+normals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from scipy.spatial import KDTree
+
+from engine.progress import Progress
+from engine.surface.data.observations import Observations
+from engine.surface.optimize.gauss_newton import State, by_stretches, reduced, regular
+from engine.surface.optimize.spatial_regularization import Answers
+from engine.surface.rendering.transport import Rows, Sight
+
+GRAZING, SHADOWED, SATURATED, ILL, GUESSED = 1, 2, 4, 8, 16
+FLAGS = {
+    "grazing": GRAZING, "shadowed": SHADOWED, "saturated": SATURATED, "ill_conditioned": ILL,
+    "guessed_light": GUESSED,
+}  # fmt: skip
+"""The bits of `Surface.flags` by name."""
+GRAZING_COSINE = 0.2
+HIDDEN_SHARE = 0.5
+SATURATED_SHARE = 0.25
+GUESSED_SHARE = 0.1
+ILL_NORMAL = np.radians(10.0)
+STRETCHES = 8
+"""So many that each still holds a whole turn of neighbouring views, and few enough to be cheap."""
+ALIKE = 8
+"""Pixels of the most alike normals that tell what the light's doubt is worth."""
+FEW = np.array([2.0, 2.0, 1.46, 1.46, 1.46, 1.46])
+"""A variance from 8 pieces is itself uncertain: the squared ratio of the 95 % bounds, Hotelling's T over chi for the two of
+a normal, Student's t over the normal law for the rest (7 degrees of freedom)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Confidence:
+    """One standard error per quantity and the flags of `Surface.flags`."""
+
+    normal: Float[np.ndarray, " p"]  # radians, root of the two tangent variances' sum
+    albedo: Float[np.ndarray, " p"]  # mean over channels
+    roughness: Float[np.ndarray, " p"]
+    flags: UInt8[np.ndarray, " p"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Doubt:
+    """What some pixels' unknowns vary by, as the light is not wholly known; neighbours by normal speak for a pixel."""
+
+    normals: Float[np.ndarray, "q 3"]
+    variance: Float[np.ndarray, "q 6"]
+
+    def of(self, normals: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 6"]:
+        """Variances of pixels of these normals."""
+        near = KDTree(self.normals).query(normals, min(ALIKE, len(self.normals)))[1]
+        return self.variance[near.reshape(len(normals), -1)].mean(1)
+
+
+def formal(system: Float[np.ndarray, "p 6 6"], spread: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 6"]:
+    """Variances that the system gives if residuals are independent."""
+    variance = np.einsum("pii->pi", np.linalg.inv(regular(system)))
+    return np.maximum(variance * np.maximum(spread, 1.0)[:, None] ** 2, 0)
+
+
+def jackknifed(
+    state: State,
+    responses: Rows,
+    sight: Sight,
+    parts: list[Int[np.ndarray, " _"]],
+    seen: Observations,
+    progress: Progress,
+) -> tuple[State, Float[np.ndarray, "p 6"]]:
+    """The state with its residuals' spread measured, and its variances by leaving out stretches of the views, no less than the
+    formal ones."""
+    state, systems, slopes = by_stretches(state, responses, sight, parts, seen, STRETCHES, progress)
+    system, slope = systems.sum(1), slopes.sum(1)
+    without = np.stack([
+        np.linalg.solve(regular(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
+        for k in range(STRETCHES)
+    ])  # fmt: skip
+    variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
+    return state, np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
+
+
+def unsettled(coarse: State, state: State) -> Float[np.ndarray, "p 6"]:
+    """Variances of the unknowns of an object that has not come to rest: the squares of how far they have come since the `coarse`
+    answer.
+
+    What separates an answer from that on half the pixels, some rounds before, is about what still separates it from the one that
+    it is on its way to (Roache, "Perspective: A Method for Uniform Reporting of Grid Refinement Studies", 1994).
+    """
+    before, now = (Answers.of(x) for x in (coarse, state))
+    return now.offsets(before) ** 2
+
+
+def confidence(
+    state: State,
+    variance: Float[np.ndarray, "p 6"],
+    seen: Observations,
+    sight: Sight,
+    guessed: Float[np.ndarray, " p"],
+) -> Confidence:
+    """Standard errors and flags at the solver's answer, given the variances of its unknowns; `guessed` is the share of
+    each pixel's light that comes from what no photograph shows."""
+    normal = np.minimum(np.sqrt(variance[:, 0] + variance[:, 1]), np.pi / 2)
+    albedo = (np.sqrt(variance[:, 2:5]) * state.albedo).mean(1)
+    roughness = np.sqrt(variance[:, 5])
+    flags = np.zeros(len(normal), np.uint8)
+    cosine = (state.normals * sight.views).sum(1)
+    flags[(cosine < GRAZING_COSINE) | seen.edge] |= GRAZING
+    if sight.occlusion is not None:
+        flags[sight.occlusion.share > HIDDEN_SHARE] |= SHADOWED
+    flags[seen.saturated > SATURATED_SHARE] |= SATURATED
+    flags[normal > ILL_NORMAL] |= ILL
+    flags[guessed > GUESSED_SHARE] |= GUESSED
+    return Confidence(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)

@@ -1,0 +1,1 @@
+"""What the object hides of the room and of itself."""

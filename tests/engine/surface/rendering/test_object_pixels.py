@@ -1,0 +1,331 @@
+"""The pixel solver on pictures from its own model: it must undo what it can do.
+
+Own pictures test the machinery only (search, steps, visibility, bounce); accuracy is claimed from path-traced
+sets elsewhere.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.errors import SurfaceError
+from engine.geometry import rays
+from engine.progress import Progress
+from engine.surface.data.observations import observe
+from engine.surface.data.pyramid import doubled, finer, halved
+from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.neighbour_propagation import ask
+from engine.surface.params import BOUNDS, OR_NONE, SurfaceParams
+from engine.surface.passes import improve
+from engine.surface.rendering.area_lights import Near
+from engine.surface.rendering.object_pixels import depth_of, image, search, sight_of, subject
+from engine.surface.rendering.transport import (
+    Incident,
+    Lattice,
+    Responses,
+    Sight,
+    blocks,
+    direction_cells,
+    lattice_around,
+    predict,
+)
+from engine.surface.visibility.ray_visibility import occlusion
+from engine.types import Camera, Frames
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+
+
+@pytest.mark.parametrize(("name", "least"), [(name, least) for name, (least, _) in BOUNDS.items()])
+def test_less_than_a_solve_needs_is_refused_as_it_is_asked(name: str, least: float) -> None:
+    params = SurfaceParams()
+    assert getattr(replace(params, **{name: least}), name) == least
+    less = least - 1
+    with pytest.raises(SurfaceError, match=rf"^surface\.{name} is {less}; give {least:.10g} or more$"):
+        replace(params, **{name: less})
+    if name in OR_NONE:
+        assert getattr(replace(params, **{name: 0}), name) == 0
+
+
+def light_of_lamps(rng: np.random.Generator, views: int, d: int) -> Incident:
+    """Every view sees a dim room and three soft lamps somewhere else."""
+    directions = direction_cells(d)
+    energy = np.full((1, d, views, 3), 0.2)
+    for n in range(views):
+        for _ in range(3):
+            lamp = rng.normal(size=3)
+            lamp /= np.linalg.norm(lamp)
+            energy[0, :, n] += np.exp(20 * (directions @ lamp - 1))[:, None] * rng.uniform(2, 6, 3)
+    lattice = Lattice(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
+    energy = (energy * 4 * np.pi / d).reshape(1, d, -1).astype(np.float32)
+    return Incident(lattice, directions, energy, Near.none(views, d))
+
+
+def ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r, centre, radius = rays(CAMERA), np.array([0, 0, 0.6]), 0.17
+    b = r @ centre
+    disc = b * b - (centre @ centre - radius**2)
+    mask = disc > 2e-3
+    points = r * (b - np.sqrt(np.maximum(disc, 0)))[..., None]
+    return mask, (points - centre) / radius, points
+
+
+def pictures_of_a_ball(rng: np.random.Generator, views: int, light: Incident) -> tuple[Frames, np.ndarray]:
+    """What the model itself says of a ball of one paint; and the ball's mask."""
+    mask, normals, points = ball()
+    count = int(mask.sum())
+    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
+    responses = Responses(light, np.zeros((count, 3 * views), np.float32), True, False, "cpu")
+    flat = np.zeros((count, views, 3), np.float32)
+    albedo, roughness = np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45)
+    for pixels, answer in predict(responses, sight, blocks(mask), normals[mask], albedo, roughness):
+        flat[pixels] = answer
+    radiance = np.zeros((views, 48, 64, 3), np.float32)
+    radiance[:, mask] = flat.transpose(1, 0, 2)
+    nothing = np.zeros(radiance.shape[:3], bool)
+    return Frames(tuple(map(str, range(views))), radiance, nothing, nothing, (1e-6, 1e-6)), mask
+
+
+PARAMS = SurfaceParams(directions=400, visibility=False, bounce=False, candidates=150)
+
+
+@pytest.mark.parametrize("device", ["cpu", "meta-cpu"])
+def test_solver_undoes_its_own_pictures(device: str):
+    # For `improve` any torch device but "cpu" takes the torch path; torch's own CPU device runs it without a GPU.
+    device = "cpu:0" if device == "meta-cpu" else "cpu"
+    rng = np.random.default_rng(0)
+    light = light_of_lamps(rng, 24, 400)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
+    state = search(who, light, who.flat(0.5), PARAMS, Progress())
+    for _ in range(2):
+        sight = sight_of(
+            who, state, depth_of(who, state, 0.5, Progress()), light.directions, PARAMS, Progress()
+        )
+        state = improve(who, state, light, sight, PARAMS, device, Progress())
+    error = np.degrees(np.arccos(np.clip((state.normals * ball()[1][mask]).sum(-1), -1, 1)))
+    assert np.median(error) < 0.2
+    assert np.median(np.abs(state.albedo - [0.6, 0.4, 0.3])) < 0.01
+    assert np.median(np.abs(state.roughness - 0.45)) < 0.02
+
+
+@pytest.mark.parametrize("robust", [True, False])
+def test_robust_weights_forgive_a_few_false_views(robust: bool):
+    rng = np.random.default_rng(5)
+    light = light_of_lamps(rng, 24, 300)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    frames.radiance[:3] *= 3.0  # as if something had shone into three views
+    params = replace(PARAMS, directions=300, ask=False, robust=robust)
+    who = subject(frames, mask, CAMERA, np.arange(24), params)
+    truth = ball()[1][mask]
+    state = gauss_newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45))
+    state = improve(who, state, light, who.flat(0.5), params, "cpu", Progress())
+    error = np.degrees(np.arccos(np.clip((state.normals * truth).sum(1), -1, 1)))
+    assert (np.median(error) < 1) == robust
+    assert (np.median(error) > 3) == (not robust)
+
+
+def test_points_that_do_not_follow_the_depth_lie_in_a_plane_and_are_hidden_as_it_says():
+    rng = np.random.default_rng(6)
+    light = light_of_lamps(rng, 8, 300)
+    frames, mask = pictures_of_a_ball(rng, 8, light)
+    who = subject(frames, mask, CAMERA, np.arange(8), PARAMS)
+    _, normals, points = ball()
+    state = gauss_newton.begin(
+        normals[mask], np.full((len(normals[mask]), 3), 0.4), np.full(int(mask.sum()), 0.5)
+    )
+    depth = np.where(mask, points[..., 2], 0.0)
+    follows, flat = (
+        sight_of(who, state, depth, light.directions, replace(SurfaceParams(), follow_depth=on), Progress())
+        for on in (True, False)
+    )
+    np.testing.assert_allclose(follows.points, points[mask])
+    np.testing.assert_allclose(flat.points[:, 2], depth[mask].mean())
+    assert follows.cast_z is None
+    np.testing.assert_allclose(flat.cast_z, depth[mask])
+    np.testing.assert_allclose(flat.at(1.5).cast_z, 1.5 * depth[mask])
+    assert follows.occlusion is not None
+    assert flat.occlusion is not None
+    np.testing.assert_array_equal(follows.occlusion.direction, flat.occlusion.direction)
+
+
+def test_a_pixel_in_a_wrong_valley_is_led_out_by_its_neighbours():
+    rng = np.random.default_rng(1)
+    light = light_of_lamps(rng, 24, 400)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
+    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
+    truth = ball()[1][mask]
+    count = len(truth)
+    lost = rng.permutation(count)[: count // 10]
+    start = truth.copy()
+    start[lost] = [0.0, 0.0, -1.0]
+    start[lost] += rng.normal(0, 0.7, (len(lost), 3)) * [1, 1, 0]
+    start /= np.linalg.norm(start, axis=1, keepdims=True)
+    state = gauss_newton.begin(start, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45))
+    state = gauss_newton.respread(state, responses, sight, parts, who.seen)
+    state = gauss_newton.iterate(state, responses, sight, parts, who.seen, 1, Progress())
+    led = ask(who, state, light, sight, PARAMS, Progress())
+    cosine = (led.normals * truth).sum(1)
+    worse = (cosine < (state.normals * truth).sum(1) - 1e-9)[lost]
+    assert np.median(cosine[lost]) > np.cos(np.radians(12))
+    assert worse.mean() < 0.05
+    assert np.abs(led.albedo[lost] - [0.6, 0.4, 0.3]).mean() < 0.1
+
+
+def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_its_pixels():
+    rng = np.random.default_rng(2)
+    frames, mask = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 400))
+    fewer, small, camera = halved(frames, mask, CAMERA)
+    assert fewer.radiance.shape == (8, 24, 32, 3)
+    assert (camera.width, camera.fx) == (32, 30.0)
+    inner = small & (mask[::2, ::2] & mask[1::2, ::2] & mask[::2, 1::2] & mask[1::2, 1::2])
+    mean = frames.radiance.reshape(8, 24, 2, 32, 2, 3).mean((2, 4))
+    np.testing.assert_allclose(fewer.radiance[:, inner], mean[:, inner], rtol=1e-5)
+    where = np.stack(np.nonzero(small), 1).astype(float)
+    state = gauss_newton.begin(
+        np.tile([0.0, 0.0, -1.0], (len(where), 1)), where[:, [0, 1, 1]] / 64, where[:, 0] / 24
+    )
+    params, some = SurfaceParams(), np.arange(8)
+    half = subject(fewer, small, camera, some, params)
+    towards = direction_cells(200)
+    flat = half.flat(0.5)
+    ball = image(small, flat.points) - np.array([0, 0, 0.1])
+    hidden = occlusion(ball, image(small, -half.rays), small, towards, Progress())
+    known = Sight(flat.points, flat.views, hidden)
+    whole = subject(frames, mask, CAMERA, some, params)
+    made = np.stack([np.full(len(where), 0.5), np.arange(len(where)) % 2], 1)
+    half = replace(half, material=made)
+    who, full, depth, sight = finer(whole, half, state, known, 0.5, Progress())
+    assert who.material is not None
+    np.testing.assert_array_equal(who.material, made[doubled(small, mask)])
+    assert sight.material is who.material
+    row = np.nonzero(mask)[0]
+    assert np.abs(full.roughness * 24 - row // 2).max() <= 1
+    np.testing.assert_allclose(sight.points[:, 2], depth[mask])
+    assert depth[mask].mean() == pytest.approx(0.5, rel=1e-3)
+    # What hides the room from a pixel of half the size does so from all four, and is one of what it was made of.
+    index, found = doubled(small, mask), sight.occlusion
+    assert found is not None
+    assert len(hidden.direction)
+    for p in range(0, len(index), 7):
+        of, own = slice(*hidden.start[index[p] : index[p] + 2]), slice(*found.start[p : p + 2])
+        np.testing.assert_array_equal(found.direction[own], hidden.direction[of])
+        behind = found.source[own]
+        np.testing.assert_array_equal(np.where(behind >= 0, index[behind], -1), hidden.source[of])
+
+
+def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
+    mask = np.ones((48, 64), bool)
+    q = rays(CAMERA)
+    q = q / q[..., 2:]
+    z = np.where(np.arange(64) < 32, 0.5, 0.505)[None].repeat(48, 0)
+    z[:, 32:] = 0.52
+    # The riser itself is seen as one column of strongly tilted facets.
+    points = q * z[..., None]
+    normals = np.zeros((48, 64, 3))
+    normals[..., 2] = -1
+    directions = direction_cells(500)
+    hidden = occlusion(points, normals, mask, directions, Progress())
+    share = hidden.share.reshape(48, 64)
+    assert share[24, 33] > 0.03
+    assert share[24, 60] < 0.3 * share[24, 33]
+    assert share[24, 5] < 1e-3
+    start, direction, source = hidden.of(np.array([24 * 64 + 33]))
+    assert start[-1] == len(direction)
+    above = directions[direction][:, 2] < 0
+    assert (directions[direction][above, 0] < 0).mean() > 0.9
+    assert ((source[above] % 64) <= 33).all()
+    # Just below the horizon of flat ground there is ground.
+    _, direction, _ = hidden.of(np.array([24 * 64 + 16]))
+    below = np.flatnonzero((directions[:, 2] > 0.2) & (directions[:, 2] < 0.5))
+    assert np.isin(below, direction).all()
+    assert not (directions[direction][:, 2] > 0.5).any()
+
+
+def test_lattice_weights_sum_to_one_and_interpolate_log_depth_exactly():
+    mask = np.zeros((48, 64), bool)
+    mask[10:40, 20:50] = True
+    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    points = lattice.points()
+    for point in ([0.0, 0.0, 0.5], [0.02, -0.03, 0.45]):
+        weights = lattice.weights(np.array(point)[None])[0]
+        assert weights.sum() == pytest.approx(1)
+        assert weights @ np.log(points[:, 2]) == pytest.approx(np.log(point[2]))
+
+
+def test_blocks_cover_every_pixel_once():
+    mask, _, _ = ball()
+    together = np.concatenate(blocks(mask))
+    np.testing.assert_array_equal(np.sort(together), np.arange(mask.sum()))
+
+
+def light_that_varies(lattice: Lattice, views: int, d: int) -> Incident:
+    """Every view sees a lamp of its own that stands near, where the probes see it each elsewhere."""
+    directions = direction_cells(d)
+    lamps = np.random.default_rng(3).normal(size=(views, 3)) * 0.3 + [0, 0, -0.4]
+    energy = np.zeros((len(lattice.points()), d, views, 3), np.float32)
+    for k, point in enumerate(lattice.points()):
+        for n, lamp in enumerate(lamps - point):
+            far = np.linalg.norm(lamp)
+            energy[k, :, n] = (np.exp(9 * (directions @ lamp / far - 1)) / far**2)[:, None] * [3, 2, 1]
+    return Incident(lattice, directions, energy.reshape(len(energy), d, -1), Near.none(views, d))
+
+
+def test_every_pixel_of_a_block_answers_the_light_at_its_own_place():
+    mask, normals, points = ball()
+    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    light = light_that_varies(lattice, 5, 400)
+    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
+    responses = Responses(light, np.zeros((int(mask.sum()), 15), np.float32), True, False, "cpu")
+    pixels = max(blocks(mask), key=len)
+    leaning, rough, _ = gauss_newton.variants(normals[mask][pixels], np.full(len(pixels), 0.3))
+    together = responses.block(sight, pixels)
+    assert 0 < len(together.ways) < len(lattice.points()) / 2
+
+    def sent(block, some) -> np.ndarray:
+        diffuse, specular = responses(block, leaning[some], rough[some])
+        return 0.5 * diffuse + specular
+
+    alone = np.concatenate([sent(responses.block(sight, pixels[[i]]), [i]) for i in range(len(pixels))])
+    everyone = np.arange(len(pixels))
+    off, by_the_mean = (
+        np.abs(sent(block, everyone) / alone - 1) for block in (together, together.under(together.energy))
+    )
+    assert off.mean() < 0.003 < 0.02 < by_the_mean.mean()
+    np.testing.assert_allclose(
+        sent(together.part(everyone[::7]), everyone[::7]), sent(together, everyone)[::7], 1e-4
+    )
+
+
+def test_pixels_at_one_place_share_one_light_and_no_ways_it_differs():
+    mask, _, points = ball()
+    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    light = light_that_varies(lattice, 2, 200)
+    point = points[mask][:1]
+    energy, ways, apart = light.among(np.repeat(point, 9, 0))
+    assert len(ways) == apart.shape[1] == 0
+    np.testing.assert_allclose(energy, light.at(point[0]), rtol=1e-6)
+
+
+def test_a_rim_s_pixels_know_what_is_beside_them_unless_it_is_dark():
+    mask = np.zeros((6, 8), bool)
+    # Cut off by the picture's left side: nothing is photographed beside it there.
+    mask[1:5, 0:6] = True
+    radiance = np.full((3, 6, 8, 3), 0.2, np.float32)
+    radiance[:, 0] = [[[0.5]], [[0.6]], [[0.7]]]
+    radiance[:, :, 6] = 0.01
+    radiance[:, 5] = 0.1
+    nothing = np.zeros((3, 6, 8), bool)
+    frames = Frames(("a", "b", "c"), radiance, nothing, nothing, (1e-6, 1e-6))
+    seen = observe(frames, mask, np.arange(3), 0.02)
+    row = image(mask, seen.row + 1).astype(int) - 1
+    told = np.zeros(mask.shape, bool)
+    told[1, :5] = told[4, :5] = True  # the right column has black on its right, which comes first
+    np.testing.assert_array_equal(row >= 0, told)
+    np.testing.assert_allclose(seen.beside[row[1, 2]], np.repeat([0.5, 0.6, 0.7], 3))
+    np.testing.assert_allclose(seen.beside[row[4, 2]], 0.1)
+    few = seen.part(np.nonzero(seen.row >= 0)[0][::2], np.array([2]))
+    assert few.row.tolist() == list(range(5))
+    assert few.beside.shape == (5, 3)
+    assert (observe(frames, mask, np.arange(3), 0.02, mixed=False).row == -1).all()

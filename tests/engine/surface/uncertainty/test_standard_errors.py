@@ -1,0 +1,108 @@
+"""Stated errors hold the truth when neighbouring views and all channels share theirs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.progress import Progress
+from engine.results.metrics import NORMAL_BAND
+from engine.surface.optimize import gauss_newton
+from engine.surface.rendering.object_pixels import Subject, subject
+from engine.surface.rendering.transport import Incident, blocks
+from engine.surface.uncertainty.standard_errors import Doubt, confidence, formal, jackknifed, unsettled
+from tests.engine.surface.rendering.test_object_pixels import (
+    CAMERA,
+    PARAMS,
+    ball,
+    light_of_lamps,
+    pictures_of_a_ball,
+)
+
+VIEWS = 48
+
+
+def at_the_truth(who: Subject, light: Incident, roughness: float):
+    """The ball's normals; its state there, spread measured; and what the solver asks besides a state."""
+    truth, count = ball()[1][who.mask], len(who.seen.eps)
+    under = who.responses(light, PARAMS, "cpu"), who.flat(0.5), blocks(who.mask), who.seen
+    state = gauss_newton.begin(truth, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, roughness))
+    return truth, gauss_newton.respread(state, *under), under
+
+
+def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Errors of the normals and their standard errors, formal and by leaving out stretches, under exposures 8 % off
+    that `together` views in a row share, all channels alike."""
+    rng = np.random.default_rng(together)
+    light = light_of_lamps(rng, VIEWS, 400)
+    frames, mask = pictures_of_a_ball(rng, VIEWS, light)
+    off = np.exp(0.08 * rng.normal(size=VIEWS // together).repeat(together))
+    # A map of its own for every pixel: one for all would make one draw of the whole ball.
+    tilt = np.exp(0.08 * rng.normal(size=(VIEWS // together, *mask.shape)).repeat(together, 0))
+    radiance = (frames.radiance * (off[:, None, None] * tilt)[..., None]).astype(np.float32)
+    who = subject(replace(frames, radiance=radiance), mask, CAMERA, np.arange(VIEWS), PARAMS)
+    truth, state, under = at_the_truth(who, light, 0.45)
+    for _ in range(2):
+        state = gauss_newton.iterate(state, *under, 6, Progress())
+        state = gauss_newton.respread(state, *under)
+    error = np.arccos(np.clip((state.normals * truth).sum(1), -1, 1))
+    variances = {
+        "formal": formal(state.system, state.spread),
+        "jackknife": jackknifed(state, *under, Progress())[1],
+    }
+    return {
+        name: (error, confidence(state, v, who.seen, under[1], np.zeros(len(v))).normal)
+        for name, v in variances.items()
+    }
+
+
+def share_held(error: np.ndarray, stderr: np.ndarray) -> float:
+    return float((error <= NORMAL_BAND * stderr).mean())
+
+
+@pytest.mark.parametrize("together", [3, 6])
+def test_errors_that_neighbouring_views_share_are_held(together: int) -> None:
+    told = judged(together)
+    assert share_held(*told["jackknife"]) > 0.9
+    assert share_held(*told["formal"]) < 0.85  # what it is there for
+
+
+def test_errors_of_each_view_alone_are_not_blown_up() -> None:
+    told = judged(1)
+    assert share_held(*told["jackknife"]) > 0.88
+    assert np.median(told["jackknife"][1]) < 3.5 * np.median(told["formal"][1])
+
+
+def test_stretches_sum_to_the_whole_system() -> None:
+    rng = np.random.default_rng(0)
+    light = light_of_lamps(rng, 24, 400)
+    frames, mask = pictures_of_a_ball(rng, 24, light)
+    _, state, under = at_the_truth(subject(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
+    state = gauss_newton.iterate(state, *under, 1, Progress())
+    _, system, slope = gauss_newton.by_stretches(state, *under, 5, Progress())
+    # The kernel's own arithmetic is that of single precision.
+    system, slope = gauss_newton.reduced(system.sum(1), slope.sum(1))
+    np.testing.assert_allclose(system, state.system, rtol=1e-4, atol=1e-4 * np.abs(state.system).max())
+    np.testing.assert_allclose(slope, state.slope, rtol=1e-4, atol=1e-4 * np.abs(state.slope).max())
+
+
+def test_pixels_doubt_the_light_as_those_of_like_normals_do() -> None:
+    rng = np.random.default_rng(0)
+    up, aside = np.array([0, 0, -1.0]), np.array([0, 0.8, -0.6])
+    normals = np.concatenate([one + 0.01 * rng.normal(size=(20, 3)) for one in (up, aside)])
+    variance = np.repeat([[1.0] * 6, [4.0] * 6], 20, axis=0)
+    told = Doubt(normals, variance).of(np.stack([up, aside, aside]))
+    np.testing.assert_allclose(told, np.repeat([[1.0] * 6, [4.0] * 6], [1, 2], axis=0))
+    few = Doubt(normals[:1], variance[:1]).of(np.stack([up, aside]))
+    np.testing.assert_allclose(few, 1)
+
+
+def test_what_has_come_a_long_way_is_told_as_unsure() -> None:
+    normals = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8]])
+    before = gauss_newton.begin(normals, np.full((2, 3), 0.4), np.array([0.5, 0.3]))
+    turned = gauss_newton.tilt(normals, np.array([[0.0, 0.0], [0.0, 0.1]]))
+    after = gauss_newton.begin(turned, before.albedo * 1.2, before.roughness)
+    variance = unsettled(before, after)
+    assert variance[:, :2].sum(1) == pytest.approx([0, 0.1**2], rel=0.02, abs=1e-12)
+    assert variance[:, 2:5] == pytest.approx(np.log(1.2) ** 2)
+    assert not variance[:, 5].any()
