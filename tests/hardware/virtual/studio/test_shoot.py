@@ -16,6 +16,7 @@ from hardware.virtual.studio import (
     paint,
     rooms,
     shoot,
+    solids,
     truth,
 )
 from hardware.virtual.studio import bodies as things
@@ -195,12 +196,14 @@ def test_larger_objects_wander_less_in_a_built_in_room_and_that_is_said(kind):
     """And never beyond its free space; what fits nowhere is refused."""
     told = {}
     for size in (0.25, 0.4, 0.55, 1.2):
-        stood = things.stand(things.Thing("sphere", size), 0)
-        asked = order.Order("booth", "sphere", 24, motion=kind, object_size=size)
+        scale = size / 0.25
+        ball = solids.ball(8, lambda towards, radius=size / 2: np.full(len(towards), radius))
+        ball = solids.moved(ball, np.eye(3), np.array([0, 0, objects.DISTANCE_M * scale]))
+        count = len(ball.vertices)
+        stood = things.Stood(objects.Body("ball", ball, np.ones((count, 3)), np.ones(count)), scale)
+        asked = order.Order("booth", "ball", 24, motion=kind, object_size=size)
         if size == 1.2:
-            with pytest.raises(
-                StudioError, match=r"reach 1\.\d+ m from the room's centre, where 0\.98 m are free"
-            ):
+            with pytest.raises(StudioError, match=r"from the room's centre, where 0\.98 m are free; choose"):
                 shoot._journey(asked, stood, CENTRE)
             continue
         journey, told[size] = shoot._journey(asked, stood, CENTRE)
