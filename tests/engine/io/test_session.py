@@ -112,7 +112,7 @@ def test_a_folder_that_vanished_is_told(tmp_path: Path) -> None:
 def test_a_folder_without_write_permission_is_told(session: sessions.Session) -> None:
     """Without root's power to write anywhere."""
     code = (
-        "import sys; from pathlib import Path; from engine import session as s\n"
+        "import sys; from pathlib import Path; from engine.io import session as s\n"
         "try:\n"
         "    with s.lock(s.open_session(Path(sys.argv[1]))): pass\n"
         "except s.SessionError as error: print(error)\n"

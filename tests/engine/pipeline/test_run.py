@@ -142,7 +142,7 @@ def test_a_second_process_is_told_who_holds_the_session(session: sessions.Sessio
 
 def test_the_lock_ends_with_its_process_even_when_killed(session: sessions.Session) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from engine import session as s\n"
+        "import sys, time; from pathlib import Path; from engine.io import session as s\n"
         f"with s.lock(s.open_session(Path({str(session.folder)!r}))):\n"
         "    print('held', flush=True); time.sleep(60)"
     )
