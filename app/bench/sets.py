@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
@@ -26,9 +26,7 @@ from engine.io.ground_truth import Truth, read_truth
 from engine.pipeline import run, stage_table
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
-
-if TYPE_CHECKING:
-    from hardware.virtual.studio.order import Order
+from hardware.virtual.studio.order import RENDER_NOISE, Order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +52,6 @@ def default_folder() -> Path:
 def key(room: Choice, thing: Choice, size: Size, views: int, seed: int) -> str:
     """The folder's name: room, object, motion, views, pixels, seed, the studio's version, and files other than RAW."""
     from hardware.virtual.studio import shoot
-    from hardware.virtual.studio.order import RENDER_NOISE
 
     pixels = f"{views}x{size.width}x{size.height}"
     files = "" if size.files == "raw" else f"-{size.files}"
@@ -62,10 +59,8 @@ def key(room: Choice, thing: Choice, size: Size, views: int, seed: int) -> str:
     return f"{room.key}-{thing.key}-{size.motion}-{pixels}-seed{seed}-studio{shoot.VERSION}{files}"
 
 
-def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, device: str) -> "Order":
+def order_of(room: Choice, thing: Choice, size: Size, views: int, seed: int, device: str) -> Order:
     """What the studio is asked for."""
-    from hardware.virtual.studio.order import Order
-
     return Order(
         room.asked,
         thing.asked,

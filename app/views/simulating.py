@@ -61,7 +61,7 @@ class SimulateDialog(QDialog):
         self.material.setCurrentIndex(0)
         self.turn = self._number(self.tr("Turn"), -360, 360, USUAL.turn_deg, False)
         self.turn.setSuffix(self.tr("°"))
-        self.noise = self._number(self.tr("Noise"), 0.1, 100, 100 * USUAL.noise, False)
+        self.noise = self._number(self.tr("Noise left"), 0.1, 100, 100 * USUAL.noise, False)
         self.noise.setSuffix(self.tr(" %"))
         self.place = QLineEdit()
         self.place.setAccessibleName(self.tr("Place of the rig"))
@@ -181,10 +181,10 @@ class SimulateDialog(QDialog):
         rows.addRow(label(self.tr("&Views"), self.views), self.views)
         rows.addRow(label(self.tr("Pi&xels"), self.wide), pixels)
         rows.addRow(label(self.tr("Vi&gnetting"), self.vignetting), self.vignetting)
-        rows.addRow(label(self.tr("N&oise"), self.noise), self.noise)
+        rows.addRow(label(self.tr("Noise &left"), self.noise), self.noise)
         rows.addRow(
             "",
-            hint(self.tr("that the path tracer leaves on the object; twice of it takes a third of the time")),
+            hint(self.tr("by the path tracer on the object; twice as much takes a third of the time")),
         )
         rows.addRow(label(self.tr("Se&ed"), self.seed), self.seed)
         rows.addRow(label(self.tr("&Device"), self.device), self.device)
