@@ -264,13 +264,6 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.horizons", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Horizons from photographs"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the photographs overrule what the depth says hides the room."), advanced=False)),
-    ("surface.steps", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Steps from horizons"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let shadows tell how high steps are; normals do not."), advanced=False)),
-    ("surface.deepen", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Depth from shadows"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let shadows tell how deep every pixel of a recess lies."),
-        advanced=False)),
     ("surface.follow_depth", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Points follow the depth"), "",
         QT_TRANSLATE_NOOP("parameters", "Light reaches each point where the depth has it. Off: as if the object were flat."), advanced=False)),

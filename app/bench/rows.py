@@ -201,8 +201,6 @@ def switch_rows() -> tuple[Method, ...]:
         without("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", full_diffuse=False),
         without("no_visibility", "w/o shadows of the object on itself", visibility=False),
         without("no_horizons", "w/o horizons: shadows from depth alone", horizons=False),
-        without("no_steps", "w/o steps from horizons", steps=False),
-        without("no_deepen", "w/o depth from shadows' slopes", deepen=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),
         without("no_walls", "w/o walls that no photograph shows", walls=False),
         without("no_ask", "w/o asking neighbours, nor horizons from photographs", ask=False),

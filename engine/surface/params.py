@@ -41,13 +41,11 @@ class SurfaceParams:
         True  # one turn more before the last look at the light, with all pixels if some hide the room
     )
     views: int = 0  # that serve after them, spread evenly; 0: all
-    rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see; `deepen` makes it two at least
+    rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
     horizons: bool = True  # let the photographs overrule what the depth says hides the room
-    steps: bool = True  # let horizons tell how high steps are, which normals do not
-    deepen: bool = True  # and in the end shadows how deep every pixel lies
     follow_depth: bool = True  # light reaches points where the depth has them; False: all in one plane
     bounce: bool = True  # let the object light itself with what was photographed
     walls: bool = True  # and with what walls throw that no photograph shows

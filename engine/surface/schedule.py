@@ -28,8 +28,15 @@ from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.material import kind, same, told
 from engine.surface.optimize.pixel_sample import inner, sampled, some_of, voters
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import improve, relief
-from engine.surface.rendering.object_pixels import Subject, as_photographed, search, sight_of, subject
+from engine.surface.passes import improve
+from engine.surface.rendering.object_pixels import (
+    Subject,
+    as_photographed,
+    depth_of,
+    search,
+    sight_of,
+    subject,
+)
 from engine.surface.rendering.transport import Incident, Lattice, Sight, lattice_around
 from engine.surface.uncertainty.standard_errors import Doubt
 from engine.types import Frames
@@ -191,9 +198,7 @@ def rough(
             )
             who, sight = replace(who, material=even.material), replace(sight, material=even.material)
         residuals.append(float(np.median(state.spread)))
-        # Heights that relax while normals are far off hide too much, and then the object is placed too near.
-        relaxing = turn > placing
-        state, depth = relief(even, state, light, sight, distance, params, span.part(0.65, 0.73), relaxing)
+        depth = depth_of(who, state, distance, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
             seeing = as_photographed(who, state, sight, light.directions)

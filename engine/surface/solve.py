@@ -7,7 +7,6 @@ for that, or one that hides nothing of the room from itself, a smaller picture i
 tile (`tiled_solve`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.observations import thinned
 from engine.surface.data.pyramid import doubled
-from engine.surface.depth.shape_from_shadow import deepened
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
 from engine.surface.lighting.exposure_offset import DRIFT, drift_of
@@ -28,7 +26,7 @@ from engine.surface.lighting.room_light import Room, furnished, light_at
 from engine.surface.optimize.gauss_newton import State
 from engine.surface.optimize.spatial_regularization import accord
 from engine.surface.params import LEAST_VIEWS, SurfaceParams
-from engine.surface.passes import improve, relief
+from engine.surface.passes import improve
 from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.rendering.object_pixels import (
     Subject,
@@ -221,13 +219,9 @@ def together(
         left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
         drift, who = drift + left, who.exposed(left)
 
-    def deeper(state: State, depth: Float[np.ndarray, "h w"], span: Progress) -> Float[np.ndarray, "h w"]:
-        return deepened(picture, fitted, drift, who.material, state, depth, here, z, params, span)
-
     state, depth, open_to_doubt, turns = until_still(
-        who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99),
-        deeper if params.deepen else None,
-    )  # fmt: skip
+        who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
+    )
     if angle_between(first.state.normals, state.normals).mean() > STILL:
         left = unsettled(first.coarse, state)
         open_to_doubt = left if open_to_doubt is None else open_to_doubt + left
@@ -249,41 +243,27 @@ def until_still(
     params: SurfaceParams,
     device: str,
     progress: Progress,
-    deeper: Callable[[State, Float[np.ndarray, "h w"], Progress], Float[np.ndarray, "h w"]] | None = None,
 ) -> tuple[State, Float[np.ndarray, "h w"], Float[np.ndarray, "p 6"] | None, int]:
     """All pixels under a light that is settled, round by round with their depth; what stays unsure about what hides the room
     from them; and how many rounds it took.
 
-    `sight` is what the depth hides, for the light's directions. `deeper` has the last word on the depth of what hides the room
-    from itself, before the last round.
+    `sight` is what the depth hides, for the light's directions.
     """
-    turn, told, going = 0, False, True
-    most = max(params.rounds, 2) if deeper else params.rounds
+    turn, going = 0, True
     while going:
-        span = progress.part(0.95 * turn / most, 0.95 * (turn + 1) / most)
+        span = progress.part(0.95 * turn / params.rounds, 0.95 * (turn + 1) / params.rounds)
         if turn:
             sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.1))
         before = state.normals
         state = improve(who, state, light, sight, params, device, span.part(0.1, 0.6))
         turn += 1
-        moving = not told and turn < params.rounds and angle_between(before, state.normals).mean() > STILL
-        hides = sight.occlusion is not None and not sight.occlusion.bare
-        last = deeper is not None and hides and not told and (turn + 1 >= most or not moving)
-        going = moving or last
+        going = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
         if going:
-            state, depth = relief(who, state, light, sight, distance, params, span.part(0.6, 0.7))
-        if deeper and last:
-            depth, told = deeper(state, depth, span.part(0.7, 1)), True
+            depth = depth_of(who, state, distance, span.part(0.6, 0.7))
     left = unsure(who, state, light, sight, params, progress.part(0.95, 0.97))
     if params.accord:
         state = accord(state, who.mask, left)
-    if told:
-        state = replace(state, lift=np.zeros(len(state.lift)))
-        own = depth_of(who, state, distance, progress.part(0.97, 1))
-        state = replace(state, lift=np.log(own[who.mask] / depth[who.mask]))
-    else:
-        state, depth = relief(who, state, light, sight, distance, params, progress.part(0.97, 1))
-    return state, depth, left, turn
+    return state, depth_of(who, state, distance, progress.part(0.97, 1)), left, turn
 
 
 def whole_light(

@@ -18,13 +18,13 @@ from engine.surface.data import initial_maps
 from engine.surface.data.initial_maps import StartMaps
 from engine.surface.data.observations import numbered
 from engine.surface.data.pyramid import doubled, halved
-from engine.surface.depth.bilateral_integration import integrate
+from engine.surface.depth.normal_integration import integrate_normals
 from engine.surface.optimize.gauss_newton import State, begin, iterate
 from engine.surface.optimize.spatial_regularization import SWEEPS, accord
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.interreflection import guessed_share
-from engine.surface.rendering.object_pixels import Subject, lifted, painted, subject
+from engine.surface.rendering.object_pixels import Subject, painted, subject
 from engine.surface.rendering.transport import BLOCK, Incident, Responses, Sight, blocks
 from engine.surface.uncertainty.standard_errors import Confidence, Doubt, confidence, jackknifed
 from engine.types import Camera, Frames
@@ -176,7 +176,7 @@ def in_detail(
         who = replace(who, material=of_pixels(found.who.material, take[pixels]))
         state = found.state.part(take[pixels])
         gloss = state.gloss
-        state = begin(state.normals, state.albedo, state.roughness, state.level, state.lift)
+        state = begin(state.normals, state.albedo, state.roughness, state.level)
         state = replace(state, gloss=gloss)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
@@ -200,8 +200,7 @@ def in_detail(
     normals = np.zeros((*mask.shape, 3), np.float32)
     normals[mask] = maps.normals
     distance = float(found.depth[found.who.mask].mean())
-    depth = integrate(picture.camera, normals, mask, distance, integrating, start=np.log(ranges[mask]))
-    return maps, lifted(mask, depth, found.state.lift[take], distance)
+    return maps, integrate_normals(picture.camera, normals, mask, distance, integrating)
 
 
 def _stored(kind: np.dtype) -> np.dtype:

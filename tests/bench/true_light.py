@@ -37,7 +37,6 @@ from engine.errors import RoomlightError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.results.metrics import psnr
-from engine.surface.depth.shape_from_shadow import deepened
 from engine.surface.optimize.gauss_newton import State, iterate
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import depth_of, search, sight_of
@@ -179,17 +178,7 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
     sight = who.flat(z)
     state = search(who, light, sight, params, progress.part(0, 0.1))
     depth = depth_of(who, state, z, progress.part(0.1, 0.12))
-
-    def deeper(state: State, depth: Float[np.ndarray, "h w"], span: Progress) -> Float[np.ndarray, "h w"]:
-        views = np.arange(SIZE.views)
-        return deepened(
-            given.picture, views, np.zeros(len(views)), who.material, state, depth, light, z, params, span
-        )
-
-    last = deeper if params.deepen else None
-    state, *_, rounds = until_still(
-        who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1), last
-    )
+    state, *_, rounds = until_still(who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1))
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,

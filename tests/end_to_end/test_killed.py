@@ -21,7 +21,6 @@ LEAST = (
     "surface.rough_rounds=1",
     "surface.rounds=1",
     "surface.passes=1",
-    "surface.deepen=false",
     "surface.material=false",
     "surface.probes_across=1",
     "surface.probes_deep=1",

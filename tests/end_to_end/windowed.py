@@ -46,7 +46,6 @@ LEAST: Mapping[str, Any] = {
     "surface.rough_rounds": 1,
     "surface.rounds": 1,
     "surface.passes": 1,
-    "surface.deepen": False,
     "surface.material": False,
     "surface.probes_across": 1,
     "surface.probes_deep": 1,

@@ -69,7 +69,7 @@ def finer(
     take = doubled(half.mask, who.mask)
     who = replace(who, material=of_pixels(half.material, take))
     state = gauss_newton.begin(
-        state.normals[take], state.albedo[take], state.roughness[take], state.level[take], state.lift[take]
+        state.normals[take], state.albedo[take], state.roughness[take], state.level[take]
     )
     depth = depth_of(who, state, distance, progress)
     hidden = None

@@ -74,7 +74,6 @@ class State:
     slope: Float[np.ndarray, "p 6"]
     gloss: Float[np.ndarray, "p 2"]  # mean and spread of the roughness that is expected
     level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
-    lift: Float[np.ndarray, " p"]  # of `steps`: log of how much nearer the point is than normals tell
 
     def copy(self) -> "State":
         """The same in arrays of its own."""
@@ -98,7 +97,6 @@ def begin(
     albedo: Float[np.ndarray, "p 3"],
     roughness: Float[np.ndarray, " p"],
     level: Int[np.ndarray, "p s"] | None = None,
-    lift: Float[np.ndarray, " p"] | None = None,
 ) -> State:
     """A state with no misfit known yet."""
     count = len(normals)
@@ -114,7 +112,6 @@ def begin(
         np.zeros((count, 6)),
         np.tile(GLOSS, (count, 1)),
         np.zeros((count, SECTORS), np.int8) if level is None else level,
-        np.zeros(count) if lift is None else lift,
     )
 
 

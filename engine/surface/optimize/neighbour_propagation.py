@@ -160,31 +160,6 @@ def dissent(
     return (doubts * voices).sum(0) / np.maximum(voices.sum(0), 1)
 
 
-def prices(
-    who: Subject,
-    state: State,
-    light: Incident,
-    sight: Sight,
-    pixels: Int[np.ndarray, " k"],
-    params: SurfaceParams,
-    progress: Progress,
-) -> Float[np.ndarray, "k s l"]:
-    """What every horizon of every sector would add to some pixels' misfits, in the spreads of `horizon_search.PRICE`; 0 at the rim."""
-    found = np.zeros((len(pixels), horizon_search.SECTORS, horizon_search.LEVELS), np.float32)
-    place = np.full(len(state.normals), -1)
-    place[pixels] = np.arange(len(pixels))
-
-    def tell(block: Asked) -> None:
-        of = block.pixels[place[block.pixels] >= 0]
-        if len(of):
-            told = np.empty((len(of), *found.shape[1:]), np.float32)
-            block.explain(of, state.normals[of], state.roughness[of], state.level[of], 0, told)
-            found[place[of]] = told
-
-    inquire(who, state, light, sight, params, tell, progress, "asking what horizons would cost")
-    return found
-
-
 def neighbours(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p k"]:
     """The pixels (in mask order) that each pixel asks; itself where the object ends."""
     steps = [step for r in REACH for step in ((0, r), (0, -r), (r, 0), (-r, 0))]

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
-from scipy.ndimage import mean
 
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface.data.observations import CAUCHY, PLAIN, Observations, islands, observe, photographed
-from engine.surface.depth.bilateral_integration import integrate
+from engine.surface.data.observations import CAUCHY, PLAIN, Observations, observe, photographed
+from engine.surface.depth.normal_integration import integrate_normals
 from engine.surface.optimize import gauss_newton, horizon_search
 from engine.surface.optimize.exhaustive_search import global_start
 from engine.surface.params import SurfaceParams
@@ -101,25 +100,8 @@ def as_photographed(
 def depth_of(
     who: Subject, state: gauss_newton.State, distance: float, progress: Progress
 ) -> Float[np.ndarray, "h w"]:
-    """Depth from the normals and steps; its mean is `distance`."""
-    depth = integrate(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
-    return lifted(who.mask, depth, state.lift, distance)
-
-
-def lifted(
-    mask: Bool[np.ndarray, "h w"],
-    depth: Float[np.ndarray, "h w"],
-    lift: Float[np.ndarray, " p"],
-    distance: float,
-) -> Float[np.ndarray, "h w"]:
-    """The depth with its pixels nearer by `lift` (in logarithms); the mean of each connected part stays `distance`."""
-    if not lift.any():
-        return depth
-    z = depth[mask] * np.exp(-lift)
-    part, count = islands(mask)
-    lower = np.zeros_like(depth)
-    lower[mask] = z * distance / np.asarray(mean(z, part, np.arange(count)))[part]
-    return lower
+    """Depth from the normals; its mean is `distance`."""
+    return integrate_normals(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
 
 
 def sight_of(
