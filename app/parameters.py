@@ -261,9 +261,6 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.visibility", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Shadows of itself"), "",
         QT_TRANSLATE_NOOP("parameters", "Let the object shadow itself."), advanced=False)),
-    ("surface.horizons", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Horizons from photographs"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let the photographs overrule what the depth says hides the room."), advanced=False)),
     ("surface.follow_depth", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Points follow the depth"), "",
         QT_TRANSLATE_NOOP("parameters", "Light reaches each point where the depth has it. Off: as if the object were flat."), advanced=False)),
@@ -274,9 +271,6 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Light from walls that no photograph shows"), "",
         QT_TRANSLATE_NOOP("parameters", "Let steps of the depth throw light as matt walls of their rim's paint would. Off: like the nearest pixel."),
         advanced=False)),
-    ("surface.ask", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Ask neighbours"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let pixels look for their horizons, and badly explained ones try neighbours' answers."), advanced=False)),
     ("surface.robust", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Robust weights"), "",
         QT_TRANSLATE_NOOP("parameters", "Let views that a pixel's answer explains badly count less. Off: plain least squares."), advanced=False)),

@@ -9,7 +9,7 @@ unit vectors pointing away from the surface; a normal that faces the camera has 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Int8, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,15 +164,6 @@ def material_of(surface: Surface) -> Float[np.ndarray, "h w 2"]:
     """Specular level and metalness of every pixel, zero outside the mask; float32."""
     made = np.array([0.5, 0.0]) if surface.material is None else surface.material
     return np.where(surface.mask[..., None], made, 0).astype(np.float32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Horizons:
-    """Where the photographs overruled what the depth says hides the room; pictures of further views need it."""
-
-    level: Int8[
-        np.ndarray, "p s"
-    ]  # of the mask's pixels in row order; as in `engine/surface/optimize/horizon_search.py`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

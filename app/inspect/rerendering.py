@@ -1,9 +1,8 @@
 """Re-render every view of a finished run: what the surface looks like under the light it was solved with.
 
-Runs in a worker child. The solver keeps only the few views it did not fit; here its light, visibility (with the
-horizons at which the photographs overruled the depth) and bounced light are made again from the stored results, at
-the resolution they were solved with. Each view is kept as `derived/rerendered/FINGERPRINT/NNNN.npy` (radiance of the
-mask's pixels), and told when it is there.
+Runs in a worker child. The solver keeps only the few views it did not fit; here its light, visibility and bounced light
+are made again from the stored results, at the resolution they were solved with. Each view is kept as
+`derived/rerendered/FINGERPRINT/NNNN.npy` (radiance of the mask's pixels), and told when it is there.
 """
 
 import dataclasses
@@ -28,7 +27,6 @@ from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.object_pixels import (
     answering,
-    as_photographed,
     painted,
     photographed_in,
     sight_of,
@@ -42,7 +40,7 @@ from engine.surface.rendering.transport import (
     direction_cells,
     lattice_around,
 )
-from engine.types import Emitters, Frames, Horizons, Poses, Surface
+from engine.types import Emitters, Frames, Poses, Surface
 
 if TYPE_CHECKING:
     from app.work.worker import Link
@@ -68,7 +66,7 @@ class Solved:
 
 
 def upright(solved: Solved) -> Solved:
-    """The same in the frame of the upright picture; what the solver says pixel by pixel (horizons) is of the sensor's."""
+    """The same in the frame of the upright picture; pixels in row order are the sensor's."""
     names = ("frames", "poses", "surface")
     return replace(solved, **{name: turned(getattr(solved, name), solved.run.flip) for name in names})
 
@@ -130,7 +128,9 @@ def open_run(run: Run) -> Solved:
             f"{run.session}: the reference solver made this result, and its views are not rendered anew here; look at"
             " a result of the transport solver"
         )
-    if not (run.folder("surface") / "emitters.json").is_file() or "probes" not in report:
+    # Until version 42 photographs overruled the depth on what hides the room, which is not made again.
+    overruled = (run.folder("surface") / "horizons.json").is_file()
+    if overruled or not (run.folder("surface") / "emitters.json").is_file() or "probes" not in report:
         raise _older(run)
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
@@ -165,19 +165,16 @@ class Scene:
         self._solved = solved
         self.lattice: Lattice = lattice_around(s.poses.camera, surface.mask, s.reach, s.probes)
         mask = surface.mask
-        if not (s.run.folder("surface") / "horizons.json").is_file():
-            raise _older(s.run)
-        horizons = artifacts.load(s.run.folder("surface"), "horizons", Horizons)
         self._state = gauss_newton.begin(
-            surface.normal[mask].astype(float), surface.albedo[mask].astype(float),
-            surface.roughness[mask].astype(float), horizons.level,
-        )  # fmt: skip
+            surface.normal[mask].astype(float),
+            surface.albedo[mask].astype(float),
+            surface.roughness[mask].astype(float),
+        )
         one = np.nonzero(s.poses.registered)[0][:1]
         who = subject(s.frames, mask, s.poses.camera, one, s.params)
         who = replace(who, material=of_pixels(surface.material, mask))
         cells = direction_cells(s.directions)
-        by_depth = sight_of(who, self._state, surface.depth, cells, s.params, progress)
-        self.sight: Sight = as_photographed(who, self._state, by_depth, cells)
+        self.sight: Sight = sight_of(who, self._state, surface.depth, cells, s.params, progress)
 
     def light(self, views: Sequence[int], progress: "Progress") -> Incident:
         """What arrives around the object in some views."""

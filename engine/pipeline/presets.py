@@ -18,7 +18,6 @@ def draft() -> Preset:
         "probes_across": 2,
         "probes_deep": 2,
         "directions": 512,
-        "ask": False,
     }
     return {"surface": fewer}
 

@@ -26,7 +26,6 @@ from engine.types import (
     Emitters,
     Frames,
     Gaussians,
-    Horizons,
     Lamps,
     Masks,
     Panorama,
@@ -184,29 +183,27 @@ def light(work: Work) -> Records:
 
 
 def surface(work: Work) -> Records:
-    """surface, renders of the views kept out, report; horizons and the light it was solved under, for further renders."""
+    """surface, renders of the views kept out, report; the light it was solved under, for further renders."""
     from engine.surface.solve import solve
 
     return _solved(work, solve)
 
 
 def reference(work: Work) -> Records:
-    """The same by the paper's solver; no horizons."""
+    """The same by the paper's solver."""
     from engine.reference.solver import solve
 
     return _solved(work, solve)
 
 
-def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Horizons, Emitters, Any]]) -> Records:
-    found, renders, horizons, emitters, report = solve(
+def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Emitters, Any]]) -> Records:
+    found, renders, emitters, report = solve(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
         work.load("light", "lamps", Lamps), work.params, work.device, work.seed, work.progress,
         work.session.orientation,
     )  # fmt: skip
-    return {
-        "surface": found, "renders": renders, "horizons": horizons, "emitters": emitters, "report": report,
-    }  # fmt: skip
+    return {"surface": found, "renders": renders, "emitters": emitters, "report": report}
 
 
 def export(work: Work) -> Records:

@@ -45,13 +45,9 @@ class SurfaceParams:
     passes: int = 4  # Gauss-Newton evaluations in each round
     full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
     visibility: bool = True  # let the object shadow itself
-    horizons: bool = True  # let the photographs overrule what the depth says hides the room
     follow_depth: bool = True  # light reaches points where the depth has them; False: all in one plane
     bounce: bool = True  # let the object light itself with what was photographed
     walls: bool = True  # and with what walls throw that no photograph shows
-    ask: bool = (
-        True  # let pixels that explain badly try their neighbours' answers, and all look for their horizons
-    )
     robust: bool = True  # views that fit badly count less; False: plain least squares
     material: bool = True  # let photographs say how much the object mirrors head on, and whether it is metal
     accord: bool = True  # let neighbours decide what a pixel's photographs leave open

@@ -31,7 +31,6 @@ from engine.surface.params import SurfaceParams
 from engine.surface.passes import improve
 from engine.surface.rendering.object_pixels import (
     Subject,
-    as_photographed,
     depth_of,
     search,
     sight_of,
@@ -201,9 +200,8 @@ def rough(
         depth = depth_of(who, state, distance, span.part(0.65, 0.73))
         sight = sight_of(who, state, depth, light.directions, params, span.part(0.73, 0.8))
         if params.relight or free:
-            seeing = as_photographed(who, state, sight, light.directions)
             chosen, sample = voters(
-                who, seeing, distance, VOTERS, params, seed, spread=state.spread, light=light
+                who, sight, distance, VOTERS, params, seed, spread=state.spread, light=light
             )
             voting = state.part(chosen)
             moving = free and turn <= placing
@@ -217,7 +215,7 @@ def rough(
             )
             if params.relight and turn == len(levels) - 1:
                 some = some_of(inner(who), VOTERS, seed + 1)
-                others = sampled(who, seeing, distance, some, params, light=light), state.part(some)
+                others = sampled(who, sight, distance, some, params, light=light), state.part(some)
                 left = Doubt(others[1].normals, doubt(setting, parts, (sample, voted), others))
             if free and turn == placing:
                 setting = place(
@@ -261,8 +259,7 @@ def made_anew(
 
     How much paint mirrors is only asked where the light is `settled`.
     """
-    seeing = as_photographed(who, state, sight, light.directions)
-    made = told(who, state, light, seeing, settled, params, seed, progress.part(0, 0.3))
+    made = told(who, state, light, sight, settled, params, seed, progress.part(0, 0.3))
     if same(made, who.material):
         return who, state
     turned = kind(made, who) != kind(who.material, who)

@@ -31,7 +31,6 @@ from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.rendering.object_pixels import (
     Subject,
     answering,
-    as_photographed,
     depth_of,
     image,
     photographed_in,
@@ -41,9 +40,8 @@ from engine.surface.rendering.object_pixels import (
 from engine.surface.rendering.transport import Incident, Sight
 from engine.surface.schedule import Rough, reach, rough
 from engine.surface.tiled_solve import Maps, Picture, Solved, in_detail, judged, smaller, window
-from engine.surface.uncertainty.horizon_uncertainty import unsure
 from engine.surface.uncertainty.standard_errors import FLAGS, unsettled
-from engine.types import Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
 SPARE = 8
 """At most one of so many views is kept out of the fit."""
@@ -106,7 +104,7 @@ def solve(
     seed: int,
     progress: Progress,
     flip: int = 0,
-) -> tuple[Surface, Renders, Horizons, Emitters, SurfaceReport]:
+) -> tuple[Surface, Renders, Emitters, SurfaceReport]:
     """Solve the surface; `seed` picks the pixels that vote on the light, start maps are of the upright picture, turned
     by `flip`.
 
@@ -169,7 +167,7 @@ def solve(
         float(np.degrees(np.median(maps.stderr_normal))),
         {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
     )
-    return surface, Renders(kept_out, pictures), Horizons(maps.level.astype(np.int8)), emitters, report
+    return surface, Renders(kept_out, pictures), emitters, report
 
 
 def together(
@@ -212,24 +210,21 @@ def together(
     drift[first.views] = first.setting.drift
     drift, who = drift[fitted], who.exposed(drift[fitted])
     if room.drift:
-        seeing = as_photographed(who, state, sight, light.directions)
-        left = drift_of(state, who.responses(here, params, device, seeing), seeing, who)
+        left = drift_of(state, who.responses(here, params, device, sight), sight, who)
         settled = np.isin(fitted, first.views)
         # Settled views stay, and with them the scale.
         left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
         drift, who = drift + left, who.exposed(left)
 
-    state, depth, open_to_doubt, turns = until_still(
+    state, depth, turns = until_still(
         who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
     )
-    if angle_between(first.state.normals, state.normals).mean() > STILL:
-        left = unsettled(first.coarse, state)
-        open_to_doubt = left if open_to_doubt is None else open_to_doubt + left
+    moving = angle_between(first.state.normals, state.normals).mean() > STILL
+    left = unsettled(first.coarse, state) if moving else None
     # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
     sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
-    sight = as_photographed(who, state, sight, light.directions)
     there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    found = Solved(picture, who, state, depth, sight, here, there, drift, first.doubt, open_to_doubt)
+    found = Solved(picture, who, state, depth, sight, here, there, drift, first.doubt, left)
     return found, first, fitted, emitters, turns
 
 
@@ -243,9 +238,8 @@ def until_still(
     params: SurfaceParams,
     device: str,
     progress: Progress,
-) -> tuple[State, Float[np.ndarray, "h w"], Float[np.ndarray, "p 6"] | None, int]:
-    """All pixels under a light that is settled, round by round with their depth; what stays unsure about what hides the room
-    from them; and how many rounds it took.
+) -> tuple[State, Float[np.ndarray, "h w"], int]:
+    """All pixels under a light that is settled, round by round with their depth; and how many rounds it took.
 
     `sight` is what the depth hides, for the light's directions.
     """
@@ -260,10 +254,9 @@ def until_still(
         going = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
         if going:
             depth = depth_of(who, state, distance, span.part(0.6, 0.7))
-    left = unsure(who, state, light, sight, params, progress.part(0.95, 0.97))
     if params.accord:
-        state = accord(state, who.mask, left)
-    return state, depth_of(who, state, distance, progress.part(0.97, 1)), left, turn
+        state = accord(state, who.mask)
+    return state, depth_of(who, state, distance, progress.part(0.95, 1)), turn
 
 
 def whole_light(

@@ -71,12 +71,12 @@ class Solved:
     who: Subject
     state: State
     depth: Float[np.ndarray, "h w"]
-    sight: Sight  # under the horizons that the photographs settled
+    sight: Sight
     here: Incident  # the light of the fitted views
     there: Incident  # and of those kept out
     drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
     doubt: Doubt | None  # about the light
-    unsure: Float[np.ndarray, "p 6"] | None  # variances by what may hide the room otherwise, or still moves
+    unsure: Float[np.ndarray, "p 6"] | None  # variances of what still moves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,6 @@ class Maps:
     albedo: Float[np.ndarray, "p 3"]
     roughness: Float[np.ndarray, " p"]
     spread: Float[np.ndarray, " p"]
-    level: Int[np.ndarray, "p s"]
     stderr_normal: Float[np.ndarray, " p"]  # radians
     stderr_albedo: Float[np.ndarray, " p"]
     stderr_roughness: Float[np.ndarray, " p"]
@@ -98,7 +97,7 @@ class Maps:
 def maps_of(state: State, certainty: Confidence, pictures: Float[np.ndarray, "p k 3"]) -> Maps:
     """A state of all pixels, what its answers are worth, and what it looks like in some views."""
     return Maps(
-        state.normals, state.albedo, state.roughness, state.spread, state.level, certainty.normal,
+        state.normals, state.albedo, state.roughness, state.spread, certainty.normal,
         certainty.albedo, certainty.roughness, certainty.flags, pictures,
     )  # fmt: skip
 
@@ -176,7 +175,7 @@ def in_detail(
         who = replace(who, material=of_pixels(found.who.material, take[pixels]))
         state = found.state.part(take[pixels])
         gloss = state.gloss
-        state = begin(state.normals, state.albedo, state.roughness, state.level)
+        state = begin(state.normals, state.albedo, state.roughness)
         state = replace(state, gloss=gloss)
         hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
@@ -184,7 +183,7 @@ def in_detail(
         state = iterate(state, here, sight, parts, who.seen, params.passes, span.part(0, 0.75), anew=True)
         unsure = None if found.unsure is None else found.unsure[take[pixels]]
         if params.accord:
-            state = accord(state, part.mask, unsure)
+            state = accord(state, part.mask)
         told = judged(who, state, sight, here, there, found.doubt, unsure, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]

@@ -13,8 +13,7 @@ import numpy as np
 from engine.geometry import fibonacci_sphere
 from engine.light.gaussians.gaussians import Y00
 from engine.pipeline import artifacts
-from engine.surface.visibility.ray_visibility import SECTORS
-from engine.types import Camera, Emitters, Frames, Gaussians, Horizons, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 from tests.engine.ball import ball
 
 CAMERA = Camera(40, 30, 44.0, 44.0, 19.5, 15.5)
@@ -24,7 +23,7 @@ GLOW = 0.8  # radiance of the room
 ROOM = 3.0  # its radius, scene units
 PARAMS = {
     "directions": 600, "probes_across": 1, "probes_deep": 1, "probe_face_px": 24, "full_diffuse": False,
-    "relight_groups": 2, "horizons": False, "seed": 0,
+    "relight_groups": 2, "seed": 0,
 }  # fmt: skip
 
 
@@ -73,11 +72,10 @@ def finished(
     fingerprint: str = "aaaa",
     finished_at: float = 1e9,
     with_export: bool = True,
-    level: int = 0,
     flip: int = 0,
     **changes,
 ) -> Path:
-    """Write a run; `changes` replace fields of its surface, `level` is every pixel's horizon (0: as the depth has it).
+    """Write a run; `changes` replace fields of its surface.
 
     Its photographs stand upright turned by `flip`. Several runs may share a session.
     """
@@ -101,7 +99,6 @@ def finished(
         finished_at,
         surface=shape,
         renders=Renders(HELD_OUT, made),
-        horizons=Horizons(np.full((int(shape.mask.sum()), SECTORS), level, np.int8)),
         emitters=Emitters(gaussians, lamps, 0),
     )
     report = {

@@ -19,8 +19,8 @@ from engine.surface.lighting.probe_density import spaced
 from engine.surface.lighting.room_light import furnished, light_at
 from engine.surface.optimize.gauss_newton import State
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import improve, relief
-from engine.surface.rendering.object_pixels import Subject, as_photographed, depth_of, search, sight_of
+from engine.surface.passes import improve
+from engine.surface.rendering.object_pixels import Subject, depth_of, search, sight_of
 from engine.surface.rendering.transport import Sight
 from engine.surface.schedule import first_look
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
@@ -51,7 +51,6 @@ class KnownLightParams:
             passes=self.passes,
             full_diffuse=full_diffuse,
             visibility=self.visibility,
-            horizons=self.visibility,
             bounce=self.visibility,
             relight=False,
             model_error=self.model_error,
@@ -198,12 +197,11 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
 
     def solved(state: State, sight: Sight, progress: Progress) -> Solved:
         state = improve(who, state, light, sight, ours, device, progress.part(0, 0.9))
-        return relief(who, state, light, sight, scene.distance, ours, progress.part(0.9, 1))
+        return state, depth_of(who, state, scene.distance, progress.part(0.9, 1))
 
     state, sight, depth = _in_turns(
         scene, state, solved, light.directions, ours, params.rounds, progress.part(0.3, 1)
     )
-    sight = as_photographed(who, state, sight, light.directions)
     return answered(who, state, sight, depth, params.model_error)
 
 

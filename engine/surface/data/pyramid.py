@@ -68,9 +68,7 @@ def finer(
     own. The full ones are of the half ones' material then."""
     take = doubled(half.mask, who.mask)
     who = replace(who, material=of_pixels(half.material, take))
-    state = gauss_newton.begin(
-        state.normals[take], state.albedo[take], state.roughness[take], state.level[take]
-    )
+    state = gauss_newton.begin(state.normals[take], state.albedo[take], state.roughness[take])
     depth = depth_of(who, state, distance, progress)
     hidden = None
     if sight.occlusion is not None:

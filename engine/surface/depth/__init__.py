@@ -1,1 +1,1 @@
-"""Depth from normals, horizons and shadows."""
+"""Depth from normals."""

@@ -24,7 +24,6 @@ from engine.parallel import abreast, each
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
 from engine.surface.rendering.transport import Responses, Rows, Sight
-from engine.surface.visibility.ray_visibility import SECTORS
 
 STEP = 0.01
 """Forward-difference step: radians of normal, units of roughness."""
@@ -73,7 +72,6 @@ class State:
     system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state, the share eliminated
     slope: Float[np.ndarray, "p 6"]
     gloss: Float[np.ndarray, "p 2"]  # mean and spread of the roughness that is expected
-    level: Int[np.ndarray, "p s"]  # of `horizons`; 0: what the depth says hides the room
 
     def copy(self) -> "State":
         """The same in arrays of its own."""
@@ -96,7 +94,6 @@ def begin(
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     roughness: Float[np.ndarray, " p"],
-    level: Int[np.ndarray, "p s"] | None = None,
 ) -> State:
     """A state with no misfit known yet."""
     count = len(normals)
@@ -111,7 +108,6 @@ def begin(
         np.zeros((count, 6, 6)),
         np.zeros((count, 6)),
         np.tile(GLOSS, (count, 1)),
-        np.zeros((count, SECTORS), np.int8) if level is None else level,
     )
 
 

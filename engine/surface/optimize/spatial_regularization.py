@@ -21,8 +21,6 @@ LINES = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns."""
 ALIKE = (slice(0, 2), slice(2, 5), slice(5, 6))
 """Unknowns that share one usual departure: tilts, log albedos, roughness."""
-MATTER = np.arange(2, 6)
-"""Unknowns that are no tilts."""
 REAL = 0.25
 """Part of the squared second differences, at least, that is the object's and not noise."""
 CAUCHY = 2.0
@@ -69,21 +67,12 @@ class Answers:
         return Answers(normals, *middle)
 
 
-def accord(
-    state: State, mask: Bool[np.ndarray, "h w"], unsure: Float[np.ndarray, "p 6"] | None = None
-) -> State:
-    """The state after the pixels heard their neighbours; errors, systems and horizons stay each pixel's own.
-
-    `unsure`: variances of the unknowns that the systems do not know of. Tilts are taken at their systems' word: where horizons
-    are misplaced neighbours lean alike, and no one the right way.
-    """
+def accord(state: State, mask: Bool[np.ndarray, "h w"]) -> State:
+    """The state after the pixels heard their neighbours; errors and systems stay each pixel's own."""
     pairs = [aside(mask, np.array([step, (-step[0], -step[1])])) for step in LINES]
     known = [np.all(pair >= 0, axis=1) for pair in pairs]
     own = state.system / np.maximum(state.spread, 1.0)[:, None, None] ** 2 + 1e-6 * np.eye(6)
     covariance = np.linalg.inv(own)
-    if unsure is not None:
-        covariance[:, MATTER, MATTER] += unsure[:, MATTER]
-        own = np.linalg.inv(covariance)
     variance = np.einsum("pii->pi", covariance)
     start = Answers.of(state)
     usual = _departures(start, pairs, known, variance)

@@ -13,11 +13,11 @@ from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface.data.observations import CAUCHY, PLAIN, Observations, observe, photographed
 from engine.surface.depth.normal_integration import integrate_normals
-from engine.surface.optimize import gauss_newton, horizon_search
+from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import global_start
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.interreflection import lit
-from engine.surface.rendering.transport import Incident, Responses, Sight, blocks, predict
+from engine.surface.rendering.transport import Incident, Responses, Sight, predict
 from engine.surface.visibility.ray_visibility import occlusion
 from engine.types import Camera, Frames
 
@@ -87,14 +87,6 @@ def search(
     responses = who.responses(light, params, "cpu")
     regions = coarse_regions(who.mask)
     return gauss_newton.begin(*global_start(responses, sight, who.seen, regions, params.candidates, progress))
-
-
-def as_photographed(
-    who: Subject, state: gauss_newton.State, sight: Sight, directions: Float[np.ndarray, "d 3"]
-) -> Sight:
-    """The depth's sight with every horizon that the photographs put elsewhere."""
-    beside = horizon_search.beside(who.mask)
-    return horizon_search.overruled(sight, state.level, state.normals, blocks(who.mask), directions, beside)
 
 
 def depth_of(

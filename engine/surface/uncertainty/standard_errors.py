@@ -4,8 +4,7 @@ The system's covariance is (J^T W J)^-1 times the squared spread of the weighted
 independent, which those of neighbouring views and of the three channels are not: they look at one and the same error of
 the light. So the answer is also asked what it would be without each of a few stretches of the views (delete-a-group
 jackknife: Shao, Tu, "The Jackknife and Bootstrap", 1995, ch. 2), one Gauss-Newton step each. What is wrong
-alike in all views, neither can know: of the light `Doubt` tells it, of what hides the room `horizon_uncertainty`. Radians for
-normals.
+alike in all views, neither can know: of the light `Doubt` tells it. Radians for normals.
 """
 
 from dataclasses import dataclass

@@ -33,9 +33,6 @@ BARE = 0.01
 BEHIND = -2
 """Source, less its number, of a triangle that was struck from behind."""
 
-SECTORS = 12
-"""Parts of the azimuth around the viewing ray, for each of which `horizons` may overrule the depth."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walls:

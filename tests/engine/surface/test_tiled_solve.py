@@ -40,10 +40,9 @@ def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.Monk
     at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress())
     monkeypatch.setattr(tiled_solve, "TILE", 16)
     few = replace(PARAMS, together=int(masks.object.sum()) // 3)
-    tiled, renders, horizons, _, report = solve(*ball.given, few, "cpu", 0, Progress())
+    tiled, renders, _, report = solve(*ball.given, few, "cpu", 0, Progress())
     assert whole.together == whole.pixels == report.pixels
     assert 0 < report.together <= few.together
-    assert len(horizons.level) == report.pixels
     mask = at_once.mask
     assert (tiled.mask == mask).all()
     # Not the same bits: what a pixel sees of the object is its coarse neighbour's, one of 184. It is hardly farther from the truth.
@@ -66,7 +65,7 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     monkeypatch.setattr(schedule, "TELLING", 100)
     whole, *_, all_pixels = as_if_bare
     params = replace(PARAMS, visibility=visibility)
-    found, renders, _, _, report = solve(*ball.given, params, "cpu", 0, Progress())
+    found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress())
     assert all_pixels.together == report.pixels
     assert (report.together < report.pixels / 3) == visibility
     mask = found.mask

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from engine.surface.optimize.neighbour_propagation import ask
 
 from engine.errors import SurfaceError
 from engine.geometry import rays
@@ -15,7 +16,6 @@ from engine.progress import Progress
 from engine.surface.data.observations import observe
 from engine.surface.data.pyramid import doubled, finer, halved
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.neighbour_propagation import ask
 from engine.surface.params import BOUNDS, OR_NONE, SurfaceParams
 from engine.surface.passes import improve
 from engine.surface.rendering.area_lights import Near
