@@ -274,16 +274,10 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.robust", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Robust weights"), "",
         QT_TRANSLATE_NOOP("parameters", "Let views that a pixel's answer explains badly count less. Off: plain least squares."), advanced=False)),
-    ("surface.accord", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Neighbours agree"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let neighbours decide what a pixel's own photographs leave open."), advanced=False)),
     ("surface.material", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Metal and coats"), "",
         QT_TRANSLATE_NOOP("parameters", "Let photographs say whether it is metal, and how much else it mirrors than paint does."),
         advanced=False)),
-    ("surface.gloss", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Gloss of what looks alike"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let pixels expect the roughness that pixels of the same colour near by have."), advanced=False)),
     ("surface.rim", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Background in the rim"), "",
         QT_TRANSLATE_NOOP("parameters", "Let pixels of the object's rim hold a share of what is photographed beside it."), advanced=False)),

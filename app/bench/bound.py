@@ -31,10 +31,10 @@ from engine.pipeline import run
 from engine.progress import Progress
 from engine.surface.optimize.gauss_newton import State, begin
 from engine.surface.params import SurfaceParams
+from engine.surface.passes import reach
 from engine.surface.reflectance.brdf import PAINT
 from engine.surface.rendering.object_pixels import Subject, sight_of, subject
 from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
-from engine.surface.schedule import reach
 from hardware.errors import StudioError
 from hardware.virtual import sensor
 from hardware.virtual.studio import shoot

@@ -73,20 +73,26 @@ def chosen(methods: Sequence[Method], keys: Sequence[str]) -> tuple[Method, ...]
 
 
 def ours(
-    key: str, title: str, params: SurfaceParams, change: Callable[[Stored], Stored] = lambda stored: stored
+    key: str,
+    title: str,
+    params: SurfaceParams,
+    change: Callable[[Stored], Stored] = lambda stored: stored,
+    leave_out: tuple[str, ...] = (),
 ) -> Method:
-    """Our solver with some parameters, on what `change` (named by `key`) makes of its input."""
+    """Our solver with some parameters, on what `change` (named by `key`) makes of its input; some passes left out."""
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         given = change(stored)
         start = time.perf_counter()
-        surface, *_, emitters, report = solve(*given.inputs, params, device, seed, progress)
+        surface, *_, emitters, report = solve(
+            *given.inputs, params, device, seed, progress, leave_out=leave_out
+        )
         seconds = time.perf_counter() - start
-        if params == SurfaceParams() and given is stored:
+        if params == SurfaceParams() and given is stored and not leave_out:
             hand_over(stored, device, seed, emitters, report.distance.value)
         return Answer(surface, seconds, rendered=report.held_out_error)
 
-    return Method(key, title, "ours", run, dataclasses.asdict(params))
+    return Method(key, title, "ours", run, dataclasses.asdict(params) | {"leave_out": leave_out})
 
 
 def params_of(preset: str) -> SurfaceParams:
@@ -196,6 +202,9 @@ def switch_rows() -> tuple[Method, ...]:
     def without(key: str, title: str, **changes: Any) -> Method:
         return ours(key, title, replace(usual, **changes))
 
+    def less(name: str, title: str) -> Method:
+        return ours(f"no_{name}", title, usual, leave_out=(name,))
+
     return (
         ours(OURS, "ours", usual),
         without("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", full_diffuse=False),
@@ -204,10 +213,10 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_walls", "w/o walls that no photograph shows", walls=False),
         without("no_robust", "w/o robust weights", robust=False),
         without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),
-        without("no_gloss", "w/o gloss expected of what looks alike", gloss=False),
+        less("expect_roughness", "w/o roughness expected of what looks alike"),
         without("no_rim", "w/o background in the rim's pixels", rim=False),
         without("no_material", "w/o metal and other specular levels than paint's", material=False),
-        without("no_accord", "w/o neighbours that agree", accord=False),
+        less("regularize", "w/o neighbours that agree"),
         without("drift", "with exposures that may drift", exposure_drift=True),
         without("no_shift", "w/o moving lamps", lamp_shift=False),
         without("no_relight", "w/o refining the light", relight=False),

@@ -15,14 +15,14 @@ from engine.progress import Progress
 from engine.reference.params import ReferenceParams
 from engine.surface.data import initial_maps
 from engine.surface.data.observations import thinned
-from engine.surface.lighting.distance_search import Distance
+from engine.surface.lighting.distance_search import DIRECTIONS, Distance, first_look
 from engine.surface.lighting.emitter_groups import UNSEEN
 from engine.surface.lighting.room_light import Room, light_at
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
+from engine.surface.passes import TIGHT
 from engine.surface.rendering.object_pixels import depth_of, search, subject
 from engine.surface.rendering.transport import lattice_around
-from engine.surface.schedule import DIRECTIONS, TIGHT, first_look
 from engine.types import Frames
 
 MIDDLE = 0.5

@@ -50,8 +50,6 @@ class SurfaceParams:
     walls: bool = True  # and with what walls throw that no photograph shows
     robust: bool = True  # views that fit badly count less; False: plain least squares
     material: bool = True  # let photographs say how much the object mirrors head on, and whether it is metal
-    accord: bool = True  # let neighbours decide what a pixel's photographs leave open
-    gloss: bool = True  # let pixels expect the roughness of those that look alike
     rim: bool = True  # let pixels of the rim hold a share of what is photographed beside the object
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
     exposure_drift: bool = False  # let every view's exposure be off by a factor, told by the object's shading

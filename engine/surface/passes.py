@@ -1,11 +1,154 @@
-"""One turn of the surface: pixels improve under what hides the room."""
+"""The passes of a surface solve: each takes what is known and returns more.
+
+A pass reads the `Scene`, which never changes, and an `Estimate`; `schedule.py` says in which order they run. Camera frame.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
 
 from engine.progress import Progress
+from engine.surface.data import initial_maps
+from engine.surface.data.scene import Scene
+from engine.surface.estimate import Estimate
+from engine.surface.lighting.distance_search import VOTERS, coarse_directions, first_look
+from engine.surface.lighting.emitter_groups import CLIPPED, UNSEEN
+from engine.surface.lighting.exposure_offset import drift_of
+from engine.surface.lighting.light_calibration import divided, doubt, place, settle, untouched
+from engine.surface.lighting.probe_density import enough, spaced
+from engine.surface.lighting.room_light import light_at, parts_at
 from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.material import kind, same, told
+from engine.surface.optimize.pixel_sample import inner, sampled, some_of, voters
 from engine.surface.optimize.roughness_prior import reconsidered
+from engine.surface.optimize.spatial_regularization import accord
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject
-from engine.surface.rendering.transport import Incident, Sight, blocks
+from engine.surface.rendering.object_pixels import Subject, depth_of, search, sight_of
+from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
+from engine.surface.uncertainty.standard_errors import Doubt
+
+Pass = Callable[[Scene, Estimate, Progress], Estimate]
+
+WIDE, TIGHT, DRIFT = 1.3, 1.1, 1.04
+"""The probes reach so many times nearer and farther than the object: as long as its distance is a guess, and then.
+Between their layers the light fades over instead of moving, so that wide ones make parallax look weak: the
+objects of two near rooms came out 4 and 6 % too near in them, 2.5 and 1.4 % in tight ones. An object that moved by DRIFT
+gets others."""
+AROUND, OUTLIERS = 1.03, (0.5, 99.5)
+"""As soon as there is a depth the probes reach so many times nearer and farther than it, and not for the sake of what the
+rim says beyond these percentiles of it."""
+ACROSS = 2
+"""Probes along each image axis of the wide lattice; the tight one has as many as the fine phase."""
+OUTSHONE = 5.0
+"""A clipped lamp that the distance search found so many times brighter than expected keeps that, and normals are sought anew."""
+ROUNDS, STEPS = 4, 2
+"""Of calibrating the light: how often, and Gauss-Newton steps of the pixels each time."""
+
+
+def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The object's distance to a fifth or so unless it is given, with the light that suits it where part of that is open."""
+    params = scene.params
+    free = params.object_distance <= 0
+    if not free and not (params.relight and np.isin(now.room.kind, (CLIPPED, UNSEEN)).any()):
+        return now
+    first, room, tried, misfit = first_look(now.who, now.room, now.views, params, scene.seed, progress)
+    distance = replace(now.distance, tried=tried, misfit=misfit)
+    if free:
+        distance = replace(distance, value=first.distance)
+    else:
+        distance = now.distance
+    return replace(now, room=room, first=first, distance=distance, sight=now.who.flat(distance.value))
+
+
+def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The light at probes around the object, by groups; again as soon as there is a depth, and where the object has moved."""
+    params, picture, distance = scene.params, scene.picture, now.distance.value
+    face_px, directions = params.probe_face_px, coarse_directions(params)
+    if now.depth is None:
+        margin = WIDE if params.object_distance <= 0 else TIGHT
+        reach_ = distance / margin, distance * margin
+        wide = lattice_around(picture.camera, picture.mask, reach_, (ACROSS, ACROSS, 2))
+        parts = parts_at(wide, now.room, now.views, directions, face_px, progress)
+        setting = untouched(parts, distance)
+        surprising = parts.unseen
+        if now.first is not None:
+            surprising = surprising | parts.clipped & (now.first.gain > OUTSHONE * setting.gain).any(1)
+            setting = replace(setting, gain=np.where(surprising[:, None], now.first.gain, setting.gain))
+        surprised = params.relight and bool(surprising.any())
+        return replace(now, parts=parts, setting=setting, surprised=surprised)
+    if now.middle and not drifted(distance, now.middle):
+        return now
+    nearest, farthest = reach(now.sight.points[:, 2])
+    near_far = min(nearest, distance / TIGHT), max(farthest, distance * TIGHT)
+    there, span = scene.cam_from_world(now.views), progress.part(0, 0.1)
+    tight = spaced(picture.camera, picture.mask, near_far, now.room.emitters, there, params, span)
+    parts = parts_at(tight, now.room, now.views, directions, face_px, progress.part(0.1, 1))
+    return replace(now, parts=parts, middle=distance)
+
+
+def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """Normals from nothing, or from the maps that were given; again where the light has turned out otherwise."""
+    if now.state is not None and not now.search_again:
+        return now
+    return replace(now, state=_sought(scene, now, progress), search_again=False)
+
+
+def _sought(scene: Scene, now: Estimate, progress: Progress) -> gauss_newton.State:
+    given = scene.coarse[now.level].start
+    if given is None:
+        return search(now.pixels, now.incident, now.sight, scene.params, progress)
+    return initial_maps.begun(given, now.pixels, now.incident, now.sight, scene.params, progress)
+
+
+def solve_pixels(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """Gauss-Newton on every pixel, under what the depth says hides the room from it."""
+    who, steps = now.pixels, scene.params.passes
+    responses = who.responses(now.incident, scene.params, scene.device, now.sight)
+    state = gauss_newton.iterate(
+        now.surface, responses, now.sight, blocks(who.mask), who.seen, steps, progress, anew=True
+    )
+    return replace(now, state=state)
+
+
+def expect_roughness(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """Pixels expect the roughness of those that look alike; those far off it are solved a second time from there."""
+    who = now.pixels
+    responses = who.responses(now.incident, scene.params, scene.device, now.sight)
+    state = reconsidered(
+        now.surface, responses, now.sight, blocks(who.mask), who.seen, who.mask, scene.params.passes, progress
+    )
+    return replace(now, state=state)
+
+
+def detect_metal(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """What is metal, which is plain at once; in the first iteration."""
+    return now if now.residuals else _made_anew(scene, now, False, progress)
+
+
+def classify_material(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """What is metal, and how much the rest mirrors, which asks for the light as it is settled."""
+    return _made_anew(scene, now, bool(now.residuals), progress)
+
+
+def _made_anew(scene: Scene, now: Estimate, settled: bool, progress: Progress) -> Estimate:
+    """What the object turns out to be made of, and its surface as that; the same where nothing else turns out."""
+    if not scene.params.material:
+        return now
+    who, span = now.pixels, progress.part(0, 0.3)
+    made = told(who, now.surface, now.incident, now.sight, settled, scene.params, scene.seed, span)
+    if same(made, who.material):
+        return now
+    turned = kind(made, who) != kind(who.material, who)
+    now = now.of(made)
+    if turned.any():
+        anew = _sought(scene, now, progress.part(0.3, 0.5))
+        now = replace(now, state=gauss_newton.either(turned, anew, now.surface))
+    state = improve(
+        now.pixels, now.surface, now.incident, now.sight, scene.params, scene.device, progress.part(0.5, 1)
+    )
+    return replace(now, state=state)
 
 
 def improve(
@@ -17,11 +160,169 @@ def improve(
     device: str,
     progress: Progress,
 ) -> gauss_newton.State:
-    """Gauss-Newton on every pixel; then each looks at what is expected of it, and again."""
-    responses, parts = who.responses(light, params, device, sight), blocks(who.mask)
+    """`solve_pixels`, then `expect_roughness`, of some pixels."""
+    responses, parts, steps = who.responses(light, params, device, sight), blocks(who.mask), params.passes
     span = progress.part(0, 0.7)
-    state = gauss_newton.iterate(state, responses, sight, parts, who.seen, params.passes, span, anew=True)
-    if params.gloss:
-        span = progress.part(0.7, 1)
-        state = reconsidered(state, responses, sight, parts, who.seen, who.mask, params.passes, span)
-    return state
+    state = gauss_newton.iterate(state, responses, sight, parts, who.seen, steps, span, anew=True)
+    return reconsidered(state, responses, sight, parts, who.seen, who.mask, steps, progress.part(0.7, 1))
+
+
+def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The depth that the normals tell."""
+    return replace(now, depth=depth_of(now.who, now.surface, now.distance.value, progress))
+
+
+def trace_visibility(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """What the depth hides of the room from every pixel, and the object's own light instead."""
+    directions = now.incident.directions
+    return replace(now, sight=sight_of(now.who, now.surface, now.shape, directions, scene.params, progress))
+
+
+def split_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The brightest parts of the room that no photograph shows, each in several."""
+    if not scene.params.relight:
+        return now
+    made = divided(now.grouped, now.placed)
+    # The first calibration tells what normals could not be sought under.
+    again = now.surprised and (made is not None or len(now.residuals) == 0)
+    if made is None:
+        return replace(now, search_again=again)
+    parts, setting = made
+    return replace(
+        now, parts=parts, setting=setting, room=now.room.divided(parts.patches), search_again=again
+    )
+
+
+def calibrate_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The brightness of the light's groups, and the object's distance, by the shading of some pixels."""
+    return _calibrated(scene, now, scene.params.object_distance <= 0, progress)
+
+
+def calibrate_light_in_place(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The same with the object where it is."""
+    return _calibrated(scene, now, False, progress)
+
+
+def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> Estimate:
+    params = scene.params
+    if not (params.relight or free):
+        return now
+    chosen, sample = _voters(scene, now)
+    setting, voted = settle(
+        now.placed,
+        now.grouped,
+        sample,
+        now.surface.part(chosen),
+        free,
+        params.relight,
+        ROUNDS,
+        STEPS,
+        progress,
+    )
+    return replace(now.under(setting), voted=(sample, voted))
+
+
+def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The distance at which the light that suits it best misfits least."""
+    params = scene.params
+    if params.object_distance > 0:
+        return now
+    chosen, sample = _voters(scene, now)
+    voting = now.surface.part(chosen)
+    setting = place(now.placed, now.grouped, sample, voting, params.relight, ROUNDS // 2, STEPS, progress)
+    stderr = setting.distance_stderr * setting.distance
+    now = now.under(setting)
+    return replace(now, distance=replace(now.distance, stderr=stderr))
+
+
+def _voters(scene: Scene, now: Estimate):
+    return voters(
+        now.who, now.sight, now.distance.value, VOTERS, scene.params, scene.seed, spread=now.surface.spread,
+        light=now.incident,
+    )  # fmt: skip
+
+
+def estimate_light_variance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """What the calibration leaves open of the light, as variances of other pixels' unknowns."""
+    if not scene.params.relight or now.voted is None:
+        return now
+    who, light = now.who, now.incident
+    some = some_of(inner(who), VOTERS, scene.seed + 1)
+    others = (
+        sampled(who, now.sight, now.distance.value, some, scene.params, light=light),
+        now.surface.part(some),
+    )
+    variance = doubt(now.placed, now.grouped, now.voted, others)
+    return replace(now, doubt=Doubt(others[1].normals, variance))
+
+
+def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The settled light in all views, in as many directions as the surface asks for; from here on the pixels are seen in all."""
+    params, placed = scene.params, now.placed
+    views, count = np.concatenate([scene.fitted, scene.validation]), len(scene.fitted)
+    emitters, there = emitters_of(now), scene.cam_from_world(views)
+    directions = params.directions or enough(
+        now.surface, now.sight, emitters, there, params, progress.part(0, 0.1)
+    )
+    span = progress.part(0.1, 1)
+    alike = len(now.grouped.incident.directions) == directions
+    if alike and now.middle and not drifted(now.distance.value, now.middle):
+        # What the coarse phases have gathered already, and the rest.
+        lattice, known = now.grouped.incident.lattice, now.views
+    else:
+        near_far, known = reach(now.shape[now.who.mask]), views[:0]
+        camera, mask = now.who.camera, now.who.mask
+        lattice = spaced(camera, mask, near_far, emitters, there, params, span.part(0, 0.1))
+    rest = np.setdiff1d(views, known)
+    cam_from_world = scene.cam_from_world(rest)
+    light = light_at(lattice, emitters, cam_from_world, directions, params.probe_face_px, span)
+    if len(known):
+        light, rest = now.incident.beside(light), np.concatenate([known, rest])
+    order = np.argsort(rest)
+    light = light.views(order[np.searchsorted(rest[order], views)])
+    picture = scene.at(now.level)
+    who = picture.pixels(scene.fitted, params)
+    offset = np.zeros(len(scene.poses.registered))
+    offset[now.views] = placed.drift
+    offset = offset[scene.fitted]
+    who = replace(who, material=now.who.material)
+    return replace(
+        now, picture=picture, who=who.exposed(offset), views=scene.fitted, half=now.half or now.surface, rough=now.surface,
+        coarse_iterations=len(now.residuals), light=light.views(np.arange(count)),
+        validation=light.views(np.arange(count, len(views))), exposure_offset=offset,
+    )  # fmt: skip
+
+
+def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """How far the exposure of the views is off that did not serve before, where exposures may waver."""
+    if not now.room.drift or now.exposure_offset is None:
+        return now
+    who = now.who
+    responses = who.responses(now.incident, scene.params, scene.device, now.sight)
+    left = drift_of(now.surface, responses, now.sight, who)
+    settled = np.isin(scene.fitted, scene.coarse_views)
+    # Settled views stay, and with them the scale.
+    left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
+    return replace(now, who=who.exposed(left), exposure_offset=now.exposure_offset + left)
+
+
+def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """Neighbours decide what a pixel's photographs leave open."""
+    return replace(now, state=accord(now.surface, now.who.mask), regularized=True)
+
+
+def emitters_of(now: Estimate):
+    """The room's emitters under the calibration."""
+    placed = now.placed
+    return now.room.under(placed.gain[:-1], now.grouped.shift(placed.aside))
+
+
+def reach(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
+    """z of the first and the last layer of probes around points so far away."""
+    nearest, farthest = np.percentile(z, OUTLIERS)
+    return float(nearest / AROUND), float(farthest * AROUND)
+
+
+def drifted(distance: float, middle: float) -> bool:
+    """Whether an object has moved too far from where its probes were put."""
+    return not 1 / DRIFT < distance / middle < DRIFT

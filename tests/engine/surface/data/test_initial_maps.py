@@ -12,7 +12,7 @@ from engine.geometry import angle_between
 from engine.pipeline import stage_table
 from engine.pipeline.stages import counted_params
 from engine.progress import Progress
-from engine.surface import schedule as turns
+from engine.surface import passes
 from engine.surface.data import initial_maps
 from engine.surface.data.pyramid import halved
 from engine.surface.params import SurfaceParams
@@ -71,7 +71,7 @@ def test_a_networks_map_takes_the_place_of_the_search(
         off = np.degrees(angle_between(maps.normals, LIT.normals))
         raise Begun(f"{np.median(off):.1f} {np.array_equal(maps.mask, who.mask)}")
 
-    monkeypatch.setattr(turns, "search", None)
+    monkeypatch.setattr(passes, "search", None)
     monkeypatch.setattr(initial_maps, "begun", begun)
     asked = SurfaceParams(
         rough_views=8, directions=64, object_distance=0.6, probe_face_px=8,

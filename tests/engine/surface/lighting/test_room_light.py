@@ -11,13 +11,14 @@ from engine.geometry import inverse
 from engine.light.fitting.lamp_model import apart, beside
 from engine.light.gaussians.gaussians import part
 from engine.progress import Progress
-from engine.surface.lighting.distance_search import Distance
+from engine.surface.data.scene import Picture, scene_of
 from engine.surface.lighting.emitter_groups import FILLED, INTO, KNOWN, UNSEEN
 from engine.surface.lighting.light_calibration import PER_VIEW, divided, untouched
 from engine.surface.lighting.room_light import Room, furnished, light_at, parts_at
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.transport import Lattice
-from engine.surface.schedule import rough
+from engine.surface.schedule import run, schedule
+from engine.surface.solve import initial
 from tests.engine.reference.lit_room import lambert, scene
 
 LATTICE = Lattice(np.array([-0.1, -0.1, 0.9]), np.array([0.1, 0.1, 1.1]), (2, 2, 2))
@@ -172,10 +173,11 @@ def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: 
         probe_face_px=32,
     )
     room = room_of(stored)
-    found = rough(
-        stored.frames, stored.masks.object, room, np.arange(1, 16), None, params, "cpu", 0, Progress()
-    )
-    assert found.distance == Distance(1.1, 0.0, "given")
+    picture = Picture(stored.frames, stored.masks.object, stored.poses.camera)
+    seen = scene_of(picture, stored.poses, np.arange(1, 16), (), params, "cpu", 0)
+    coarse = [one for one in schedule(params, True) if one.name in ("initialise", "coarse", "place", "full")]
+    found = run(seen, initial(seen, room), coarse, Progress())
+    assert (found.distance.value, found.distance.source) == (1.1, "given")
     assert (found.room.kind == UNSEEN).sum() >= (room.kind == UNSEEN).sum()
     unseen = np.append(found.room.kind == UNSEEN, False)
-    assert (found.setting.gain[unseen] == 1).all() != relight
+    assert (found.placed.gain[unseen] == 1).all() != relight

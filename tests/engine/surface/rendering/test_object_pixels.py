@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine.surface.optimize.neighbour_propagation import ask
 
 from engine.errors import SurfaceError
 from engine.geometry import rays
@@ -147,30 +146,6 @@ def test_points_that_do_not_follow_the_depth_lie_in_a_plane_and_are_hidden_as_it
     assert follows.occlusion is not None
     assert flat.occlusion is not None
     np.testing.assert_array_equal(follows.occlusion.direction, flat.occlusion.direction)
-
-
-def test_a_pixel_in_a_wrong_valley_is_led_out_by_its_neighbours():
-    rng = np.random.default_rng(1)
-    light = light_of_lamps(rng, 24, 400)
-    frames, mask = pictures_of_a_ball(rng, 24, light)
-    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
-    responses, parts, sight = who.responses(light, PARAMS, "cpu"), blocks(mask), who.flat(0.5)
-    truth = ball()[1][mask]
-    count = len(truth)
-    lost = rng.permutation(count)[: count // 10]
-    start = truth.copy()
-    start[lost] = [0.0, 0.0, -1.0]
-    start[lost] += rng.normal(0, 0.7, (len(lost), 3)) * [1, 1, 0]
-    start /= np.linalg.norm(start, axis=1, keepdims=True)
-    state = gauss_newton.begin(start, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45))
-    state = gauss_newton.respread(state, responses, sight, parts, who.seen)
-    state = gauss_newton.iterate(state, responses, sight, parts, who.seen, 1, Progress())
-    led = ask(who, state, light, sight, PARAMS, Progress())
-    cosine = (led.normals * truth).sum(1)
-    worse = (cosine < (state.normals * truth).sum(1) - 1e-9)[lost]
-    assert np.median(cosine[lost]) > np.cos(np.radians(12))
-    assert worse.mean() < 0.05
-    assert np.abs(led.albedo[lost] - [0.6, 0.4, 0.3]).mean() < 0.1
 
 
 def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_its_pixels():

@@ -1,0 +1,122 @@
+"""What a solve never changes: the photographs, at several sizes, and what was asked. Camera frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from engine.geometry import cropped
+from engine.surface.data import initial_maps
+from engine.surface.data.initial_maps import StartMaps
+from engine.surface.data.observations import thinned
+from engine.surface.data.pyramid import doubled, halved
+from engine.surface.params import SurfaceParams
+from engine.surface.rendering.object_pixels import Subject, subject
+from engine.surface.rendering.transport import BLOCK
+from engine.types import Camera, Frames, Poses
+
+HALVED_FROM, SIZES = 6000, 3
+"""Object pixels from which on half the size is worth a look, and sizes at most. Light and distance are told by some hundred pixels
+whatever their size."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """The photographs at one size."""
+
+    frames: Frames
+    mask: Bool[np.ndarray, "h w"]
+    camera: Camera
+    start: StartMaps | None = None  # in place of the global search
+
+    def part(self, rows: slice, columns: slice) -> "Picture":
+        """A window of it; nothing is copied. Start maps are kept only by one that holds the whole object."""
+        frames = self.frames
+        window = Frames(
+            frames.names, frames.radiance[:, rows, columns], frames.clipped[:, rows, columns],
+            frames.dark[:, rows, columns], frames.noise,
+        )  # fmt: skip
+        mask, start = self.mask[rows, columns], self.start
+        if start is not None:
+            start = replace(start, mask=mask) if mask.sum() == self.mask.sum() else None
+        return Picture(window, mask, cropped(self.camera, rows, columns), start)
+
+    def of_views(self, views: Int[np.ndarray, " n"]) -> "Picture":
+        """Some of the photographs."""
+        return replace(self, frames=self.frames.views(views))
+
+    def halved(self) -> "Picture":
+        """Half as many pixels across."""
+        frames, mask, camera = halved(self.frames, self.mask, self.camera)
+        start = None if self.start is None else initial_maps.halved(self.start, mask)
+        return Picture(frames, mask, camera, start)
+
+    def pixels(self, views: Int[np.ndarray, " n"], params: SurfaceParams) -> Subject:
+        """The object's in some of the photographs."""
+        return subject(self.frames, self.mask, self.camera, views, params)
+
+
+def window(mask: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    """Rows and columns that hold the object, cut where blocks and halved pixels are cut."""
+    v, u = np.nonzero(mask)
+    spans = [(x.min() // BLOCK * BLOCK, x.max() + 1) for x in (v, u)]
+    return slice(*map(int, spans[0])), slice(*map(int, spans[1]))
+
+
+def smaller(picture: Picture, most: int) -> tuple[Picture, Int[np.ndarray, " p"]]:
+    """The picture halved until at most so many pixels are the object's, and the pixel of it that stands for each of the
+    whole one's."""
+    take = np.arange(int(picture.mask.sum()))
+    while picture.mask.sum() > most:
+        half = picture.halved()
+        take, picture = doubled(half.mask, picture.mask)[take], half
+    return picture, take
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """The object as photographed, which views serve for what, and what was asked of the solve."""
+
+    picture: Picture  # of all views, at full size
+    coarse: tuple[Picture, ...]  # of `coarse_views`, at full size, half and a quarter
+    poses: Poses
+    coarse_views: Int[np.ndarray, " c"]
+    fitted: Int[np.ndarray, " n"]
+    validation: Int[np.ndarray, " k"]  # views that no phase fits
+    params: SurfaceParams
+    device: str
+    seed: int
+
+    @property
+    def smallest(self) -> int:
+        """The level of the smallest picture."""
+        return len(self.coarse) - 1
+
+    def at(self, level: int) -> Picture:
+        """All photographs at a level: 0 is full size, each next half of it."""
+        picture = self.picture
+        for _ in range(level):
+            picture = picture.halved()
+        return picture
+
+    def cam_from_world(self, views: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m 3 4"]:
+        """Poses of some views."""
+        return self.poses.cam_from_world[views]
+
+
+def scene_of(
+    picture: Picture,
+    poses: Poses,
+    fitted: Int[np.ndarray, " f"],
+    validation: tuple[int, ...],
+    params: SurfaceParams,
+    device: str,
+    seed: int,
+) -> Scene:
+    """A scene whose coarse phases have `params.rough_views` of the views that are fitted, the fine ones `params.views`."""
+    views = thinned(fitted, params.rough_views)
+    sizes = [picture.of_views(views)]
+    while sizes[-1].mask.sum() > HALVED_FROM and len(sizes) < SIZES:
+        sizes.append(sizes[-1].halved())
+    fine = thinned(fitted, params.views or len(fitted))
+    return Scene(picture, tuple(sizes), poses, views, fine, np.array(validation, int), params, device, seed)
