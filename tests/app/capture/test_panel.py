@@ -197,9 +197,10 @@ def test_a_child_is_started_by_the_first_command_and_again_after_it_died() -> No
 
 
 def resumed(session: Path) -> list[str]:
-    """Finish a capture as `roomlight capture --resume` does; the poses that are there then."""
+    """Finish a capture as `roomlight capture --resume --rig` does, at ten times the speed; the poses that are there then."""
     order = orders.read(session)
-    outcome = Capture(session, order, lambda: find.open_rig(order.rig, order.camera), resumed=True).run()
+    rig = order.rig.replace("speed=20", "speed=200")
+    outcome = Capture(session, order, lambda: find.open_rig(rig, order.camera), resumed=True).run()
     assert outcome.missing == ()
     shots = sessions.shots(sessions.open_session(session))
     for shot in shots:
