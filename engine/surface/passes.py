@@ -55,10 +55,7 @@ def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
         return now
     first, room, tried, misfit = first_look(now.who, now.room, now.views, params, scene.seed, progress)
     distance = replace(now.distance, tried=tried, misfit=misfit)
-    if free:
-        distance = replace(distance, value=first.distance)
-    else:
-        distance = now.distance
+    distance = replace(distance, value=first.distance) if free else now.distance
     return replace(now, room=room, first=first, distance=distance, sight=now.who.flat(distance.value))
 
 

@@ -63,9 +63,9 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
     return (
         Phase("initialise", SMALLEST, (search_distance, *light)),
         Phase("coarse", SMALLEST, (*light, *pixels, detect_metal, *shape, split_light, calibrate_light), max(coarse - 1, 0), 0.3),
-        Phase("place", HALF, (*light, *pixels, classify_material, *shape, calibrate_light, refine_distance), min(coarse, 1)),
-        Phase("full", FULL, (*light, *pixels, *shape, calibrate_light_in_place), int(params.full_turn or not coarse)),
-        Phase("relight", FULL, (estimate_light_variance, gather_light, trace_visibility, estimate_exposure)),
+        Phase("place", HALF, (*light, *pixels, classify_material, *shape, calibrate_light, estimate_light_variance, refine_distance), min(coarse, 1)),
+        Phase("full", FULL, (*light, *pixels, *shape, calibrate_light_in_place, estimate_light_variance), int(params.full_turn or not coarse)),
+        Phase("relight", FULL, (gather_light, trace_visibility, estimate_exposure)),
         Phase("fine", FULL, (*pixels, *shape), params.rounds, 1.0),
         Phase("finish", FULL, (regularize, *shape)),
     )  # fmt: skip

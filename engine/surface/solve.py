@@ -114,7 +114,9 @@ def solve(
     alone = 0.9 if picture is whole else 0.3
     phases = without(schedule(params, room.emitters.patches > 0), *leave_out)
     found = run(scene, initial(scene, room), phases, progress.part(0, alone))
-    assert found.picture is not None and found.light is not None and found.validation is not None
+    assert found.picture is not None
+    assert found.light is not None
+    assert found.validation is not None
     if found.level:
         take = doubled(found.picture.mask, picture.mask)[take]
     solved_at_once = found.level == 0 and picture is whole
@@ -149,7 +151,8 @@ def initial(scene: Scene, room: Room) -> Estimate:
 
 def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
     """Variances of the unknowns of a surface that the fine phase still turned; None where it stands still."""
-    assert found.rough is not None and found.half is not None
+    assert found.rough is not None
+    assert found.half is not None
     turned = angle_between(found.rough.normals, found.surface.normals).mean()
     return unsettled(found.half, found.surface) if np.degrees(turned) > MOVING_DEG else None
 
@@ -163,7 +166,8 @@ def report_of(
     error: float,
 ) -> SurfaceReport:
     """The facts of a solve; `error` is that of the views kept out."""
-    assert found.picture is not None and found.exposure_offset is not None
+    assert found.picture is not None
+    assert found.exposure_offset is not None
     lattice, drift = found.incident.lattice, np.zeros(len(scene.picture.frames.names))
     drift[scene.fitted] = found.exposure_offset
     return SurfaceReport(

@@ -22,7 +22,8 @@ def drift_of(state: State, responses: Responses, sight: Sight, who: Subject) -> 
     """The median log of photographed over rendered radiance in each view, of the better explained half of some pixels;
     0 where a view has none that is usable."""
     asked = np.median(state.spread)
-    parts = [part[::EVERY][state.spread[part[::EVERY]] <= asked] for part in blocks(who.mask)]
+    # Of pixels of another size than was solved last nobody knows how well they are explained: all speak.
+    parts = [part[::EVERY][~(state.spread[part[::EVERY]] > asked)] for part in blocks(who.mask)]
     parts = [part for part in parts if len(part)]
     logs = []
     for pixels, model in predict(responses, sight, parts, state.normals, state.albedo, state.roughness):

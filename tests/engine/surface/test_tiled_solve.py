@@ -111,7 +111,7 @@ def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monk
         *ball.given, replace(PARAMS, rough_rounds=5), "cpu", 0, Progress(), leave_out=ALONE
     )
     assert report.pixels / 5 < report.together < report.pixels / 3
-    assert len(report.rough_residuals) == 5  # three of a quarter, one of half the size, and the last
+    assert len(report.rough_residuals) == 3  # one of a quarter, one of half the size, and the last
     assert np.degrees(angle_between(found.normal[found.mask], ball.normals)).mean() < 1.2
 
 
