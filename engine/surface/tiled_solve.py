@@ -93,6 +93,7 @@ def in_detail(
     `take` names the smaller one's pixel for each; `here` and `there` answer the light of the views that are fitted and
     kept out, their photographed light that of the smaller picture's pixels.
     """
+    assert found.exposure_offset is not None
     mask, index = picture.mask, numbered(picture.mask)
     ranges = enlarged(found.who.mask, found.shape, mask)
     maps: Maps | None = None
