@@ -217,7 +217,7 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_rim", "w/o background in the rim's pixels", rim=False),
         without("no_material", "w/o metal and other specular levels than paint's", material=False),
         less("regularize", "w/o neighbours that agree"),
-        without("drift", "with exposures that may drift", exposure_drift=True),
+        without("no_drift", "w/o a factor for the light of each view", exposure_drift=False),
         without("no_shift", "w/o moving lamps", lamp_shift=False),
         without("no_relight", "w/o refining the light", relight=False),
         # The turns that find the distance keep their own few probes.

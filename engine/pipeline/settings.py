@@ -22,6 +22,12 @@ SOLVERS = ("transport", "reference")
 """Ours, and the paper's as published."""
 REMOVED = {
     "light.degree": "the room's light is the same from every side",
+    "surface.horizons": "the depth says what hides the room",
+    "surface.steps": "the depth is what the normals tell",
+    "surface.deepen": "the depth is what the normals tell",
+    "surface.ask": "every pixel is solved by its own photographs",
+    "surface.accord": "the schedule's pass regularize always runs",
+    "surface.gloss": "the schedule's pass expect_roughness always runs",
 }
 """Parameters that were, and what holds without them. A params.toml from then still opens, with a note."""
 

@@ -52,7 +52,9 @@ class SurfaceParams:
     material: bool = True  # let photographs say how much the object mirrors head on, and whether it is metal
     rim: bool = True  # let pixels of the rim hold a share of what is photographed beside the object
     relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
-    exposure_drift: bool = False  # let every view's exposure be off by a factor, told by the object's shading
+    exposure_drift: bool = (
+        True  # let the light of every view be off by a factor, told by the object's shading
+    )
     lamp_shift: bool = True  # let lamps stand in other directions than they were found in, told by the same
     relight_groups: int = 12  # groups besides the lamps
     relight_prior: float = 0.02  # how far a group's log brightness may be off before it has to be argued

@@ -1,7 +1,8 @@
-"""How far each view's exposure is off, where the surface and its light are known already.
+"""How far the light of each view is off as a whole, where the surface is known already.
 
-A shutter or a flickering mains makes a whole photograph brighter or darker by one factor; the object's own pixels tell it
-in closed form. `light_calibration` settles it together with the light in the views of the rough turns; the others get it here.
+A shutter or a flickering mains makes a whole photograph brighter or darker by one factor, and so does light that is taken to
+come from nearer or farther than it does; the object's own pixels tell it in closed form. `light_calibration` settles it
+together with the light in the views of the coarse phases; the others get it here.
 """
 
 import numpy as np
@@ -11,9 +12,10 @@ from engine.surface.optimize.gauss_newton import State
 from engine.surface.rendering.object_pixels import Subject
 from engine.surface.rendering.transport import Responses, Sight, blocks, predict
 
-DRIFT = 0.03
-"""Spread of a view's log exposure that is expected: a twenty-third of a stop. Pixels tell a view's to a few permille, so that it
-decides little; with 0.01 the joint step stopped at 58 % of a drift of 3 %, where the prior outweighed what was left."""
+DRIFT = 0.1
+"""Spread of the logarithm of a view's factor that is expected: shutters and flicker make a few hundredths of it, sky that comes in
+through windows and is taken for a light in the pane a tenth. Pixels tell a view's to a few permille, so that it decides little; with
+0.01 the joint step stopped at 58 % of a drift of 3 %, where the prior outweighed what was left."""
 EVERY = 4
 """Of the pixels one of so many is asked."""
 
