@@ -286,7 +286,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),
     ("surface.exposure_drift", Meaning(
         QT_TRANSLATE_NOOP("parameters", "A factor for the light of each view"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let the light of every view be off by a factor, told by the object's shading: wavering shutters, sky through windows."),
+        QT_TRANSLATE_NOOP("parameters", "Let the light of every view be off by a factor, which the object's shading tells: shutters, windows."),
         advanced=False)),
     ("surface.lamp_shift", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Lamps may move"), "",
