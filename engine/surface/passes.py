@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from engine.progress import Progress
 from engine.surface.data import initial_maps
@@ -21,13 +21,14 @@ from engine.surface.lighting.probe_density import enough, spaced
 from engine.surface.lighting.room_light import light_at, parts_at
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.material import kind, same, told
-from engine.surface.optimize.pixel_sample import inner, sampled, some_of, voters
+from engine.surface.optimize.pixel_sample import Sample, inner, sampled, some_of, voters
 from engine.surface.optimize.roughness_prior import reconsidered
 from engine.surface.optimize.spatial_regularization import accord
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import Subject, depth_of, search, sight_of
 from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
 from engine.surface.uncertainty.standard_errors import Doubt
+from engine.types import Emitters
 
 Pass = Callable[[Scene, Estimate, Progress], Estimate]
 
@@ -232,7 +233,7 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     return replace(now, distance=replace(now.distance, stderr=stderr))
 
 
-def _voters(scene: Scene, now: Estimate):
+def _voters(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], Sample]:
     return voters(
         now.who, now.sight, now.distance.value, VOTERS, scene.params, scene.seed, spread=now.surface.spread,
         light=now.incident,
@@ -308,7 +309,7 @@ def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     return replace(now, state=accord(now.surface, now.who.mask), regularized=True)
 
 
-def emitters_of(now: Estimate):
+def emitters_of(now: Estimate) -> Emitters:
     """The room's emitters under the calibration."""
     placed = now.placed
     return now.room.under(placed.gain[:-1], now.grouped.shift(placed.aside))

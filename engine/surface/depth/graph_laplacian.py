@@ -1,7 +1,5 @@
 """Systems whose matrix is the Laplacian of a graph between pixels: made, and solved exactly or by multigrid."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pyamg
 import scipy.sparse as sparse
@@ -32,37 +30,26 @@ def laplacian(
     return sparse.csc_matrix((values, (rows, columns)), shape=(count, count))
 
 
-def solver_of(
-    system: sparse.csc_matrix, count: int
-) -> tuple[bool, Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]]:
-    """Whether it is exact, and what solves such a system of `count` unknowns: a factorisation, or of a large one a cycle of
-    multigrid."""
-    if count <= DIRECT:
-        options = {"SymmetricMode": True}
-        return True, splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
-    cycles = pyamg.smoothed_aggregation_solver(
-        system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
-    ).aspreconditioner()
-    return False, cycles.matvec
-
-
-def solve_system(
-    system: sparse.csc_matrix, right: Float[np.ndarray, " p"], start: Float[np.ndarray, " p"] | None = None
-) -> Float[np.ndarray, " p"]:
-    """The system's solution; multigrid begins at `start`.
+def solve_system(system: sparse.csc_matrix, right: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """The system's solution: by a factorisation, or of a large one by multigrid.
 
     Raises:
         SurfaceError: multigrid does not converge.
     """
-    exact, solver = solver_of(system, len(right))
-    if exact:
-        return solver(right)
-    cycle = LinearOperator(system.shape, solver)
-    found, short = cg(system, right, x0=start, rtol=RESIDUAL, maxiter=TURNS, M=cycle)
+    count = len(right)
+    if count <= DIRECT:
+        options = {"SymmetricMode": True}
+        return splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve(right)
+    cycles = pyamg.smoothed_aggregation_solver(
+        system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
+    ).aspreconditioner()
+    found, short = cg(
+        system, right, rtol=RESIDUAL, maxiter=TURNS, M=LinearOperator(system.shape, cycles.matvec)
+    )
     if short:
         left = np.linalg.norm(right - system @ found) / max(np.linalg.norm(right), 1e-30)
         raise SurfaceError(
-            f"the depth of {len(right)} pixels is not settled after {TURNS} turns: a residual of {left:.1g} is left,"
-            f" {RESIDUAL:g} is asked; average the photographs down (hdr.long_edge_px) or mend the mask"
+            f"normal integration did not converge ({count} pixels, residual {left:.1g} after {TURNS} iterations,"
+            f" tolerance {RESIDUAL:g}); reduce the image size (hdr.long_edge_px) or fix the mask"
         )
     return found

@@ -108,8 +108,8 @@ def told(
     seed: int,
     progress: Progress,
 ) -> Float[np.ndarray, "p 2"] | None:
-    """The material of every pixel; None: nothing speaks against paint. `sight` is that under which the state was solved, its
-    horizons in force; only `exactly` is it asked what else than metal it may be; `seed` picks the pixels that are asked."""
+    """The material of every pixel; None: nothing speaks against paint. `sight` is that under which the state was
+    solved; only `exactly` is it asked what else than metal it may be; `seed` picks the pixels that are asked."""
     chosen = some_of(inner(who), ASKED, seed)
     trial = _trial(who, chosen, state, light, sight, params)
     spans = iter(progress.parts(len(LEVELS) + 2))
