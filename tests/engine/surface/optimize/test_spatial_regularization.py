@@ -68,22 +68,6 @@ def test_what_the_photographs_know_stands(rng: np.random.Generator) -> None:
     assert unsure.roughness[middle] < 0.9
 
 
-def test_who_is_known_to_be_unsure_follows_the_others_in_all_but_its_tilt(rng: np.random.Generator) -> None:
-    state = known_to(1e-3, 1e-3, 1e-3, rng)
-    middle = SIDE * SIDE // 2 + SIDE // 2
-    state.roughness[middle], state.albedo[middle] = 0.9, 0.1
-    state.normals[middle] = [0.0, 0.0, -1.0]
-    told = np.zeros((SIDE * SIDE, 6))
-    told[middle] = 1.0
-    alone, after = accord(state, MASK), accord(state, MASK, told)
-    assert alone.roughness[middle] == pytest.approx(0.9, abs=0.01)
-    assert after.roughness[middle] == pytest.approx(0.5, abs=0.1)
-    assert after.albedo[middle] == pytest.approx(0.4, abs=0.1)
-    assert after.normals[middle] == pytest.approx(alone.normals[middle], abs=1e-3)
-    others = np.arange(SIDE * SIDE) != middle
-    assert after.roughness[others] == pytest.approx(alone.roughness[others], abs=2e-3)
-
-
 def test_an_edge_of_colour_stays_sharp(rng: np.random.Generator) -> None:
     state = known_to(0.01, 0.02, 0.05, rng)
     right = np.tile(np.arange(SIDE) >= SIDE // 2, SIDE)

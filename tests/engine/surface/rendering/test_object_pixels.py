@@ -114,7 +114,7 @@ def test_robust_weights_forgive_a_few_false_views(robust: bool):
     light = light_of_lamps(rng, 24, 300)
     frames, mask = pictures_of_a_ball(rng, 24, light)
     frames.radiance[:3] *= 3.0  # as if something had shone into three views
-    params = replace(PARAMS, directions=300, ask=False, robust=robust)
+    params = replace(PARAMS, directions=300, robust=robust)
     who = subject(frames, mask, CAMERA, np.arange(24), params)
     truth = ball()[1][mask]
     state = gauss_newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45))
