@@ -31,7 +31,7 @@ from engine.pipeline import run
 from engine.progress import Progress
 from engine.surface.optimize.gauss_newton import State, begin
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import reach
+from engine.surface.passes import depth_range
 from engine.surface.reflectance.brdf import PAINT
 from engine.surface.rendering.object_pixels import Subject, sight_of, subject
 from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
@@ -147,7 +147,7 @@ def known_of(
     frames, camera, truth = on.stored.frames, on.stored.poses.camera, on.truth
     mask, raw = truth.mask, sessions.open_session(on.session).kind == "raw"
     report = run.loader(results.steps_of(on.session))("hdr", "report", HdrReport)
-    lattice = lattice_around(camera, mask, reach(truth.depth[mask]), probes)
+    lattice = lattice_around(camera, mask, depth_range(truth.depth[mask]), probes)
     light = incident_of(
         built.around, built.cams_from_world()[views], lattice, params.directions,
         session_per_studio(report.scale) if raw else 1.0, 1, progress,

@@ -202,7 +202,7 @@ def switch_rows() -> tuple[Method, ...]:
     def without(key: str, title: str, **changes: Any) -> Method:
         return ours(key, title, replace(usual, **changes))
 
-    def less(name: str, title: str) -> Method:
+    def without_pass(name: str, title: str) -> Method:
         return ours(f"no_{name}", title, usual, leave_out=(name,))
 
     return (
@@ -213,10 +213,10 @@ def switch_rows() -> tuple[Method, ...]:
         without("no_walls", "w/o walls that no photograph shows", walls=False),
         without("no_robust", "w/o robust weights", robust=False),
         without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),
-        less("expect_roughness", "w/o roughness expected of what looks alike"),
+        without_pass("expect_roughness", "w/o roughness expected of what looks alike"),
         without("no_rim", "w/o background in the rim's pixels", rim=False),
         without("no_material", "w/o metal and other specular levels than paint's", material=False),
-        less("regularize", "w/o neighbours that agree"),
+        without_pass("regularize", "w/o neighbours that agree"),
         without("no_drift", "w/o a factor for the light of each view", exposure_drift=False),
         without("no_shift", "w/o moving lamps", lamp_shift=False),
         without("no_relight", "w/o refining the light", relight=False),

@@ -34,19 +34,19 @@ class Estimate:
     # The light by groups of emitters, as long as it is calibrated.
     parts: Parts | None = None
     setting: Setting | None = None
-    first: Setting | None = None  # that of the distance search
-    middle: float = 0.0  # distance that the probes were put around; 0: around no depth yet
-    surprised: bool = False  # part of the light is as bright as the object's shading makes it
+    first_setting: Setting | None = None  # that of the distance search
+    probe_distance: float = 0.0  # distance that the probes were put around; 0: around no depth yet
+    lit_by_shading: bool = False  # part of the light is as bright as the object's shading makes it
     search_again: bool = False  # the light has turned out other than normals were sought under
-    voted: tuple[Sample, State] | None = None  # pixels that calibrated the light
-    doubt: Doubt | None = None  # what they leave open of it
+    voters: tuple[Sample, State] | None = None  # pixels that calibrated the light
+    light_variance: Doubt | None = None  # what they leave open of it
     # The light as it is settled, in the views that are fitted and those that are not.
     picture: Picture | None = None  # that all views' pixels are of
     light: Incident | None = None
     validation: Incident | None = None
     exposure_offset: Float[np.ndarray, " n"] | None = None
-    half: State | None = None  # as the last smaller size left it, for the pixels of `state`
-    rough: State | None = None  # as the coarse phases left it, for the same
+    halved_state: State | None = None  # as the last smaller size left it, for the pixels of `state`
+    coarse_state: State | None = None  # as the coarse phases left it, for the same
     regularized: bool = False
     residuals: tuple[float, ...] = ()  # median spread of the weighted residuals after each iteration
     coarse_iterations: int = 0  # of these, those before the light was settled
@@ -63,50 +63,52 @@ class Estimate:
         """The light as it stands."""
         if self.light is not None:
             return self.light
-        return self.grouped.under(self.placed.gain, self.placed.aside)
+        return self.known_parts.under(self.known_setting.gain, self.known_setting.aside)
 
     @property
-    def grouped(self) -> Parts:
+    def known_parts(self) -> Parts:
         """The light by groups; known once it is gathered."""
         assert self.parts is not None
         return self.parts
 
     @property
-    def placed(self) -> Setting:
+    def known_setting(self) -> Setting:
         """Distance and brightnesses; known once the light is gathered."""
         assert self.setting is not None
         return self.setting
 
     @property
-    def surface(self) -> State:
+    def known_state(self) -> State:
         """The pixels' answers; known once normals were sought."""
         assert self.state is not None
         return self.state
 
     @property
-    def shape(self) -> Float[np.ndarray, "h w"]:
+    def known_depth(self) -> Float[np.ndarray, "h w"]:
         """The depth; known once normals were integrated."""
         assert self.depth is not None
         return self.depth
 
-    def of(self, material: Float[np.ndarray, "p 2"] | None) -> "Estimate":
+    def with_material(self, material: Float[np.ndarray, "p 2"] | None) -> "Estimate":
         """The same of another material."""
         return replace(
             self, who=replace(self.who, material=material), sight=replace(self.sight, material=material)
         )
 
-    def under(self, setting: Setting) -> "Estimate":
+    def calibrated(self, setting: Setting) -> "Estimate":
         """The same under another calibration of the light; the object moves to where it has it."""
         by = setting.distance / self.distance.value
         distance = replace(self.distance, value=setting.distance)
         return replace(
-            self, setting=setting, distance=distance, sight=self.sight.at(by), depth=self.shape * by
+            self, setting=setting, distance=distance, sight=self.sight.at(by), depth=self.known_depth * by
         )
 
     def upsampled(self, scene: Scene, progress: Progress) -> "Estimate":
         """The same for the pixels of a picture twice as large."""
         who = scene.coarse[self.level - 1].pixels(np.arange(len(scene.coarse_views)), scene.params)
         who, state, depth, sight = finer(
-            who, self.who, self.surface, self.sight, self.distance.value, progress
+            who, self.who, self.known_state, self.sight, self.distance.value, progress
         )
-        return replace(self, level=self.level - 1, who=who, state=state, depth=depth, sight=sight, half=state)
+        return replace(
+            self, level=self.level - 1, who=who, state=state, depth=depth, sight=sight, halved_state=state
+        )

@@ -32,11 +32,11 @@ from engine.types import Emitters
 
 Pass = Callable[[Scene, Estimate, Progress], Estimate]
 
-WIDE, TIGHT, DRIFT = 1.3, 1.1, 1.04
+WIDE, TIGHT, MOVED = 1.3, 1.1, 1.04
 """The probes reach so many times nearer and farther than the object: as long as its distance is a guess, and then.
 Between their layers the light fades over instead of moving, so that wide ones make parallax look weak: the
-objects of two near rooms came out 4 and 6 % too near in them, 2.5 and 1.4 % in tight ones. An object that moved by DRIFT
-gets others."""
+objects of two near rooms came out 4 and 6 % too near in them, 2.5 and 1.4 % in tight ones. An object that has moved
+by MOVED gets others."""
 AROUND, OUTLIERS = 1.03, (0.5, 99.5)
 """As soon as there is a depth the probes reach so many times nearer and farther than it, and not for the sake of what the
 rim says beyond these percentiles of it."""
@@ -57,7 +57,7 @@ def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     first, room, tried, misfit = first_look(now.who, now.room, now.views, params, scene.seed, progress)
     distance = replace(now.distance, tried=tried, misfit=misfit)
     distance = replace(distance, value=first.distance) if free else now.distance
-    return replace(now, room=room, first=first, distance=distance, sight=now.who.flat(distance.value))
+    return replace(now, room=room, first_setting=first, distance=distance, sight=now.who.flat(distance.value))
 
 
 def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -66,34 +66,38 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     face_px, directions = params.probe_face_px, coarse_directions(params)
     if now.depth is None:
         margin = WIDE if params.object_distance <= 0 else TIGHT
-        reach_ = distance / margin, distance * margin
-        wide = lattice_around(picture.camera, picture.mask, reach_, (ACROSS, ACROSS, 2))
+        near_far = distance / margin, distance * margin
+        wide = lattice_around(picture.camera, picture.mask, near_far, (ACROSS, ACROSS, 2))
         parts = parts_at(wide, now.room, now.views, directions, face_px, progress)
         setting = untouched(parts, distance)
         surprising = parts.unseen
-        if now.first is not None:
-            surprising = surprising | parts.clipped & (now.first.gain > OUTSHONE * setting.gain).any(1)
-            setting = replace(setting, gain=np.where(surprising[:, None], now.first.gain, setting.gain))
+        if now.first_setting is not None:
+            surprising = surprising | parts.clipped & (now.first_setting.gain > OUTSHONE * setting.gain).any(
+                1
+            )
+            setting = replace(
+                setting, gain=np.where(surprising[:, None], now.first_setting.gain, setting.gain)
+            )
         surprised = params.relight and bool(surprising.any())
-        return replace(now, parts=parts, setting=setting, surprised=surprised)
-    if now.middle and not drifted(distance, now.middle):
+        return replace(now, parts=parts, setting=setting, lit_by_shading=surprised)
+    if now.probe_distance and not outside_probes(distance, now.probe_distance):
         return now
-    nearest, farthest = reach(now.sight.points[:, 2])
+    nearest, farthest = depth_range(now.sight.points[:, 2])
     near_far = min(nearest, distance / TIGHT), max(farthest, distance * TIGHT)
     there, span = scene.cam_from_world(now.views), progress.part(0, 0.1)
     tight = spaced(picture.camera, picture.mask, near_far, now.room.emitters, there, params, span)
     parts = parts_at(tight, now.room, now.views, directions, face_px, progress.part(0.1, 1))
-    return replace(now, parts=parts, middle=distance)
+    return replace(now, parts=parts, probe_distance=distance)
 
 
 def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Normals from nothing, or from the maps that were given; again where the light has turned out otherwise."""
     if now.state is not None and not now.search_again:
         return now
-    return replace(now, state=_sought(scene, now, progress), search_again=False)
+    return replace(now, state=_initial_state(scene, now, progress), search_again=False)
 
 
-def _sought(scene: Scene, now: Estimate, progress: Progress) -> gauss_newton.State:
+def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> gauss_newton.State:
     given = scene.coarse[now.level].start
     if given is None:
         return search(now.pixels, now.incident, now.sight, scene.params, progress)
@@ -105,7 +109,7 @@ def solve_pixels(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     who, steps = now.pixels, scene.params.passes
     responses = who.responses(now.incident, scene.params, scene.device, now.sight)
     state = gauss_newton.iterate(
-        now.surface, responses, now.sight, blocks(who.mask), who.seen, steps, progress, anew=True
+        now.known_state, responses, now.sight, blocks(who.mask), who.seen, steps, progress, anew=True
     )
     return replace(now, state=state)
 
@@ -115,36 +119,49 @@ def expect_roughness(scene: Scene, now: Estimate, progress: Progress) -> Estimat
     who = now.pixels
     responses = who.responses(now.incident, scene.params, scene.device, now.sight)
     state = reconsidered(
-        now.surface, responses, now.sight, blocks(who.mask), who.seen, who.mask, scene.params.passes, progress
+        now.known_state,
+        responses,
+        now.sight,
+        blocks(who.mask),
+        who.seen,
+        who.mask,
+        scene.params.passes,
+        progress,
     )
     return replace(now, state=state)
 
 
 def detect_metal(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What is metal, which is plain at once; in the first iteration."""
-    return now if now.residuals else _made_anew(scene, now, False, progress)
+    return now if now.residuals else _update_material(scene, now, False, progress)
 
 
 def classify_material(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What is metal, and how much the rest mirrors, which asks for the light as it is settled."""
-    return _made_anew(scene, now, bool(now.residuals), progress)
+    return _update_material(scene, now, bool(now.residuals), progress)
 
 
-def _made_anew(scene: Scene, now: Estimate, settled: bool, progress: Progress) -> Estimate:
+def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progress) -> Estimate:
     """What the object turns out to be made of, and its surface as that; the same where nothing else turns out."""
     if not scene.params.material:
         return now
     who, span = now.pixels, progress.part(0, 0.3)
-    made = told(who, now.surface, now.incident, now.sight, settled, scene.params, scene.seed, span)
+    made = told(who, now.known_state, now.incident, now.sight, settled, scene.params, scene.seed, span)
     if same(made, who.material):
         return now
     turned = kind(made, who) != kind(who.material, who)
-    now = now.of(made)
+    now = now.with_material(made)
     if turned.any():
-        anew = _sought(scene, now, progress.part(0.3, 0.5))
-        now = replace(now, state=gauss_newton.either(turned, anew, now.surface))
+        anew = _initial_state(scene, now, progress.part(0.3, 0.5))
+        now = replace(now, state=gauss_newton.either(turned, anew, now.known_state))
     state = improve(
-        now.pixels, now.surface, now.incident, now.sight, scene.params, scene.device, progress.part(0.5, 1)
+        now.pixels,
+        now.known_state,
+        now.incident,
+        now.sight,
+        scene.params,
+        scene.device,
+        progress.part(0.5, 1),
     )
     return replace(now, state=state)
 
@@ -167,22 +184,24 @@ def improve(
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The depth that the normals tell."""
-    return replace(now, depth=depth_of(now.who, now.surface, now.distance.value, progress))
+    return replace(now, depth=depth_of(now.who, now.known_state, now.distance.value, progress))
 
 
 def trace_visibility(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the depth hides of the room from every pixel, and the object's own light instead."""
     directions = now.incident.directions
-    return replace(now, sight=sight_of(now.who, now.surface, now.shape, directions, scene.params, progress))
+    return replace(
+        now, sight=sight_of(now.who, now.known_state, now.known_depth, directions, scene.params, progress)
+    )
 
 
 def split_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The brightest parts of the room that no photograph shows, each in several."""
     if not scene.params.relight:
         return now
-    made = divided(now.grouped, now.placed)
+    made = divided(now.known_parts, now.known_setting)
     # The first calibration tells what normals could not be sought under.
-    again = now.surprised and (made is not None or len(now.residuals) == 0)
+    again = now.lit_by_shading and (made is not None or len(now.residuals) == 0)
     if made is None:
         return replace(now, search_again=again)
     parts, setting = made
@@ -205,19 +224,19 @@ def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> 
     params = scene.params
     if not (params.relight or free):
         return now
-    chosen, sample = _voters(scene, now)
+    chosen, sample = _calibration_pixels(scene, now)
     setting, voted = settle(
-        now.placed,
-        now.grouped,
+        now.known_setting,
+        now.known_parts,
         sample,
-        now.surface.part(chosen),
+        now.known_state.part(chosen),
         free,
         params.relight,
         ROUNDS,
         STEPS,
         progress,
     )
-    return replace(now.under(setting), voted=(sample, voted))
+    return replace(now.calibrated(setting), voters=(sample, voted))
 
 
 def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -225,50 +244,52 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     params = scene.params
     if params.object_distance > 0:
         return now
-    chosen, sample = _voters(scene, now)
-    voting = now.surface.part(chosen)
-    setting = place(now.placed, now.grouped, sample, voting, params.relight, ROUNDS // 2, STEPS, progress)
+    chosen, sample = _calibration_pixels(scene, now)
+    voting = now.known_state.part(chosen)
+    setting = place(
+        now.known_setting, now.known_parts, sample, voting, params.relight, ROUNDS // 2, STEPS, progress
+    )
     stderr = setting.distance_stderr * setting.distance
-    now = now.under(setting)
+    now = now.calibrated(setting)
     return replace(now, distance=replace(now.distance, stderr=stderr))
 
 
-def _voters(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], Sample]:
+def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], Sample]:
     return voters(
-        now.who, now.sight, now.distance.value, VOTERS, scene.params, scene.seed, spread=now.surface.spread,
+        now.who, now.sight, now.distance.value, VOTERS, scene.params, scene.seed, spread=now.known_state.spread,
         light=now.incident,
     )  # fmt: skip
 
 
 def estimate_light_variance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the calibration leaves open of the light, as variances of other pixels' unknowns."""
-    if not scene.params.relight or now.voted is None:
+    if not scene.params.relight or now.voters is None:
         return now
     who, light = now.who, now.incident
     some = some_of(inner(who), VOTERS, scene.seed + 1)
     others = (
         sampled(who, now.sight, now.distance.value, some, scene.params, light=light),
-        now.surface.part(some),
+        now.known_state.part(some),
     )
-    variance = doubt(now.placed, now.grouped, now.voted, others)
-    return replace(now, doubt=Doubt(others[1].normals, variance))
+    variance = doubt(now.known_setting, now.known_parts, now.voters, others)
+    return replace(now, light_variance=Doubt(others[1].normals, variance))
 
 
 def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The settled light in all views, in as many directions as the surface asks for; from here on the pixels are seen in all."""
-    params, placed = scene.params, now.placed
+    params, placed = scene.params, now.known_setting
     views, count = np.concatenate([scene.fitted, scene.validation]), len(scene.fitted)
     emitters, there = emitters_of(now), scene.cam_from_world(views)
     directions = params.directions or enough(
-        now.surface, now.sight, emitters, there, params, progress.part(0, 0.1)
+        now.known_state, now.sight, emitters, there, params, progress.part(0, 0.1)
     )
     span = progress.part(0.1, 1)
-    alike = len(now.grouped.incident.directions) == directions
-    if alike and now.middle and not drifted(now.distance.value, now.middle):
+    alike = len(now.known_parts.incident.directions) == directions
+    if alike and now.probe_distance and not outside_probes(now.distance.value, now.probe_distance):
         # What the coarse phases have gathered already, and the rest.
-        lattice, known = now.grouped.incident.lattice, now.views
+        lattice, known = now.known_parts.incident.lattice, now.views
     else:
-        near_far, known = reach(now.shape[now.who.mask]), views[:0]
+        near_far, known = depth_range(now.known_depth[now.who.mask]), views[:0]
         camera, mask = now.who.camera, now.who.mask
         lattice = spaced(camera, mask, near_far, emitters, there, params, span.part(0, 0.1))
     rest = np.setdiff1d(views, known)
@@ -285,9 +306,10 @@ def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     offset = offset[scene.fitted]
     who = replace(who, material=now.who.material)
     return replace(
-        now, picture=picture, who=who.exposed(offset), views=scene.fitted, half=now.half or now.surface, rough=now.surface,
-        coarse_iterations=len(now.residuals), light=light.views(np.arange(count)),
-        validation=light.views(np.arange(count, len(views))), exposure_offset=offset,
+        now, picture=picture, who=who.exposed(offset), views=scene.fitted, exposure_offset=offset,
+        light=light.views(np.arange(count)), validation=light.views(np.arange(count, len(views))),
+        coarse_state=now.known_state, halved_state=now.halved_state or now.known_state,
+        coarse_iterations=len(now.residuals),
     )  # fmt: skip
 
 
@@ -297,7 +319,7 @@ def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estima
         return now
     who = now.who
     responses = who.responses(now.incident, scene.params, scene.device, now.sight)
-    left = drift_of(now.surface, responses, now.sight, who)
+    left = drift_of(now.known_state, responses, now.sight, who)
     settled = np.isin(scene.fitted, scene.coarse_views)
     # Settled views stay, and with them the scale.
     left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
@@ -306,21 +328,21 @@ def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estima
 
 def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Neighbours decide what a pixel's photographs leave open."""
-    return replace(now, state=accord(now.surface, now.who.mask), regularized=True)
+    return replace(now, state=accord(now.known_state, now.who.mask), regularized=True)
 
 
 def emitters_of(now: Estimate) -> Emitters:
     """The room's emitters under the calibration."""
-    placed = now.placed
-    return now.room.under(placed.gain[:-1], now.grouped.shift(placed.aside))
+    placed = now.known_setting
+    return now.room.under(placed.gain[:-1], now.known_parts.shift(placed.aside))
 
 
-def reach(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
+def depth_range(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
     """z of the first and the last layer of probes around points so far away."""
     nearest, farthest = np.percentile(z, OUTLIERS)
     return float(nearest / AROUND), float(farthest * AROUND)
 
 
-def drifted(distance: float, middle: float) -> bool:
+def outside_probes(distance: float, middle: float) -> bool:
     """Whether an object has moved too far from where its probes were put."""
-    return not 1 / DRIFT < distance / middle < DRIFT
+    return not 1 / MOVED < distance / middle < MOVED

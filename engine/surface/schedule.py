@@ -98,7 +98,7 @@ def _iteration(scene: Scene, now: Estimate, phase: Phase, progress: Progress) ->
     for one, span in zip(phase.passes, progress.part(0.1, 1).parts(len(phase.passes)), strict=True):
         now = one(scene, now, span)
     if solve_pixels in phase.passes:
-        now = replace(now, residuals=(*now.residuals, float(np.median(now.surface.spread))))
+        now = replace(now, residuals=(*now.residuals, float(np.median(now.known_state.spread))))
     return now
 
 
@@ -112,4 +112,4 @@ def half_suffices(now: Estimate) -> bool:
 def _turned_deg(before: Estimate, now: Estimate) -> float:
     if before.state is None or before.level != now.level:
         return np.inf
-    return float(np.degrees(angle_between(before.state.normals, now.surface.normals).mean()))
+    return float(np.degrees(angle_between(before.state.normals, now.known_state.normals).mean()))

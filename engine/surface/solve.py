@@ -94,7 +94,7 @@ def solve(
     leave_out: Sequence[str] = (),
 ) -> tuple[Surface, Renders, Emitters, SurfaceReport]:
     """Solve the surface; `seed` picks the pixels that calibrate the light, start maps are of the upright picture, turned
-    by `flip`. passes of the schedule named in `leave_out` do not run.
+    by `flip`. Passes of the schedule named in `leave_out` do not run.
 
     Raises:
         SurfaceError: too few views, an empty mask, frames without usable object pixels, start maps that cannot be
@@ -126,8 +126,10 @@ def solve(
     moving = still_moving(found)
     span = progress.part(alone, 1)
     if solved_at_once:
-        maps = judged(found.who, found.surface, found.sight, here, there, found.doubt, moving, span)
-        z = found.shape[picture.mask]
+        maps = judged(
+            found.who, found.known_state, found.sight, here, there, found.light_variance, moving, span
+        )
+        z = found.known_depth[picture.mask]
     else:
         maps, depth = in_detail(whole, scene.fitted, take, found, moving, here, there, params, span)
         z = depth[whole.mask]
@@ -151,10 +153,10 @@ def initial(scene: Scene, room: Room) -> Estimate:
 
 def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
     """Variances of the unknowns of a surface that the fine phase still turned; None where it stands still."""
-    assert found.rough is not None
-    assert found.half is not None
-    turned = angle_between(found.rough.normals, found.surface.normals).mean()
-    return unsettled(found.half, found.surface) if np.degrees(turned) > MOVING_DEG else None
+    assert found.coarse_state is not None
+    assert found.halved_state is not None
+    turned = angle_between(found.coarse_state.normals, found.known_state.normals).mean()
+    return unsettled(found.halved_state, found.known_state) if np.degrees(turned) > MOVING_DEG else None
 
 
 def report_of(
@@ -182,12 +184,12 @@ def report_of(
         (float(lattice.low[2]), float(lattice.high[2])),
         lattice.shape,
         len(found.incident.directions),
-        tuple(tuple(map(float, gain)) for gain in found.placed.gain),
+        tuple(tuple(map(float, gain)) for gain in found.known_setting.gain),
         *made_of(material),
-        found.grouped.unseen_share(found.placed.gain),
+        found.known_parts.unseen_share(found.known_setting.gain),
         tuple(int(k) for k in np.nonzero(found.room.kind == CLIPPED)[0]),
         tuple(map(float, drift)),
-        tuple(map(float, np.degrees(np.linalg.norm(found.placed.aside, axis=1)))),
+        tuple(map(float, np.degrees(np.linalg.norm(found.known_setting.aside, axis=1)))),
         found.residuals[: found.coarse_iterations],
         float(np.degrees(np.median(maps.stderr_normal))),
         {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},

@@ -95,7 +95,7 @@ def in_detail(
     """
     assert found.exposure_offset is not None
     mask, index = picture.mask, numbered(picture.mask)
-    ranges = enlarged(found.who.mask, found.shape, mask)
+    ranges = enlarged(found.who.mask, found.known_depth, mask)
     maps: Maps | None = None
     tiles = [
         (slice(v, v + TILE), slice(u, u + TILE))
@@ -111,7 +111,7 @@ def in_detail(
         pixels = index[wide][part.mask]
         who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.exposure_offset)
         who = replace(who, material=of_pixels(found.who.material, take[pixels]))
-        state = found.surface.part(take[pixels])
+        state = found.known_state.part(take[pixels])
         gloss = state.gloss
         state = begin(state.normals, state.albedo, state.roughness)
         state = replace(state, gloss=gloss)
@@ -122,7 +122,7 @@ def in_detail(
         unsure = None if moving is None else moving[take[pixels]]
         if found.regularized:
             state = accord(state, part.mask)
-        told = judged(who, state, sight, here, there, found.doubt, unsure, span.part(0.8, 1))
+        told = judged(who, state, sight, here, there, found.light_variance, unsure, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]
         own = inside[wide][part.mask]
@@ -136,7 +136,7 @@ def in_detail(
     assert maps is not None  # a mask has pixels
     normals = np.zeros((*mask.shape, 3), np.float32)
     normals[mask] = maps.normals
-    distance = float(found.shape[found.who.mask].mean())
+    distance = float(found.known_depth[found.who.mask].mean())
     return maps, integrate_normals(picture.camera, normals, mask, distance, integrating)
 
 

@@ -192,7 +192,7 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
     now = Estimate(0, every, who, given.room, Distance(z, 0.0, "given"), sight, state, depth, light=light)
     phases = [one for one in schedule(params, False) if one.name in ("fine", "finish")]
     now = run(scene, now, phases, progress.part(0.12, 1))
-    state, rounds = now.surface, len(now.residuals)
+    state, rounds = now.known_state, len(now.residuals)
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,

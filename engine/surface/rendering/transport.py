@@ -318,11 +318,6 @@ class Responses:
         material = of_pixels(sight.material, pixels)
         return Block(points, sight.views[pixels], *self.incident.among(points), hidden, lamps, material)
 
-    def whole_energy(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Float[np.ndarray, "d v"]:
-        """All the light a block of pixels shares, with the lamps as its middle sees them."""
-        middle = sight.points[pixels].mean(0)
-        return self.incident.at(middle) + self.incident.near.spread(middle)
-
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
     ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:

@@ -68,7 +68,7 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     np.testing.assert_allclose(light.near.centres, anew.near.centres)
     np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
-    assert (light.lattice is coarse.grouped.incident.lattice) == (directions == 400)
+    assert (light.lattice is coarse.known_parts.incident.lattice) == (directions == 400)
 
 
 def test_a_pass_that_is_left_out_runs_in_no_phase():

@@ -180,4 +180,4 @@ def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: 
     assert (found.distance.value, found.distance.source) == (1.1, "given")
     assert (found.room.kind == UNSEEN).sum() >= (room.kind == UNSEEN).sum()
     unseen = np.append(found.room.kind == UNSEEN, False)
-    assert (found.placed.gain[unseen] == 1).all() != relight
+    assert (found.known_setting.gain[unseen] == 1).all() != relight
