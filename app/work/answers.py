@@ -147,9 +147,13 @@ def _took(folder: Path) -> float | None:
 
 def gpu(content: Mapping[str, Any]) -> dict[str, Any]:
     """The name of the CUDA device; "" where torch finds none. Question: nothing."""
+    from engine.pipeline.run import has_cuda
+
+    if not has_cuda():
+        return {"name": ""}
     import torch
 
-    return {"name": torch.cuda.get_device_name(0) if torch.cuda.is_available() else ""}
+    return {"name": torch.cuda.get_device_name(0)}
 
 
 def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:

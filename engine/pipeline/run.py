@@ -6,6 +6,7 @@ the next run wipes; stages are deterministic, so the second try gives the same b
 """
 
 import contextlib
+import ctypes
 import importlib.metadata
 import os
 import platform
@@ -141,8 +142,19 @@ def loader(steps: Sequence[Step]) -> Callable[[str, str, type], Any]:
     return load
 
 
+def has_cuda() -> bool:
+    """Whether torch finds a CUDA device. It takes seconds to load, and is asked only where NVIDIA's driver is."""
+    try:
+        ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False
+    import torch
+
+    return torch.cuda.is_available()
+
+
 def choose_device(device: str, needed: bool = True) -> str:
-    """ "cpu" or "cuda"; asks torch only when something will run.
+    """ "cpu" or "cuda"; looks for CUDA only when something will run.
 
     Raises:
         SessionError: CUDA was asked for and is not there.
@@ -151,9 +163,7 @@ def choose_device(device: str, needed: bool = True) -> str:
         raise SessionError(f"device {device!r} is unknown; choose {', '.join(DEVICES)}")
     if device == "cpu" or (device == "auto" and not needed):
         return "cpu"
-    import torch
-
-    if torch.cuda.is_available():
+    if has_cuda():
         return "cuda"
     if device == "cuda":
         raise SessionError(

@@ -1,5 +1,6 @@
 """Questions are answered one by one, the urgent first, and a bad one costs nobody else its answer."""
 
+import ctypes
 import json
 import os
 import queue
@@ -21,6 +22,7 @@ from engine.errors import Cancelled
 from engine.io import session as sessions
 from engine.pipeline import presets
 from engine.pipeline import settings as asked
+from engine.pipeline.run import choose_device
 from engine.surface.params import SurfaceParams
 from tests.app.calls import ROOT
 from tests.app.sessions import HEIGHT, WIDTH, small
@@ -135,9 +137,20 @@ def test_a_session_without_photographs_has_no_thumbnail(tmp_path: Path) -> None:
 def test_a_machine_says_its_gpu_as_torch_does(monkeypatch: pytest.MonkeyPatch) -> None:
     torch = SimpleNamespace(is_available=lambda: False, get_device_name=lambda index: f"card {index}")
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=torch))
+    monkeypatch.setattr(ctypes, "CDLL", lambda driver: None)
     assert answer(question="gpu")["answer"] == {"name": ""}
     torch.is_available = lambda: True
     assert answer(question="gpu")["answer"] == {"name": "card 0"}
+
+
+def test_where_no_driver_is_nobody_waits_for_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(driver: str) -> None:
+        raise OSError(driver)
+
+    monkeypatch.setattr(ctypes, "CDLL", absent)
+    monkeypatch.setitem(sys.modules, "torch", None)  # whoever loads it fails
+    assert answer(question="gpu")["answer"] == {"name": ""}
+    assert choose_device("auto") == "cpu"
 
 
 def test_a_plan_waits_for_no_torch(session: Path) -> None:
