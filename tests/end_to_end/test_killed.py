@@ -14,6 +14,7 @@ from tests.end_to_end import bundled
 
 LEAST = (
     "hdr.long_edge_px=160",
+    "poses.features.maximum=500",
     "light.budget=1500",
     "light.width=64",
     "light.passes=[2,2]",

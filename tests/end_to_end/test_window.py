@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ from app.views.pages import PageRow
 from app.views.process.page import ProcessPage
 from app.views.start.page import StartPage
 from app.views.view3d.page import View3dPage
-from app.work.jobs import Job, JobState
+from app.work.jobs import Job, JobState, JobStatus
 from engine.io import session as sessions
 from tests.end_to_end import bundled, windowed
 from tests.end_to_end.windowed import LEAST, until
@@ -70,15 +71,45 @@ def captured(home: Path) -> Path:
     return session
 
 
+@dataclass(frozen=True)
+class Cancelled:
+    """What was seen of a run that was cancelled in a stage."""
+
+    stage: str
+    status: JobStatus
+    stages: set[str]  # that it went through
+    done: list[str]  # that were finished when it had ended
+
+
 @pytest.fixture(scope="module")
-def window(captured: Path) -> Iterator[MainWindow]:
-    """A window with that session, processed in it."""
+def opened(captured: Path) -> Iterator[MainWindow]:
+    """A window with that session."""
     with windowed.opened() as window:
         window.go_to_session(captured)
-        page = windowed.page(window, "process", ProcessPage)
-        windowed.configure(page, LEAST)
-        windowed.processed(page)
+        windowed.configure(windowed.page(window, "process", ProcessPage), LEAST)
         yield window
+
+
+@pytest.fixture(scope="module")
+def cancelled(opened: MainWindow, captured: Path) -> list[Cancelled]:
+    """Runs that were begun in it one after the other, each cancelled one stage later than the last."""
+    page, seen = windowed.page(opened, "process", ProcessPage), []
+    for stage in STAGES:
+        job = windowed.begin(page)
+        stages: set[str] = set()
+        job.listen(lambda status, stages=stages: stages.add(status.stage))
+        until(lambda job=job, stage=stage: job.status.stage == stage or job.status.ended, f"{stage} runs")
+        until(page.stop.isEnabled, "it can be cancelled")
+        page.stop.trigger()
+        seen.append(Cancelled(stage, windowed.ended(job), stages - {""}, done(captured)))
+    return seen
+
+
+@pytest.fixture(scope="module")
+def window(opened: MainWindow, cancelled: list[Cancelled]) -> MainWindow:
+    """A window in which the session was processed to its end in spite of them."""
+    windowed.processed(windowed.page(opened, "process", ProcessPage))
+    return opened
 
 
 def test_a_capture_in_the_window_is_a_session_of_twelve_poses(captured: Path) -> None:
@@ -89,11 +120,20 @@ def test_a_capture_in_the_window_is_a_session_of_twelve_poses(captured: Path) ->
         assert len(shot.files) == 3
 
 
+def test_cancelled_in_each_stage_the_next_start_goes_on_from_there(cancelled: list[Cancelled]) -> None:
+    for number, (stage, run) in enumerate(zip(STAGES, cancelled, strict=True)):
+        assert (run.status.state, run.status.stage) == (JobState.CANCELLED, stage), run
+        # What was done before is not done again: it began in the stage that was cancelled the last time.
+        assert run.stages <= set(STAGES[max(number - 1, 0) : number + 1])
+        assert run.done == list(STAGES[:number])
+
+
 def test_processing_in_the_window_finishes_every_stage_with_the_parameters_of_the_page(
     window: MainWindow, captured: Path
 ) -> None:
     for stage in STAGES:
         assert len(list((captured / "stages" / stage).glob("*/record.json"))) == 1
+    assert not list(captured.rglob("*.partial"))
     assert "budget = 1500" in (captured / "params.toml").read_text()
     page = windowed.page(window, "process", ProcessPage)
     assert "export" in page.log.toPlainText()
@@ -175,29 +215,6 @@ def test_on_a_screen_no_page_is_blank(window: MainWindow, captured: Path, tmp_pa
         image = QImage(str(picture))
         assert (image.width(), image.height()) == (1240, 780)
         assert not windowed.is_blank(image)
-
-
-def test_cancelled_in_each_stage_the_next_start_goes_on_from_there(captured: Path, tmp_path: Path) -> None:
-    session = bundled.copy(captured, tmp_path / "again.session")
-    with windowed.opened() as window:
-        window.go_to_session(session)
-        page = windowed.page(window, "process", ProcessPage)
-        windowed.configure(page, LEAST)
-        for number, stage in enumerate(STAGES):
-            job = windowed.begin(page)
-            stages: set[str] = set()
-            job.listen(lambda status, stages=stages: stages.add(status.stage))
-            until(lambda job=job, stage=stage: job.status.stage == stage or job.status.ended, f"{stage} runs")
-            until(page.stop.isEnabled, "it can be cancelled")
-            page.stop.trigger()
-            status = windowed.ended(job)
-            assert (status.state, status.stage) == (JobState.CANCELLED, stage), status
-            # What was done before is not done again: it began in the stage that was cancelled the last time.
-            assert stages - {""} <= set(STAGES[max(number - 1, 0) : number + 1])
-            assert done(session) == list(STAGES[:number])
-        windowed.processed(page)
-    assert done(session) == list(STAGES)
-    assert not list(session.rglob("*.partial"))
 
 
 def done(session: Path) -> list[str]:

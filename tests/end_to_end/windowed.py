@@ -39,6 +39,7 @@ NEAR_CAMERA = "virtual:?size=160x120"
 
 # As little as makes every stage do its work.
 LEAST: Mapping[str, Any] = {
+    "poses.features.maximum": 500,
     "light.budget": 1500,
     "light.width": 64,
     "light.passes": [2, 2],
