@@ -37,18 +37,6 @@ def pytest_runtest_setup() -> None:
     jaxtyping.config.calls = 0
 
 
-FIRST = ("end_to_end/test_process.py", "hardware", "app/views", "app/capture", "engine/io", "engine/sfm")
-"""The first compiles every kernel while another process of tests is at those that need none: else each compiles them."""
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    def place(item: pytest.Item) -> int:
-        path = item.path.relative_to(Path(__file__).parent)
-        return next((n for n, part in enumerate(FIRST) if path.is_relative_to(part)), len(FIRST))
-
-    items.sort(key=place)
-
-
 class Deaths:
     """Says how a process of tests ended that died in the middle of them: pytest itself only says that it did."""
 
