@@ -33,7 +33,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 10, LightParams(), ("hdr", "segment", "poses"), stage_functions.light, seeded=True,
+            "light", 11, LightParams(), ("hdr", "segment", "poses"), stage_functions.light, seeded=True,
             presets=presets.of_stage("light"),
         ),
         _reference() if solver == "reference" else _transport(),

@@ -94,7 +94,9 @@ def fit(
             return without(resample(frames, masks, poses, used, width), lamps)
 
         small = room(min(64, poses.camera.width))
-        start, emptiness = begin(small, poses.points, max(500, params.budget // 3), params.keep_out, run)
+        start, emptiness = begin(
+            small, room(widths[-1]), poses.points, max(500, params.budget // 3), params.keep_out, run
+        )
         cloud = cloud_of(start)
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))

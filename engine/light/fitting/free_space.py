@@ -83,14 +83,21 @@ def surface_of(emptiness: Emptiness, photographs: Photographs) -> Float[np.ndarr
     That is the swept depth where the view was sure, and DOUBTED of it where not; at the edge of something near
     a coarse pixel holds two depths, and the nearest around is taken. 0 off the background.
     """
-    _, height, width = photographs.weight.shape
     reach = np.where(emptiness.sure >= _SURE, emptiness.depth, DOUBTED * emptiness.depth)
     known = np.isfinite(reach)
     nearest = minimum_filter(np.where(known, reach, np.inf), (1, 3, 3))
     nearest = np.where(known, nearest, 0).astype(np.float32)
-    rows = (np.arange(height) * nearest.shape[1]) // height
-    columns = (np.arange(width) * nearest.shape[2]) // width
-    return np.ascontiguousarray(nearest[:, rows[:, None], columns])
+    return enlarged(nearest, photographs)
+
+
+def enlarged(
+    values: Float[np.ndarray, "n h w"], photographs: Photographs
+) -> Float[np.ndarray, "n big_h big_w"]:
+    """Values of the pixels of small pictures at those of other pictures of the same views: the nearest one's."""
+    _, height, width = photographs.weight.shape
+    rows = (np.arange(height) * values.shape[1]) // height
+    columns = (np.arange(width) * values.shape[2]) // width
+    return np.ascontiguousarray(values[:, rows[:, None], columns])
 
 
 def emptiness_of(

@@ -1,16 +1,20 @@
-"""First Gaussians: SfM points, and cones of background rays at swept depths where there are none.
+"""First Gaussians: SfM points, and cones of background rays at swept depths where there are none, far ones at openings.
 
 World frame. Candidates are thinned on a grid of (direction, log distance) around the middle of the camera
 path, so that primitives start evenly spread over what the object can see of the room.
 """
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from engine.errors import LightError
-from engine.light.fitting.free_space import Emptiness, emptiness_of, floating, intruding
-from engine.light.fitting.plane_sweep import FEW_POINTS, sweep
+from engine.light.fitting.far_light import openings
+from engine.light.fitting.free_space import Emptiness, emptiness_of, enlarged, floating, intruding
+from engine.light.fitting.plane_sweep import FEW_POINTS, knee_of, sweep
 from engine.light.fitting.training_views import Photographs
 from engine.light.gaussians.gaussians import Y00
 from engine.light.gaussians.rasterize import Run
@@ -28,6 +32,35 @@ def _candidates(
     pose = photographs.cam_from_world[view]
     world = np.einsum("nij,ni->nj", pose[:, :, :3], cam - pose[:, :, 3])
     return world, photographs.radiance[view, v, u].astype(np.float64)
+
+
+def _with_far(
+    depth: Float[np.ndarray, "n h w"], far: Float[np.ndarray, "n big_h big_w"]
+) -> Float[np.ndarray, "n h w"]:
+    """The depth, that of far light where most of a pixel shows some."""
+    _, height, width = depth.shape
+    found = depth.copy()
+    for view, z in enumerate(far):
+        if np.isfinite(z).any():
+            share = cv2.resize(
+                np.isfinite(z).astype(np.float32), (width, height), interpolation=cv2.INTER_AREA
+            )
+            here = (share > 0.5) & np.isfinite(depth[view])
+            found[view][here] = np.nanmedian(z)
+    return found
+
+
+def _open(emptiness: Emptiness, fine: Photographs, far: Float[np.ndarray, "n h w"]) -> Emptiness:
+    """The same where views look through openings for sure: nothing stands in a pane."""
+    shown = np.isfinite(far)
+    if not shown.any():
+        return emptiness
+    return replace(
+        emptiness,
+        lens=fine.lens,
+        depth=np.where(shown, far, enlarged(emptiness.depth, fine)),
+        sure=np.where(shown, 1.0, enlarged(emptiness.sure, fine)),
+    )
 
 
 def seen_radiance(
@@ -74,18 +107,20 @@ def _thin(
 
 def begin(
     photographs: Photographs,
+    fine: Photographs,
     points: Float[np.ndarray, "m 3"],
     count: int,
     keep_out: float | None,
     run: Run,
 ) -> tuple[Gaussians, Emptiness]:
-    """About `count` Gaussians to start from, and where the room is empty.
+    """About `count` Gaussians to start from, and where the room is empty; `fine`: the same views, larger.
 
     Raises:
         LightError: hardly any background pixel shows the room.
     """
     depth, sure = sweep(photographs, points, 40, run)
-    world, radiance = _candidates(photographs, depth)
+    far = openings(fine, enlarged(depth, fine), knee_of(fine))
+    world, radiance = _candidates(photographs, _with_far(depth, far))
     if len(world) < 50:
         raise LightError(
             f"only {len(world)} background pixels show the room; mask less or photograph more of the room"
@@ -95,6 +130,7 @@ def begin(
     emptiness = emptiness_of(
         photographs, depth, sure, surface, keep_out, 1 if len(points) >= FEW_POINTS else 2
     )
+    emptiness = _open(emptiness, fine, far)
     priority = np.where(trusted, 1, 2)
     if len(points):
         colours = seen_radiance(photographs, points, np.median(radiance, axis=0))
