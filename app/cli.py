@@ -248,6 +248,10 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
                 "--from", dest="records", type=Path, nargs="+", metavar="RECORD",
                 help="measure nothing: the table of these records of --json, each of other rooms or objects",
             )  # fmt: skip
+        if name == "ablation":
+            order.add_argument(
+                "--preset", choices=PRESETS, default="standard", help="of which parts are taken away"
+            )
         if name in ("table", "chart"):
             order.add_argument(
                 "--maps",

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from app.bench import drawing
 from app.bench.chart import PANELS
-from app.bench.rows import OURS
 from app.bench.scores import Scored
 
 ROW_IN, AROUND_IN = 0.17, 0.9
@@ -40,7 +39,7 @@ DRAWN = (
 
 def table(points: Sequence[Scored]) -> str:
     """The numbers behind the chart as CSV, each with what it has more than ours with every switch on."""
-    usual = of_ours(points)
+    usual = points[0]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     keys = [panel.key for panel in DRAWN]
@@ -66,17 +65,11 @@ def write(points: Sequence[Scored], folder: Path, caption: str) -> list[Path]:
     return drawing.write(draw(points, caption), folder, "ablation", table(points))
 
 
-def of_ours(points: Sequence[Scored]) -> Scored:
-    """The point with every switch on."""
-    return next(one for one in points if one.method == OURS)
-
-
 def draw(points: Sequence[Scored], caption: str):
     """A matplotlib figure: switches as rows, four panels, a legend and a caption under them."""
     from matplotlib.figure import Figure
 
-    usual = of_ours(points)
-    off = [one for one in points if one is not usual]
+    usual, *off = points
     height = ROW_IN * len(off) + AROUND_IN
     figure = Figure(figsize=(drawing.WIDTH_IN, height), dpi=drawing.DPI)
     grid = figure.subplots(1, len(DRAWN), sharey=True)

@@ -112,13 +112,13 @@ def views(call: Call) -> list[Metric]:
 
 def ablation(call: Call) -> list[Metric]:
     switched = rows.switched(call.size, call.least(rows.MANY))
-    found = call.groups(call.chosen((*rows.switch_rows(), *switched)), call.sets())
+    found = call.groups(call.chosen((*rows.switch_rows(call.args.preset), *switched)), call.sets())
     print("light, poses and masks are shared but where another light is named\n")
     _print_switches(found)
     drawn = found.get(WHOLE, [])
     means = scores.means(drawn)
     # A switch is drawn beside ours with every switch on.
-    if len(means) > 1 and any(one.method == rows.OURS for one in means):
+    if len(means) > 1 and means[0].method == call.args.preset:
         for path in ablation_chart.write(means, call.args.out, _caption(call, drawn)):
             print(path)
     return _metrics(found)

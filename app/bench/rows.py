@@ -195,9 +195,9 @@ def switched(size: Size, least: int = MANY) -> tuple[Method, ...]:
     return (begun, *(reference(params, size, least) for params in changed))
 
 
-def switch_rows() -> tuple[Method, ...]:
-    """Ours at its defaults, and with one remedy for a bias taken away after the other."""
-    usual = params_of(OURS)
+def switch_rows(preset: str) -> tuple[Method, ...]:
+    """Ours at a preset, and with one remedy for a bias taken away after the other."""
+    usual = params_of(preset)
 
     def without(key: str, title: str, **changes: Any) -> Method:
         return ours(key, title, replace(usual, **changes))
@@ -206,7 +206,7 @@ def switch_rows() -> tuple[Method, ...]:
         return ours(f"no_{name}", title, usual, leave_out=(name,))
 
     return (
-        ours(OURS, "ours", usual),
+        ours(preset, "ours" if preset == OURS else f"ours, {preset}", usual),
         without("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", full_diffuse=False),
         without("no_visibility", "w/o shadows of the object on itself", visibility=False),
         without("no_bounce", "w/o light bounced by the object", bounce=False),

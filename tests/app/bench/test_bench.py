@@ -158,12 +158,15 @@ def test_parts_of_a_set_are_even_and_keep_the_lamps():
     assert len(stored().frames.names) == VIEWS
 
 
-def test_every_switch_differs_from_the_defaults_in_what_it_says():
-    usual, *without = rows.switch_rows()
-    assert usual.key == rows.OURS
+@pytest.mark.parametrize("preset", ["draft", "standard"])
+def test_every_switch_differs_from_the_preset_in_what_it_says(preset: str):
+    usual, *without = rows.switch_rows(preset)
+    assert usual.key == preset
+    assert usual.facts == next(row.facts for row in rows.preset_rows() if row.key == preset)
     assert len({row.key for row in without}) == len(without)
-    for row in without:
-        assert any(row.facts[name] != usual.facts[name] for name in usual.facts), row.key
+    same = [row.key for row in without if row.facts == usual.facts]
+    # Draft has these to begin with.
+    assert same == (["half_directions", "one_round"] if preset == "draft" else [])
 
 
 def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
@@ -303,7 +306,7 @@ def test_an_ablation_compares_our_switches_over_all_pixels(
     monkeypatch.setattr(
         rows,
         "switch_rows",
-        lambda: (method("standard", 2.0, 4.0, calls=calls), method("no_bounce", 2.5, 4.0, calls=calls)),
+        lambda preset: (method(preset, 2.0, 4.0, calls=calls), method("no_bounce", 2.5, 4.0, calls=calls)),
     )
     monkeypatch.setattr(rows, "switched", lambda size, least: (replace(few, solve=solve_some),))
     words = ["bench", "ablation", "--quick", "--sets", str(tmp_path), "--device", "cpu"]
