@@ -28,7 +28,7 @@ from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.rendering.object_pixels import answering, image, photographed_in
 from engine.surface.schedule import run, schedule, without
 from engine.surface.tiled_solve import Maps, in_detail, judged
-from engine.surface.uncertainty.standard_errors import FLAGS, unsettled
+from engine.surface.uncertainty.standard_errors import FLAGS, unresolved, unsettled
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
 SPARE = 8
@@ -133,6 +133,8 @@ def solve(
     else:
         maps, depth = in_detail(whole, scene.fitted, take, found, moving, here, there, params, span)
         z = depth[whole.mask]
+    edges = unresolved(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
+    maps = replace(maps, stderr_normal=np.minimum(np.sqrt(maps.stderr_normal**2 + edges), np.pi / 2))
     material = of_pixels(found.who.material, take)
     surface = surface_of(mask, maps, z, params.model_error, material)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)

@@ -4,13 +4,15 @@ The system's covariance is (J^T W J)^-1 times the squared spread of the weighted
 independent, which those of neighbouring views and of the three channels are not: they look at one and the same error of
 the light. So the answer is also asked what it would be without each of a few stretches of the views (delete-a-group
 jackknife: Shao, Tu, "The Jackknife and Bootstrap", 1995, ch. 2), one Gauss-Newton step each. What is wrong
-alike in all views, neither can know: of the light `Doubt` tells it. Radians for normals.
+alike in all views, neither can know: of the light `Doubt` tells it, and of what is smaller than a pixel its neighbours
+(`unresolved`). Radians for normals.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy.ndimage import correlate1d, uniform_filter
 from scipy.spatial import KDTree
 
 from engine.progress import Progress
@@ -120,3 +122,25 @@ def confidence(
     flags[normal > ILL_NORMAL] |= ILL
     flags[guessed > GUESSED_SHARE] |= GUESSED
     return Confidence(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)
+
+
+def unresolved(
+    normals: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], stderr: Float[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
+    """Variances of normals at pixel centres by edges that cross pixels, of which a pixel sees a mean.
+
+    An edge between two normals, anywhere in a pixel, leaves its centre off the mean by a uniform share, up to half, of their
+    difference d: d^2 / 12 in the mean square. The squares of the second differences of the three pixels across it come to d^2 / 3
+    each in the mean, so a quarter of the mean around is told, less what the standard errors make of it. It is 0 where the surface
+    bends evenly.
+    """
+    variance, steps = stderr.astype(np.float64) ** 2, np.zeros(mask.shape)
+    for axis in (0, 1):
+
+        def along(values: np.ndarray, weights: list[int], axis: int = axis) -> np.ndarray:
+            return correlate1d(values, weights, axis, mode="constant")
+
+        inside = along(mask.astype(int), [1, 1, 1]) == 3
+        bend = (along(normals.astype(np.float64), [1, -2, 1]) ** 2).sum(-1) - along(variance, [1, 4, 1])
+        steps += np.where(inside, bend, 0)
+    return np.maximum(uniform_filter(steps, 3, mode="constant"), 0) / 4

@@ -5,12 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.results.metrics import NORMAL_BAND
 from engine.surface.optimize import gauss_newton
 from engine.surface.rendering.object_pixels import Subject, subject
 from engine.surface.rendering.transport import Incident, blocks
-from engine.surface.uncertainty.standard_errors import Doubt, confidence, formal, jackknifed, unsettled
+from engine.surface.uncertainty.standard_errors import (
+    Doubt,
+    confidence,
+    formal,
+    jackknifed,
+    unresolved,
+    unsettled,
+)
 from tests.engine.surface.rendering.test_object_pixels import (
     CAMERA,
     PARAMS,
@@ -106,3 +114,45 @@ def test_what_has_come_a_long_way_is_told_as_unsure() -> None:
     assert variance[:, :2].sum(1) == pytest.approx([0, 0.1**2], rel=0.02, abs=1e-12)
     assert variance[:, 2:5] == pytest.approx(np.log(1.2) ** 2)
     assert not variance[:, 5].any()
+
+
+def tilted(degrees: np.ndarray) -> np.ndarray:
+    """Normals that lean so far to the right."""
+    lean = np.radians(degrees)
+    return np.stack([np.sin(lean), np.zeros_like(lean), -np.cos(lean)], -1)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_where_an_edge_crosses_pixels_their_centres_are_as_unsure_as_they_are_wrong(turned: bool):
+    share = np.linspace(0, 1, 101)[:, None]  # of the middle pixel that is left of the edge
+    left, right = tilted(np.array([0.0])), tilted(np.array([20.0]))
+    middle = share * left + (1 - share) * right
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    wrong = angle_between(middle, np.where(share > 0.5, left, right))
+    told = []
+    for one in middle:
+        row = np.concatenate([left, left, left, one[None], right, right, right])
+        normals, mask = np.tile(row, (5, 1, 1)), np.ones((5, 7), bool)
+        if turned:
+            normals, mask = normals.transpose(1, 0, 2), mask.T
+        variance = unresolved(normals, mask, np.zeros(mask.shape))
+        told.append(variance[3, 2] if turned else variance[2, 3])
+        assert variance[0, 0] < 1e-12
+    assert np.sqrt(np.mean(told)) == pytest.approx(np.sqrt((wrong**2).mean()), rel=0.05)
+
+
+def test_a_surface_that_bends_evenly_hides_nothing_between_its_pixels():
+    bent = np.tile(tilted(np.linspace(0, 60, 61)), (9, 1, 1))  # a degree a pixel
+    mask, still = np.ones(bent.shape[:2], bool), np.zeros(bent.shape[:2])
+    assert np.degrees(np.sqrt(unresolved(bent, mask, still))).max() < 0.01
+    noisy = tilted(np.linspace(0, 60, 61) + np.random.default_rng(0).normal(0, 2, (9, 61)))
+    known = unresolved(noisy, mask, np.full(mask.shape, np.radians(2)))
+    assert np.degrees(np.sqrt(known.mean())) < 2
+    assert unresolved(noisy, mask, np.full(mask.shape, np.radians(9))).max() == 0
+
+
+def test_nothing_is_told_across_the_rim():
+    step = np.tile(tilted(np.repeat([0.0, 40.0], 5)), (5, 1, 1))
+    mask = np.ones(step.shape[:2], bool)
+    mask[:, 5:] = False
+    assert unresolved(np.where(mask[..., None], step, 0), mask, np.zeros(mask.shape)).max() == 0
