@@ -9,7 +9,7 @@ import pytest
 from app.cli import main
 from engine.io import session as sessions
 from engine.io.ground_truth import read_truth
-from hardware.virtual.studio import objects, rooms, samples, solids, tracer
+from hardware.virtual.studio import meshes, objects, rooms, samples, solids, tracer
 from hardware.virtual.studio.interior import gather
 from hardware.virtual.studio.objects import Body
 from hardware.virtual.studio.rooms import Panel, Room, Sheet
@@ -124,6 +124,7 @@ def test_a_scene_file_and_a_mesh_make_a_session_and_say_what_was_done(
     if not tracer.is_vectorised(tracer.load("cpu")):
         pytest.skip("no libLLVM here: rooms from files are refused")
     monkeypatch.setattr(gather, "QUALITY", gather.Quality(100, (4,) * 4, (4,)))
+    monkeypatch.setattr(meshes, "DIVIDED_FACES", 20_000)
     inner = scenes.box(1.5, scenes.matte("0.5")) + scenes.lamp(1.4, 0.4, "5")
     room, thing = (
         scenes.scene(tmp_path / "box.xml", inner),

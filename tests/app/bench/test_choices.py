@@ -8,7 +8,7 @@ from app.bench import choices, sets
 from app.bench.record import BenchError
 from app.bench.sizes import SIZES
 from hardware.errors import StudioError
-from hardware.virtual.studio import tracer
+from hardware.virtual.studio import meshes, tracer
 from hardware.virtual.studio.interior import read
 
 ROOM = """<scene version="3.0.0">
@@ -22,6 +22,9 @@ MESH = "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    monkeypatch.setattr(
+        meshes, "DIVIDED_FACES", 20_000
+    )  # paint as fine as a picture shows is not looked at here
 
 
 @pytest.fixture(autouse=True)

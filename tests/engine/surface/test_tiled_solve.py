@@ -23,8 +23,8 @@ from engine.surface.visibility.ray_visibility import Occlusion
 from tests.engine.reference.lit_room import DISTANCE, glossy, scene
 
 PARAMS = replace(
-    SurfaceParams(), rough_views=12, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
-    rounds=1, probes_across=1, probes_deep=1,
+    SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
+    rounds=1, probes_across=1, probes_deep=1, probe_face_px=32,
     # 184 pixels tell a lamp's direction, and a view's factor, worse than 729: that is not the tiles'.
     lamp_shift=False, exposure_drift=False,
 )  # fmt: skip
@@ -33,7 +33,7 @@ ALONE = ("regularize",)  # every pixel for itself
 
 @pytest.fixture(scope="module")
 def ball():
-    return scene(glossy(0.5), views=24)
+    return scene(glossy(0.5), views=16)
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
     hidden = Occlusion(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
     seen = Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)
     room = furnished(*ball.given[3:], frames, masks, poses, 4, 0.02, 0)
-    now = Estimate(schedule.HALF, np.arange(24), who, room, Distance(1.0, 0.0, "given"), seen)
+    now = Estimate(schedule.HALF, np.arange(16), who, room, Distance(1.0, 0.0, "given"), seen)
     assert schedule.half_suffices(now) == enough
 
 
@@ -175,7 +175,7 @@ def test_enlarged_values_are_linear_between_pixels():
 
 
 def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: pytest.MonkeyPatch):
-    dull = scene(glossy(0.25), views=24)
+    dull = scene(glossy(0.25), views=16)
     few = replace(PARAMS, together=int(dull.given[1].object.sum()) // 3)
     began = []
     monkeypatch.setattr(tiled_solve, "TILE", 16)

@@ -50,10 +50,10 @@ def test_a_plane_hides_nothing_from_itself_however_it_is_seen(slant_deg: float) 
 
 def groove() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, normals and mask of two walls at right angles."""
-    q = rays(Camera(128, 400, 400.0, 400.0, 64.0, 200.0))
+    q = rays(Camera(64, 200, 200.0, 200.0, 32.0, 100.0))
     q = q / q[..., 2:]
     mask = np.zeros(q.shape[:2], bool)
-    mask[:, 32:96] = True
+    mask[:, 16:48] = True
     depth = 1.0
     side = np.sign(q[..., 0])
     z = depth / (1 + side * q[..., 0])  # z = depth - |x|
@@ -71,7 +71,7 @@ def test_what_hides_is_seen_only_where_its_own_normal_looks_that_way() -> None:
     turned = normals.copy()
     turned[points[..., 0] > 0] = normals[points[..., 0] < 0][0]
     doubted = occlusion(points, turned, mask, CELLS, Progress(), albedo=albedo)
-    for pixel in index[200, 42:60:3]:
+    for pixel in index[100, 21:30:2]:
         hidden = [one.of(np.array([pixel])) for one in (known, doubted)]
         np.testing.assert_array_equal(hidden[0][1], hidden[1][1])
         ahead = CELLS[hidden[0][1]] @ normals[mask][pixel] > 0.05
@@ -85,10 +85,10 @@ def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
     points, normals, mask = groove()
     found = np.zeros(mask.shape)
     found[mask] = occlusion(points, normals, mask, direction_cells(2000), Progress()).share
-    row = found[200]
-    x = np.abs(points[200, :, 0]) * np.sqrt(2)
-    length = np.array([x[95], x[32]])  # of the right wall, and of the left
-    for columns, other in ((slice(40, 62), length[0]), (slice(66, 88), length[1])):
+    row = found[100]
+    x = np.abs(points[100, :, 0]) * np.sqrt(2)
+    length = np.array([x[47], x[16]])  # of the right wall, and of the left
+    for columns, other in ((slice(20, 31), length[0]), (slice(33, 44), length[1])):
         told = (1 - x[columns] / np.hypot(x[columns], other)) / 2
         np.testing.assert_allclose(row[columns], told, atol=0.02)
         assert abs((row[columns] - told).mean()) < 0.004

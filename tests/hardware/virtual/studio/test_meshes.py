@@ -9,6 +9,12 @@ from hardware.virtual.studio.bodies import Thing
 from tests.hardware.virtual.studio.interior import scenes
 
 
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch):
+    """Meshes are divided, but not to the half million triangles that paint of a picture's fineness asks for."""
+    monkeypatch.setattr(meshes, "DIVIDED_FACES", 20_000)
+
+
 def test_truth_normals_are_those_of_the_ball(tmp_path):
     stood = bodies.stand(Thing(str(scenes.ball(tmp_path / "ball.obj", 48)), 0.3), 0)
     maps = truth.maps(stood.body, 80, 60)

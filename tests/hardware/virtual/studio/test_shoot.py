@@ -46,7 +46,15 @@ def furnished():
 
 @pytest.fixture(scope="module")
 def bodies():
-    return {name: objects.model(name) for name in objects.OBJECTS}
+    """All of them, of a quarter of their triangles: still several to a pixel of `SIZE`."""
+    ball, lathe, hull = solids.ball, solids.lathe, solids.hull
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solids, "ball", lambda cells, radius: ball(cells // 2, radius))
+        patch.setattr(
+            solids, "lathe", lambda profile, around, *how, **ways: lathe(profile, around // 4, *how, **ways)
+        )
+        patch.setattr(solids, "hull", lambda corners, grain: hull(corners, 2 * grain))
+        return {name: objects.model(name) for name in objects.OBJECTS}
 
 
 @pytest.mark.parametrize("name", FURNISHED)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hardware.errors import StudioError
-from hardware.virtual.studio import objects, relight, shoot, solids, tracer, truth
+from hardware.virtual.studio import meshes, objects, relight, shoot, solids, tracer, truth
 from hardware.virtual.studio.interior import gather, glow, place, proposal, read
 from hardware.virtual.studio.samples import Effort
 from tests.hardware.virtual.studio.interior import scenes
@@ -147,6 +147,7 @@ def order(room: Path, thing: Path, **changes: object) -> shoot.Order:
 @pytest.fixture
 def furnished(tmp_path, mi, monkeypatch) -> tuple[Path, Path]:
     monkeypatch.setattr(gather, "QUALITY", gather.Quality(100, (4,) * 2, (4,)))
+    monkeypatch.setattr(meshes, "DIVIDED_FACES", 20_000)
     inner = scenes.box(1.5, scenes.matte("0.5")) + scenes.lamp(1.4, 0.4, "5")
     return scenes.scene(tmp_path / "box.xml", inner), scenes.ball(tmp_path / "ball.obj")
 
