@@ -29,12 +29,12 @@ from engine.io import session as sessions
 from engine.io.ground_truth import Truth
 from engine.pipeline import run
 from engine.progress import Progress
-from engine.surface.optimize.gauss_newton import State, begin
+from engine.surface.optimize.gauss_newton import PixelEstimate, initial_estimate
 from engine.surface.params import SurfaceParams
 from engine.surface.passes import depth_range
 from engine.surface.reflectance.brdf import PAINT
-from engine.surface.rendering.object_pixels import Subject, sight_of, subject
-from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
+from engine.surface.rendering.object_pixels import ObjectPixels, geometry_with_visibility, observe_object
+from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks, probe_grid_around
 from hardware.errors import StudioError
 from hardware.virtual import sensor
 from hardware.virtual.studio import shoot
@@ -88,10 +88,12 @@ def of_set(
     built = shoot.build(order, places.cache() / "studio", progress.part(0, 0.2).step)
     views = np.array(evenly(size.views if count is None else count, size.views))
     known = known_of(on, built, views, PARAMS, PROBES, progress.part(0.2, 0.7))
-    mask, true = known.who.mask, known.true_state()
-    sight = sight_of(known.who, true, on.truth.depth, known.light.directions, PARAMS, progress.part(0.7, 0.9))
+    mask, true = known.object_pixels.mask, known.true_state()
+    sight = geometry_with_visibility(
+        known.object_pixels, true, on.truth.depth, known.light.directions, PARAMS, progress.part(0.7, 0.9)
+    )
     every = -(-int(mask.sum()) // PIXELS)
-    parts = [asked for part in blocks(mask) if len(asked := part[part % every == 0])]
+    parts = [asked for part in pixel_blocks(mask) if len(asked := part[part % every == 0])]
     angle = np.zeros(int(mask.sum()))
     angle[np.concatenate(parts)] = np.concatenate(
         list(known.least(true, sight, PARAMS, parts, known.scatter))
@@ -105,29 +107,29 @@ def of_set(
 class Known:
     """A set's photographs with the light and the truth they were taken of."""
 
-    who: Subject
-    light: Incident
+    object_pixels: ObjectPixels
+    light: IncidentLight
     truth: Truth
     scatter: Scatter
 
-    def true_state(self) -> State:
+    def true_state(self) -> PixelEstimate:
         """The truth as the solver's unknowns."""
-        mask, truth = self.who.mask, self.truth
-        return begin(truth.normal[mask], truth.albedo[mask], truth.roughness[mask])
+        mask, truth = self.object_pixels.mask, self.truth
+        return initial_estimate(truth.normal[mask], truth.albedo[mask], truth.roughness[mask])
 
     def least(
         self,
-        true: State,
-        sight: Sight,
+        true: PixelEstimate,
+        geometry: SurfaceGeometry,
         params: SurfaceParams,
-        parts: list[Int[np.ndarray, " _"]],
+        blocks: list[Int[np.ndarray, " _"]],
         scatter: Scatter,
     ) -> Iterator[Float[np.ndarray, " _"]]:
         """Degrees that each normal of each part is off at least on average."""
-        responses = self.who.responses(self.light, params, "cpu", sight)
-        for pixels in parts:
-            radiance, jacobian = derivatives(responses, sight, pixels, true)
-            usable = self.who.seen.weight[pixels].reshape(radiance.shape) > 0
+        responses = self.object_pixels.light_transport(self.light, params, "cpu", geometry)
+        for pixels in blocks:
+            radiance, jacobian = derivatives(responses, geometry, pixels, true)
+            usable = self.object_pixels.observations.weight[pixels].reshape(radiance.shape) > 0
             yield np.degrees(expected_angle(information(radiance, jacobian * usable[..., None], scatter)))
 
 
@@ -147,12 +149,12 @@ def known_of(
     frames, camera, truth = on.stored.frames, on.stored.poses.camera, on.truth
     mask, raw = truth.mask, sessions.open_session(on.session).kind == "raw"
     report = run.loader(results.steps_of(on.session))("hdr", "report", HdrReport)
-    lattice = lattice_around(camera, mask, depth_range(truth.depth[mask]), probes)
+    lattice = probe_grid_around(camera, mask, depth_range(truth.depth[mask]), probes)
     light = incident_of(
         built.around, built.cams_from_world()[views], lattice, params.directions,
         session_per_studio(report.scale) if raw else 1.0, 1, progress,
     )  # fmt: skip
-    who = subject(frames, mask, camera, np.arange(len(frames.names)), params)
+    who = observe_object(frames, mask, camera, np.arange(len(frames.names)), params)
     who = replace(who, material=_material(built.body, mask))
     # Images that no camera took hold no noise but the path tracer's; a floor keeps black from being certain.
     noise = frames.noise if raw else (0.0, 1e-6 * float(frames.radiance[:, mask].mean()))

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ellipe
 
-from engine.surface.optimize.gauss_newton import STEP, State, variants
-from engine.surface.rendering.transport import Responses, Sight
+from engine.surface.optimize.gauss_newton import STEP, PixelEstimate, perturbed
+from engine.surface.rendering.transport import LightTransport, SurfaceGeometry
 
 SHARED = 0.8
 """Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88
@@ -86,14 +86,14 @@ def expected_angle(information: Float[np.ndarray, "p u u"]) -> Float[np.ndarray,
 
 
 def derivatives(
-    responses: Responses, sight: Sight, pixels: Int[np.ndarray, " p"], at: State
+    transport: LightTransport, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"], at: PixelEstimate
 ) -> tuple[Float[np.ndarray, "p n 3"], Float[np.ndarray, "p n 3 6"]]:
     """Radiance of some pixels in every view, and its derivatives by the six unknowns."""
     n, r, albedo = at.normals[pixels], at.roughness[pixels], at.albedo[pixels][:, None]
-    leaning, rough, inward = variants(n, r)
+    leaning, rough, inward = perturbed(n, r)
     diffuse, specular = (
         x.astype(np.float64).reshape(len(pixels), 4, -1, 3)
-        for x in responses(responses.block(sight, pixels), leaning, rough)
+        for x in transport(transport.block(geometry, pixels), leaning, rough)
     )
     sent = albedo[:, None] * diffuse + specular
     steps = np.stack([np.full(len(pixels), STEP), np.full(len(pixels), STEP), inward], 1)

@@ -16,8 +16,8 @@ from scipy.sparse import csr_matrix
 from engine.geometry import inverse
 from engine.light.incident.direction_grid import FACES, pixel_solid_angles, shared_cells, sharpened
 from engine.progress import Progress
-from engine.surface.rendering.area_lights import Near
-from engine.surface.rendering.transport import Incident, Lattice, direction_cells
+from engine.surface.rendering.area_lights import AreaLights
+from engine.surface.rendering.transport import IncidentLight, ProbeGrid, direction_cells
 from hardware.errors import StudioError
 from hardware.virtual.studio import tracer
 from hardware.virtual.studio.glow import Glow
@@ -35,12 +35,12 @@ Look = Callable[[Any], np.ndarray]
 def incident_of(
     around: Surroundings,
     cam_from_world: Float[np.ndarray, "n 3 4"],
-    lattice: Lattice,
+    lattice: ProbeGrid,
     directions: int,
     session_per_studio: float,
     seed: int,
     progress: Progress,
-) -> Incident:
+) -> IncidentLight:
     """What arrives at the lattice in each view, in the session's radiance.
 
     Raises:
@@ -80,10 +80,10 @@ def incident_of(
         for probe, seen in enumerate(_looked(mi, look, pose, points, _jittered(rng))):
             energy[probe, :, view] = session_per_studio * (matrix @ seen)
     flat = energy.reshape(len(points), directions, -1)
-    near = Near.none(len(cam_from_world), directions)
+    near = AreaLights.none(len(cam_from_world), directions)
     if glow is not None and glow.globes:
         near = _globes(glow, cam_from_world, points.mean(0), directions, session_per_studio, rng)
-    return Incident(lattice, cells, sharpened(flat, cells), near)
+    return IncidentLight(lattice, cells, sharpened(flat, cells), near)
 
 
 def _jittered(rng: np.random.Generator) -> Float[np.ndarray, "r 3"]:
@@ -122,7 +122,7 @@ def _globes(
     directions: int,
     session_per_studio: float,
     rng: np.random.Generator,
-) -> Near:
+) -> AreaLights:
     """The globes as lamps, each as far as the room leaves it open."""
     globes = glow.globes
     mi: Any = glow.mi
@@ -137,7 +137,7 @@ def _globes(
             )
             open_share[view, k] = np.array(glow.arriving(point, None, aim, aim.density > 0)[0]).mean()
     radiance = session_per_studio * np.stack([globe.radiance for globe in globes])
-    return Near(
+    return AreaLights(
         centres @ np.swapaxes(cam_from_world[:, :, :3], 1, 2) + cam_from_world[:, None, :, 3],
         np.array([globe.radius_m for globe in globes]),
         (open_share[..., None] * radiance).astype(np.float32),

@@ -21,24 +21,24 @@ from engine.errors import SessionError
 from engine.io.session import told
 from engine.orientation import turned
 from engine.pipeline import artifacts
-from engine.surface.lighting.room_light import light_at
+from engine.surface.lighting.room_light import gather_incident_light
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.object_pixels import (
-    answering,
-    painted,
-    photographed_in,
-    sight_of,
-    subject,
+    geometry_with_visibility,
+    light_transport,
+    observe_object,
+    photographed_radiance,
+    render_pixels,
 )
 from engine.surface.rendering.transport import (
-    Incident,
-    Lattice,
-    Sight,
-    blocks,
+    IncidentLight,
+    ProbeGrid,
+    SurfaceGeometry,
     direction_cells,
-    lattice_around,
+    pixel_blocks,
+    probe_grid_around,
 )
 from engine.types import Emitters, Frames, Poses, Surface
 
@@ -163,33 +163,37 @@ class Scene:
         """
         s, surface = solved, solved.surface
         self._solved = solved
-        self.lattice: Lattice = lattice_around(s.poses.camera, surface.mask, s.reach, s.probes)
+        self.lattice: ProbeGrid = probe_grid_around(s.poses.camera, surface.mask, s.reach, s.probes)
         mask = surface.mask
-        self._state = gauss_newton.begin(
+        self._state = gauss_newton.initial_estimate(
             surface.normal[mask].astype(float),
             surface.albedo[mask].astype(float),
             surface.roughness[mask].astype(float),
         )
         one = np.nonzero(s.poses.registered)[0][:1]
-        who = subject(s.frames, mask, s.poses.camera, one, s.params)
+        who = observe_object(s.frames, mask, s.poses.camera, one, s.params)
         who = replace(who, material=of_pixels(surface.material, mask))
         cells = direction_cells(s.directions)
-        self.sight: Sight = sight_of(who, self._state, surface.depth, cells, s.params, progress)
+        self.sight: SurfaceGeometry = geometry_with_visibility(
+            who, self._state, surface.depth, cells, s.params, progress
+        )
 
-    def light(self, views: Sequence[int], progress: "Progress") -> Incident:
+    def light(self, views: Sequence[int], progress: "Progress") -> IncidentLight:
         """What arrives around the object in some views."""
         s = self._solved
         cam_from_world = s.poses.cam_from_world[np.array(views)]
         face_px = s.params.probe_face_px
-        return light_at(self.lattice, s.emitters, cam_from_world, s.directions, face_px, progress)
+        return gather_incident_light(
+            self.lattice, s.emitters, cam_from_world, s.directions, face_px, progress
+        )
 
     def rendered(self, views: Sequence[int], progress: "Progress") -> Float[np.ndarray, "n p 3"]:
         """Radiance of the mask's pixels in some views, float32."""
         s = self._solved
         mask, light = s.surface.mask, self.light(views, progress)
-        seen = photographed_in(s.frames, mask, views)
-        responses = answering(seen, light, self.sight, s.params, "cpu")
-        return painted(responses, self.sight, blocks(mask), self._state).transpose(1, 0, 2)
+        seen = photographed_radiance(s.frames, mask, views)
+        responses = light_transport(seen, light, self.sight, s.params, "cpu")
+        return render_pixels(responses, self.sight, pixel_blocks(mask), self._state).transpose(1, 0, 2)
 
 
 def _older(run: Run) -> SessionError:

@@ -27,8 +27,8 @@ from engine.geometry import fibonacci_sphere, rays, resized
 from engine.io.session import told
 from engine.light.incident.direction_grid import shared_cells
 from engine.surface.reflectance.brdf import lobe_floor, of_pixels, rows
-from engine.surface.rendering.transport import BLOCK, blocks
-from engine.surface.visibility.ray_visibility import Occlusion, occlusion
+from engine.surface.rendering.transport import BLOCK, pixel_blocks
+from engine.surface.visibility.ray_visibility import SparseVisibility, trace_occlusion
 from engine.types import Camera, Surface
 
 if TYPE_CHECKING:
@@ -128,12 +128,12 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
     mask, q = small.mask, rays(small.camera)
     points = q / q[..., 2:] * small.depth[..., None]
     directions = fibonacci_sphere(CELLS)
-    hidden = occlusion(points, small.normal, mask, directions, progress.part(0, 0.5))
+    hidden = trace_occlusion(points, small.normal, mask, directions, progress.part(0, 0.5))
     normals, rough = small.normal[mask], small.roughness[mask]
     made = of_pixels(small.material, mask)
     towards = -q[mask]
     tile, tiles = _tiles(mask)
-    parts = blocks(mask)
+    parts = pixel_blocks(mask)
     floor = lobe_floor(CELLS)
     random = np.random.default_rng(0).standard_normal((CELLS + tiles, BLOCK**2), np.float32)
     pixels, ranks, basis, weights, middles = [], [], [], [], []
@@ -212,7 +212,7 @@ def _tiles(mask: Bool[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, " p"], int]:
 
 
 def _with_tiles(
-    hidden: Occlusion,
+    hidden: SparseVisibility,
     block: Int[np.ndarray, " b"],
     answers: tuple[Float[np.ndarray, "b d"], Float[np.ndarray, "b d"]],
     tile: Int[np.ndarray, " p"],

@@ -28,8 +28,8 @@ from engine.reference.monte_carlo.rendering import Look, Scene, render
 from engine.reference.monte_carlo.shadows import Shadows, shadows_of
 from engine.reference.params import EPOCHS, SAMPLES, ReferenceParams, ReferenceReport, title
 from engine.reference.start import Start, begin
-from engine.surface.data.observations import aside
-from engine.surface.lighting.room_light import furnished
+from engine.surface.data.observations import shifted_neighbours
+from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import image
 from engine.surface.solve import held_out, rerendering_error
@@ -65,7 +65,9 @@ def solve(
     light = light_for(frames, masks, poses, gaussians, lamps, params, seed, progress.part(0, 0.05))
     gaussians, lamps = light.gaussians, light.lamps
     clock, ours = time.perf_counter(), SurfaceParams()
-    room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
+    room = build_room_light(
+        gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed
+    )
     first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0.05, 0.1), flip)
     solved, distance = part_of(mask, params.pixels, seed), first.distance.value
     unit = radiance_unit(frames, masks, fitted)
@@ -149,7 +151,7 @@ def _tiles(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
 
 def beside_of(solved: Bool[np.ndarray, "h w"], device: str) -> Int[Tensor, "p 4"]:
     """The neighbours as losses.py asks for them."""
-    return torch.as_tensor(aside(solved, np.array(losses.STEPS)), device=device)
+    return torch.as_tensor(shifted_neighbours(solved, np.array(losses.STEPS)), device=device)
 
 
 def radiance_unit(frames: Frames, masks: Masks, views: Int[np.ndarray, " f"]) -> float:

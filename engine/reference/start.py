@@ -14,15 +14,15 @@ from jaxtyping import Bool, Float, Int
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams
 from engine.surface.data import initial_maps
-from engine.surface.data.observations import thinned
-from engine.surface.lighting.distance_search import DIRECTIONS, Distance, first_look
+from engine.surface.data.observations import evenly_spaced
+from engine.surface.lighting.distance_search import DIRECTIONS, Distance, coarse_distance_search
 from engine.surface.lighting.emitter_groups import UNSEEN
-from engine.surface.lighting.room_light import Room, light_at
+from engine.surface.lighting.room_light import RoomLight, gather_incident_light
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
 from engine.surface.passes import TIGHT
-from engine.surface.rendering.object_pixels import depth_of, search, subject
-from engine.surface.rendering.transport import lattice_around
+from engine.surface.rendering.object_pixels import depth_from_normals, observe_object, search_initial_normals
+from engine.surface.rendering.transport import probe_grid_around
 from engine.types import Frames
 
 MIDDLE = 0.5
@@ -43,7 +43,7 @@ class Start:
 def begin(
     frames: Frames,
     mask: Bool[np.ndarray, "h w"],
-    room: Room,
+    room: RoomLight,
     fitted: Int[np.ndarray, " f"],
     params: ReferenceParams,
     device: str,
@@ -57,30 +57,32 @@ def begin(
         SurfaceError: the user's maps cannot be read or do not fit the photographs.
     """
     ours = SurfaceParams(full_diffuse=params.full_diffuse)
-    views = thinned(fitted, ours.rough_views)
+    views = evenly_spaced(fitted, ours.rough_views)
     few = frames.views(views)
-    who = subject(few, mask, room.poses.camera, np.arange(len(views)), ours)
+    who = observe_object(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance, begun = Distance(params.object_distance, 0.0, "given"), None
     if params.object_distance <= 0:
-        begun, room, tried, misfit = first_look(who, room, views, ours, seed, progress.part(0, 0.5))
+        begun, room, tried, misfit = coarse_distance_search(
+            who, room, views, ours, seed, progress.part(0, 0.5)
+        )
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
     if params.start_maps:
         maps = initial_maps.read(Path(params.start_maps), None, params.start_frame, mask, True, flip)
         count = len(maps.normals)
         albedo = np.full((count, 3), MIDDLE) if maps.albedo is None else maps.albedo
         roughness = np.full(count, MIDDLE) if maps.roughness is None else maps.roughness
-        state = gauss_newton.begin(maps.normals, albedo, roughness)
+        state = gauss_newton.initial_estimate(maps.normals, albedo, roughness)
     else:
         z = distance.value
-        lattice = lattice_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
+        lattice = probe_grid_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
         gain = np.ones((len(room.kind), 3))
         if begun is not None:
             unseen = room.kind == UNSEEN
             gain[unseen] = begun.gain[:-1][unseen]
-        light = light_at(
-            lattice, room.under(gain), room.poses.cam_from_world[views], DIRECTIONS, ours.probe_face_px,
+        light = gather_incident_light(
+            lattice, room.with_gains(gain), room.poses.cam_from_world[views], DIRECTIONS, ours.probe_face_px,
             progress.part(0.5, 0.7),
         )  # fmt: skip
-        state = search(who, light, who.flat(z), ours, progress.part(0.7, 0.9))
-    depth = depth_of(who, state, distance.value, progress.part(0.9, 1))
+        state = search_initial_normals(who, light, who.geometry_at_distance(z), ours, progress.part(0.7, 0.9))
+    depth = depth_from_normals(who, state, distance.value, progress.part(0.9, 1))
     return Start(state.normals, state.albedo, state.roughness, depth, distance)

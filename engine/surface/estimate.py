@@ -6,17 +6,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from engine.progress import Progress
-from engine.surface.data.pyramid import finer
+from engine.surface.data.pyramid import upsample_estimate
 from engine.surface.data.scene import Picture, Scene
 from engine.surface.lighting.distance_search import Distance
-from engine.surface.lighting.grouped_light import Parts
-from engine.surface.lighting.light_calibration import Setting
-from engine.surface.lighting.room_light import Room
-from engine.surface.optimize.gauss_newton import State
-from engine.surface.optimize.pixel_sample import Sample
-from engine.surface.rendering.object_pixels import Subject
-from engine.surface.rendering.transport import Incident, Sight
-from engine.surface.uncertainty.standard_errors import Doubt
+from engine.surface.lighting.grouped_light import GroupedLight
+from engine.surface.lighting.light_calibration import LightParameters
+from engine.surface.lighting.room_light import RoomLight
+from engine.surface.optimize.gauss_newton import PixelEstimate
+from engine.surface.optimize.pixel_sample import PixelSample
+from engine.surface.rendering.object_pixels import ObjectPixels
+from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry
+from engine.surface.uncertainty.standard_errors import LightVariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,61 +24,63 @@ class Estimate:
     """The surface of the object's pixels at one size, and the light it is solved under."""
 
     level: int  # of `Scene.at`
-    views: Int[np.ndarray, " n"]  # that `who` is seen in
-    who: Subject
-    room: Room
+    views: Int[np.ndarray, " n"]  # that `object_pixels` is seen in
+    object_pixels: ObjectPixels
+    room_light: RoomLight
     distance: Distance
-    sight: Sight
-    state: State | None = None  # None: nothing is known yet
+    geometry: SurfaceGeometry
+    state: PixelEstimate | None = None  # None: nothing is known yet
     depth: Float[np.ndarray, "h w"] | None = None
     # The light by groups of emitters, as long as it is calibrated.
-    parts: Parts | None = None
-    setting: Setting | None = None
-    first_setting: Setting | None = None  # that of the distance search
+    grouped_light: GroupedLight | None = None
+    light_parameters: LightParameters | None = None
+    first_light_parameters: LightParameters | None = None  # that of the distance search
     probe_distance: float = 0.0  # distance that the probes were put around; 0: around no depth yet
     lit_by_shading: bool = False  # part of the light is as bright as the object's shading makes it
     search_again: bool = False  # the light has turned out other than normals were sought under
-    voters: tuple[Sample, State] | None = None  # pixels that calibrated the light
-    light_variance: Doubt | None = None  # what they leave open of it
+    calibration_pixels: tuple[PixelSample, PixelEstimate] | None = None  # pixels that calibrated the light
+    light_variance: LightVariance | None = None  # what they leave open of it
     # The light as it is settled, in the views that are fitted and those that are not.
     picture: Picture | None = None  # that all views' pixels are of
-    light: Incident | None = None
-    validation: Incident | None = None
+    light: IncidentLight | None = None
+    validation: IncidentLight | None = None
     exposure_offset: Float[np.ndarray, " n"] | None = None
-    halved_state: State | None = None  # as the last smaller size left it, for the pixels of `state`
-    coarse_state: State | None = None  # as the coarse phases left it, for the same
+    halved_state: PixelEstimate | None = None  # as the last smaller size left it, for the pixels of `state`
+    coarse_state: PixelEstimate | None = None  # as the coarse phases left it, for the same
     regularized: bool = False
     residuals: tuple[float, ...] = ()  # median spread of the weighted residuals after each iteration
     coarse_iterations: int = 0  # of these, those before the light was settled
 
     @property
-    def pixels(self) -> Subject:
+    def compensated_pixels(self) -> ObjectPixels:
         """The object's pixels without what their views' exposures are off by."""
-        if self.setting is None or not self.room.drift or self.light is not None:
-            return self.who
-        return self.who.exposed(self.setting.drift)
+        if self.light_parameters is None or not self.room_light.exposure_sigma or self.light is not None:
+            return self.object_pixels
+        return self.object_pixels.with_exposure_compensated(self.light_parameters.exposure_offset)
 
     @property
-    def incident(self) -> Incident:
+    def incident(self) -> IncidentLight:
         """The light as it stands."""
         if self.light is not None:
             return self.light
-        return self.known_parts.under(self.known_setting.gain, self.known_setting.aside)
+        return self.known_grouped_light.with_gains(
+            self.known_light_parameters.gain, self.known_light_parameters.lamp_offset
+        )
 
     @property
-    def known_parts(self) -> Parts:
+    def known_grouped_light(self) -> GroupedLight:
         """The light by groups; known once it is gathered."""
-        assert self.parts is not None
-        return self.parts
+        assert self.grouped_light is not None
+        return self.grouped_light
 
     @property
-    def known_setting(self) -> Setting:
+    def known_light_parameters(self) -> LightParameters:
         """Distance and brightnesses; known once the light is gathered."""
-        assert self.setting is not None
-        return self.setting
+        assert self.light_parameters is not None
+        return self.light_parameters
 
     @property
-    def known_state(self) -> State:
+    def known_state(self) -> PixelEstimate:
         """The pixels' answers; known once normals were sought."""
         assert self.state is not None
         return self.state
@@ -92,23 +94,35 @@ class Estimate:
     def with_material(self, material: Float[np.ndarray, "p 2"] | None) -> "Estimate":
         """The same of another material."""
         return replace(
-            self, who=replace(self.who, material=material), sight=replace(self.sight, material=material)
+            self,
+            object_pixels=replace(self.object_pixels, material=material),
+            geometry=replace(self.geometry, material=material),
         )
 
-    def calibrated(self, setting: Setting) -> "Estimate":
+    def with_light_parameters(self, light_parameters: LightParameters) -> "Estimate":
         """The same under another calibration of the light; the object moves to where it has it."""
-        by = setting.distance / self.distance.value
-        distance = replace(self.distance, value=setting.distance)
+        by = light_parameters.distance / self.distance.value
+        distance = replace(self.distance, value=light_parameters.distance)
         return replace(
-            self, setting=setting, distance=distance, sight=self.sight.at(by), depth=self.known_depth * by
+            self,
+            light_parameters=light_parameters,
+            distance=distance,
+            geometry=self.geometry.at(by),
+            depth=self.known_depth * by,
         )
 
     def upsampled(self, scene: Scene, progress: Progress) -> "Estimate":
         """The same for the pixels of a picture twice as large."""
-        who = scene.coarse[self.level - 1].pixels(np.arange(len(scene.coarse_views)), scene.params)
-        who, state, depth, sight = finer(
-            who, self.who, self.known_state, self.sight, self.distance.value, progress
+        object_pixels = scene.coarse[self.level - 1].pixels(np.arange(len(scene.coarse_views)), scene.params)
+        object_pixels, state, depth, geometry = upsample_estimate(
+            object_pixels, self.object_pixels, self.known_state, self.geometry, self.distance.value, progress
         )
         return replace(
-            self, level=self.level - 1, who=who, state=state, depth=depth, sight=sight, halved_state=state
+            self,
+            level=self.level - 1,
+            object_pixels=object_pixels,
+            state=state,
+            depth=depth,
+            geometry=geometry,
+            halved_state=state,
         )

@@ -13,21 +13,42 @@ from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.scene import Scene
 from engine.surface.estimate import Estimate
-from engine.surface.lighting.distance_search import VOTERS, coarse_directions, first_look
+from engine.surface.lighting.distance_search import (
+    CALIBRATION_PIXELS,
+    coarse_directions,
+    coarse_distance_search,
+)
 from engine.surface.lighting.emitter_groups import CLIPPED, UNSEEN
-from engine.surface.lighting.exposure_offset import drift_of
-from engine.surface.lighting.light_calibration import divided, doubt, place, settle, untouched
-from engine.surface.lighting.probe_density import enough, spaced
-from engine.surface.lighting.room_light import light_at, parts_at
+from engine.surface.lighting.exposure_offset import exposure_offset_of
+from engine.surface.lighting.light_calibration import (
+    calibrate,
+    calibrate_with_distance,
+    light_variance,
+    prior_light,
+    split_groups,
+)
+from engine.surface.lighting.probe_density import choose_direction_count, choose_probe_grid
+from engine.surface.lighting.room_light import gather_grouped_light, gather_incident_light
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.material import kind, same, told
-from engine.surface.optimize.pixel_sample import Sample, inner, sampled, some_of, voters
-from engine.surface.optimize.roughness_prior import reconsidered
-from engine.surface.optimize.spatial_regularization import accord
+from engine.surface.optimize.material import classify, kind, same
+from engine.surface.optimize.pixel_sample import (
+    PixelSample,
+    calibration_pixels,
+    interior,
+    random_subset,
+    sample_pixels,
+)
+from engine.surface.optimize.roughness_prior import apply_roughness_prior
+from engine.surface.optimize.spatial_regularization import regularize_spatially
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject, depth_of, search, sight_of
-from engine.surface.rendering.transport import Incident, Sight, blocks, lattice_around
-from engine.surface.uncertainty.standard_errors import Doubt
+from engine.surface.rendering.object_pixels import (
+    ObjectPixels,
+    depth_from_normals,
+    geometry_with_visibility,
+    search_initial_normals,
+)
+from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks, probe_grid_around
+from engine.surface.uncertainty.standard_errors import LightVariance
 from engine.types import Emitters
 
 Pass = Callable[[Scene, Estimate, Progress], Estimate]
@@ -52,12 +73,20 @@ def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     """The object's distance to a fifth or so unless it is given, with the light that suits it where part of that is open."""
     params = scene.params
     free = params.object_distance <= 0
-    if not free and not (params.relight and np.isin(now.room.kind, (CLIPPED, UNSEEN)).any()):
+    if not free and not (params.relight and np.isin(now.room_light.kind, (CLIPPED, UNSEEN)).any()):
         return now
-    first, room, tried, misfit = first_look(now.who, now.room, now.views, params, scene.seed, progress)
+    first, room, tried, misfit = coarse_distance_search(
+        now.object_pixels, now.room_light, now.views, params, scene.seed, progress
+    )
     distance = replace(now.distance, tried=tried, misfit=misfit)
     distance = replace(distance, value=first.distance) if free else now.distance
-    return replace(now, room=room, first_setting=first, distance=distance, sight=now.who.flat(distance.value))
+    return replace(
+        now,
+        room_light=room,
+        first_light_parameters=first,
+        distance=distance,
+        geometry=now.object_pixels.geometry_at_distance(distance.value),
+    )
 
 
 def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -67,27 +96,29 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     if now.depth is None:
         margin = WIDE if params.object_distance <= 0 else TIGHT
         near_far = distance / margin, distance * margin
-        wide = lattice_around(picture.camera, picture.mask, near_far, (ACROSS, ACROSS, 2))
-        parts = parts_at(wide, now.room, now.views, directions, face_px, progress)
-        setting = untouched(parts, distance)
+        wide = probe_grid_around(picture.camera, picture.mask, near_far, (ACROSS, ACROSS, 2))
+        parts = gather_grouped_light(wide, now.room_light, now.views, directions, face_px, progress)
+        setting = prior_light(parts, distance)
         surprising = parts.unseen
-        if now.first_setting is not None:
-            surprising = surprising | parts.clipped & (now.first_setting.gain > OUTSHONE * setting.gain).any(
-                1
-            )
+        if now.first_light_parameters is not None:
+            surprising = surprising | parts.clipped & (
+                now.first_light_parameters.gain > OUTSHONE * setting.gain
+            ).any(1)
             setting = replace(
-                setting, gain=np.where(surprising[:, None], now.first_setting.gain, setting.gain)
+                setting, gain=np.where(surprising[:, None], now.first_light_parameters.gain, setting.gain)
             )
         surprised = params.relight and bool(surprising.any())
-        return replace(now, parts=parts, setting=setting, lit_by_shading=surprised)
+        return replace(now, grouped_light=parts, light_parameters=setting, lit_by_shading=surprised)
     if now.probe_distance and not outside_probes(distance, now.probe_distance):
         return now
-    nearest, farthest = depth_range(now.sight.points[:, 2])
+    nearest, farthest = depth_range(now.geometry.points[:, 2])
     near_far = min(nearest, distance / TIGHT), max(farthest, distance * TIGHT)
     there, span = scene.cam_from_world(now.views), progress.part(0, 0.1)
-    tight = spaced(picture.camera, picture.mask, near_far, now.room.emitters, there, params, span)
-    parts = parts_at(tight, now.room, now.views, directions, face_px, progress.part(0.1, 1))
-    return replace(now, parts=parts, probe_distance=distance)
+    tight = choose_probe_grid(
+        picture.camera, picture.mask, near_far, now.room_light.emitters, there, params, span
+    )
+    parts = gather_grouped_light(tight, now.room_light, now.views, directions, face_px, progress.part(0.1, 1))
+    return replace(now, grouped_light=parts, probe_distance=distance)
 
 
 def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -97,34 +128,45 @@ def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     return replace(now, state=_initial_state(scene, now, progress), search_again=False)
 
 
-def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> gauss_newton.State:
-    given = scene.coarse[now.level].start
+def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> gauss_newton.PixelEstimate:
+    given = scene.coarse[now.level].initial_maps
     if given is None:
-        return search(now.pixels, now.incident, now.sight, scene.params, progress)
-    return initial_maps.begun(given, now.pixels, now.incident, now.sight, scene.params, progress)
+        return search_initial_normals(
+            now.compensated_pixels, now.incident, now.geometry, scene.params, progress
+        )
+    return initial_maps.estimate_from_maps(
+        given, now.compensated_pixels, now.incident, now.geometry, scene.params, progress
+    )
 
 
 def solve_pixels(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Gauss-Newton on every pixel, under what the depth says hides the room from it."""
-    who, steps = now.pixels, scene.params.passes
-    responses = who.responses(now.incident, scene.params, scene.device, now.sight)
-    state = gauss_newton.iterate(
-        now.known_state, responses, now.sight, blocks(who.mask), who.seen, steps, progress, anew=True
+    object_pixels, steps = now.compensated_pixels, scene.params.passes
+    transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
+    state = gauss_newton.minimize(
+        now.known_state,
+        transport,
+        now.geometry,
+        pixel_blocks(object_pixels.mask),
+        object_pixels.observations,
+        steps,
+        progress,
+        reset_scale=True,
     )
     return replace(now, state=state)
 
 
 def expect_roughness(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Pixels expect the roughness of those that look alike; those far off it are solved a second time from there."""
-    who = now.pixels
-    responses = who.responses(now.incident, scene.params, scene.device, now.sight)
-    state = reconsidered(
+    object_pixels = now.compensated_pixels
+    transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
+    state = apply_roughness_prior(
         now.known_state,
-        responses,
-        now.sight,
-        blocks(who.mask),
-        who.seen,
-        who.mask,
+        transport,
+        now.geometry,
+        pixel_blocks(object_pixels.mask),
+        object_pixels.observations,
+        object_pixels.mask,
         scene.params.passes,
         progress,
     )
@@ -145,20 +187,22 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
     """What the object turns out to be made of, and its surface as that; the same where nothing else turns out."""
     if not scene.params.material:
         return now
-    who, span = now.pixels, progress.part(0, 0.3)
-    made = told(who, now.known_state, now.incident, now.sight, settled, scene.params, scene.seed, span)
-    if same(made, who.material):
+    object_pixels, span = now.compensated_pixels, progress.part(0, 0.3)
+    made = classify(
+        object_pixels, now.known_state, now.incident, now.geometry, settled, scene.params, scene.seed, span
+    )
+    if same(made, object_pixels.material):
         return now
-    turned = kind(made, who) != kind(who.material, who)
+    turned = kind(made, object_pixels) != kind(object_pixels.material, object_pixels)
     now = now.with_material(made)
     if turned.any():
         anew = _initial_state(scene, now, progress.part(0.3, 0.5))
-        now = replace(now, state=gauss_newton.either(turned, anew, now.known_state))
-    state = improve(
-        now.pixels,
+        now = replace(now, state=gauss_newton.where(turned, anew, now.known_state))
+    state = solve_and_expect_roughness(
+        now.compensated_pixels,
         now.known_state,
         now.incident,
-        now.sight,
+        now.geometry,
         scene.params,
         scene.device,
         progress.part(0.5, 1),
@@ -166,32 +210,52 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
     return replace(now, state=state)
 
 
-def improve(
-    who: Subject,
-    state: gauss_newton.State,
-    light: Incident,
-    sight: Sight,
+def solve_and_expect_roughness(
+    object_pixels: ObjectPixels,
+    state: gauss_newton.PixelEstimate,
+    light: IncidentLight,
+    geometry: SurfaceGeometry,
     params: SurfaceParams,
     device: str,
     progress: Progress,
-) -> gauss_newton.State:
+) -> gauss_newton.PixelEstimate:
     """`solve_pixels`, then `expect_roughness`, of some pixels."""
-    responses, parts, steps = who.responses(light, params, device, sight), blocks(who.mask), params.passes
+    transport, parts, steps = (
+        object_pixels.light_transport(light, params, device, geometry),
+        pixel_blocks(object_pixels.mask),
+        params.passes,
+    )
     span = progress.part(0, 0.7)
-    state = gauss_newton.iterate(state, responses, sight, parts, who.seen, steps, span, anew=True)
-    return reconsidered(state, responses, sight, parts, who.seen, who.mask, steps, progress.part(0.7, 1))
+    state = gauss_newton.minimize(
+        state, transport, geometry, parts, object_pixels.observations, steps, span, reset_scale=True
+    )
+    return apply_roughness_prior(
+        state,
+        transport,
+        geometry,
+        parts,
+        object_pixels.observations,
+        object_pixels.mask,
+        steps,
+        progress.part(0.7, 1),
+    )
 
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The depth that the normals tell."""
-    return replace(now, depth=depth_of(now.who, now.known_state, now.distance.value, progress))
+    return replace(
+        now, depth=depth_from_normals(now.object_pixels, now.known_state, now.distance.value, progress)
+    )
 
 
 def trace_visibility(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the depth hides of the room from every pixel, and the object's own light instead."""
     directions = now.incident.directions
     return replace(
-        now, sight=sight_of(now.who, now.known_state, now.known_depth, directions, scene.params, progress)
+        now,
+        geometry=geometry_with_visibility(
+            now.object_pixels, now.known_state, now.known_depth, directions, scene.params, progress
+        ),
     )
 
 
@@ -199,14 +263,18 @@ def split_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The brightest parts of the room that no photograph shows, each in several."""
     if not scene.params.relight:
         return now
-    made = divided(now.known_parts, now.known_setting)
+    made = split_groups(now.known_grouped_light, now.known_light_parameters)
     # The first calibration tells what normals could not be sought under.
     again = now.lit_by_shading and (made is not None or len(now.residuals) == 0)
     if made is None:
         return replace(now, search_again=again)
     parts, setting = made
     return replace(
-        now, parts=parts, setting=setting, room=now.room.divided(parts.patches), search_again=again
+        now,
+        grouped_light=parts,
+        light_parameters=setting,
+        room_light=now.room_light.with_patches_split(parts.patches),
+        search_again=again,
     )
 
 
@@ -225,9 +293,9 @@ def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> 
     if not (params.relight or free):
         return now
     chosen, sample = _calibration_pixels(scene, now)
-    setting, voted = settle(
-        now.known_setting,
-        now.known_parts,
+    setting, voted = calibrate(
+        now.known_light_parameters,
+        now.known_grouped_light,
         sample,
         now.known_state.part(chosen),
         free,
@@ -236,7 +304,7 @@ def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> 
         STEPS,
         progress,
     )
-    return replace(now.calibrated(setting), voters=(sample, voted))
+    return replace(now.with_light_parameters(setting), calibration_pixels=(sample, voted))
 
 
 def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -246,67 +314,76 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
         return now
     chosen, sample = _calibration_pixels(scene, now)
     voting = now.known_state.part(chosen)
-    setting = place(
-        now.known_setting, now.known_parts, sample, voting, params.relight, ROUNDS // 2, STEPS, progress
+    setting = calibrate_with_distance(
+        now.known_light_parameters,
+        now.known_grouped_light,
+        sample,
+        voting,
+        params.relight,
+        ROUNDS // 2,
+        STEPS,
+        progress,
     )
     stderr = setting.distance_stderr * setting.distance
-    now = now.calibrated(setting)
+    now = now.with_light_parameters(setting)
     return replace(now, distance=replace(now.distance, stderr=stderr))
 
 
-def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], Sample]:
-    return voters(
-        now.who, now.sight, now.distance.value, VOTERS, scene.params, scene.seed, spread=now.known_state.spread,
+def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], PixelSample]:
+    return calibration_pixels(
+        now.object_pixels, now.geometry, now.distance.value, CALIBRATION_PIXELS, scene.params, scene.seed, spread=now.known_state.residual_scale,
         light=now.incident,
     )  # fmt: skip
 
 
 def estimate_light_variance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the calibration leaves open of the light, as variances of other pixels' unknowns."""
-    if not scene.params.relight or now.voters is None:
+    if not scene.params.relight or now.calibration_pixels is None:
         return now
-    who, light = now.who, now.incident
-    some = some_of(inner(who), VOTERS, scene.seed + 1)
+    object_pixels, light = now.object_pixels, now.incident
+    some = random_subset(interior(object_pixels), CALIBRATION_PIXELS, scene.seed + 1)
     others = (
-        sampled(who, now.sight, now.distance.value, some, scene.params, light=light),
+        sample_pixels(object_pixels, now.geometry, now.distance.value, some, scene.params, light=light),
         now.known_state.part(some),
     )
-    variance = doubt(now.known_setting, now.known_parts, now.voters, others)
-    return replace(now, light_variance=Doubt(others[1].normals, variance))
+    variance = light_variance(
+        now.known_light_parameters, now.known_grouped_light, now.calibration_pixels, others
+    )
+    return replace(now, light_variance=LightVariance(others[1].normals, variance))
 
 
 def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The settled light in all views, in as many directions as the surface asks for; from here on the pixels are seen in all."""
-    params, placed = scene.params, now.known_setting
+    params, placed = scene.params, now.known_light_parameters
     views, count = np.concatenate([scene.fitted, scene.validation]), len(scene.fitted)
     emitters, there = emitters_of(now), scene.cam_from_world(views)
-    directions = params.directions or enough(
-        now.known_state, now.sight, emitters, there, params, progress.part(0, 0.1)
+    directions = params.directions or choose_direction_count(
+        now.known_state, now.geometry, emitters, there, params, progress.part(0, 0.1)
     )
     span = progress.part(0.1, 1)
-    alike = len(now.known_parts.incident.directions) == directions
+    alike = len(now.known_grouped_light.incident.directions) == directions
     if alike and now.probe_distance and not outside_probes(now.distance.value, now.probe_distance):
         # What the coarse phases have gathered already, and the rest.
-        lattice, known = now.known_parts.incident.lattice, now.views
+        lattice, known = now.known_grouped_light.incident.probe_grid, now.views
     else:
-        near_far, known = depth_range(now.known_depth[now.who.mask]), views[:0]
-        camera, mask = now.who.camera, now.who.mask
-        lattice = spaced(camera, mask, near_far, emitters, there, params, span.part(0, 0.1))
+        near_far, known = depth_range(now.known_depth[now.object_pixels.mask]), views[:0]
+        camera, mask = now.object_pixels.camera, now.object_pixels.mask
+        lattice = choose_probe_grid(camera, mask, near_far, emitters, there, params, span.part(0, 0.1))
     rest = np.setdiff1d(views, known)
     cam_from_world = scene.cam_from_world(rest)
-    light = light_at(lattice, emitters, cam_from_world, directions, params.probe_face_px, span)
+    light = gather_incident_light(lattice, emitters, cam_from_world, directions, params.probe_face_px, span)
     if len(known):
         light, rest = now.incident.beside(light), np.concatenate([known, rest])
     order = np.argsort(rest)
     light = light.views(order[np.searchsorted(rest[order], views)])
     picture = scene.at(now.level)
-    who = picture.pixels(scene.fitted, params)
+    object_pixels = picture.pixels(scene.fitted, params)
     offset = np.zeros(len(scene.poses.registered))
-    offset[now.views] = placed.drift
+    offset[now.views] = placed.exposure_offset
     offset = offset[scene.fitted]
-    who = replace(who, material=now.who.material)
+    object_pixels = replace(object_pixels, material=now.object_pixels.material)
     return replace(
-        now, picture=picture, who=who.exposed(offset), views=scene.fitted, exposure_offset=offset,
+        now, picture=picture, object_pixels=object_pixels.with_exposure_compensated(offset), views=scene.fitted, exposure_offset=offset,
         light=light.views(np.arange(count)), validation=light.views(np.arange(count, len(views))),
         coarse_state=now.known_state, halved_state=now.halved_state or now.known_state,
         coarse_iterations=len(now.residuals),
@@ -315,26 +392,30 @@ def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
 
 def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """How far the exposure of the views is off that did not serve before, where exposures may waver."""
-    if not now.room.drift or now.exposure_offset is None:
+    if not now.room_light.exposure_sigma or now.exposure_offset is None:
         return now
-    who = now.who
-    responses = who.responses(now.incident, scene.params, scene.device, now.sight)
-    left = drift_of(now.known_state, responses, now.sight, who)
+    object_pixels = now.object_pixels
+    transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
+    left = exposure_offset_of(now.known_state, transport, now.geometry, object_pixels)
     settled = np.isin(scene.fitted, scene.coarse_views)
     # Settled views stay, and with them the scale.
     left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
-    return replace(now, who=who.exposed(left), exposure_offset=now.exposure_offset + left)
+    return replace(
+        now,
+        object_pixels=object_pixels.with_exposure_compensated(left),
+        exposure_offset=now.exposure_offset + left,
+    )
 
 
 def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Neighbours decide what a pixel's photographs leave open."""
-    return replace(now, state=accord(now.known_state, now.who.mask), regularized=True)
+    return replace(now, state=regularize_spatially(now.known_state, now.object_pixels.mask), regularized=True)
 
 
 def emitters_of(now: Estimate) -> Emitters:
     """The room's emitters under the calibration."""
-    placed = now.known_setting
-    return now.room.under(placed.gain[:-1], now.known_parts.shift(placed.aside))
+    placed = now.known_light_parameters
+    return now.room_light.with_gains(placed.gain[:-1], now.known_grouped_light.lamp_shift(placed.lamp_offset))
 
 
 def depth_range(z: Float[np.ndarray, " p"]) -> tuple[float, float]:

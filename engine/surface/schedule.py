@@ -98,15 +98,20 @@ def _iteration(scene: Scene, now: Estimate, phase: Phase, progress: Progress) ->
     for one, span in zip(phase.passes, progress.part(0.1, 1).parts(len(phase.passes)), strict=True):
         now = one(scene, now, span)
     if solve_pixels in phase.passes:
-        now = replace(now, residuals=(*now.residuals, float(np.median(now.known_state.spread))))
+        now = replace(now, residuals=(*now.residuals, float(np.median(now.known_state.residual_scale))))
     return now
 
 
 def half_suffices(now: Estimate) -> bool:
     """Whether these are the pixels of half the size, and enough: the object is known to hide next to nothing of the room from
     itself."""
-    hidden = now.sight.occlusion
-    return now.level == HALF and hidden is not None and len(now.who.rays) >= TELLING and hidden.bare
+    hidden = now.geometry.visibility
+    return (
+        now.level == HALF
+        and hidden is not None
+        and len(now.object_pixels.rays) >= TELLING
+        and hidden.is_nearly_convex
+    )
 
 
 def _turned_deg(before: Estimate, now: Estimate) -> float:

@@ -15,20 +15,20 @@ from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data import initial_maps
-from engine.surface.data.pyramid import doubled
-from engine.surface.data.scene import Picture, Scene, scene_of, smaller, window
+from engine.surface.data.pyramid import parent_index
+from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
 from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
-from engine.surface.lighting.exposure_offset import DRIFT
-from engine.surface.lighting.room_light import Room, furnished
+from engine.surface.lighting.exposure_offset import EXPOSURE_SIGMA
+from engine.surface.lighting.room_light import RoomLight, build_room_light
 from engine.surface.params import LEAST_VIEWS, SurfaceParams
 from engine.surface.passes import emitters_of
 from engine.surface.reflectance.brdf import PAINT, of_pixels
-from engine.surface.rendering.object_pixels import answering, image, photographed_in
+from engine.surface.rendering.object_pixels import image, light_transport, photographed_radiance
 from engine.surface.schedule import run, schedule, without
-from engine.surface.tiled_solve import Maps, in_detail, judged
-from engine.surface.uncertainty.standard_errors import FLAGS, unresolved, unsettled
+from engine.surface.tiled_solve import SolvedMaps, evaluate_result, solve_tiles
+from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
 SPARE = 8
@@ -104,38 +104,49 @@ def solve(
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.held_out)
-    room = furnished(
+    room = build_room_light(
         gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
-        DRIFT * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
+        EXPOSURE_SIGMA * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
     )  # fmt: skip
-    whole = Picture(frames, mask, poses.camera, initial_maps.asked(params, mask, flip)).part(*window(mask))
-    picture, take = smaller(whole, params.together)
-    scene = scene_of(picture, replace(poses, camera=picture.camera), fitted, kept_out, params, device, seed)
+    whole = Picture(frames, mask, poses.camera, initial_maps.requested(params, mask, flip)).part(
+        *window(mask)
+    )
+    picture, take = downsample_to(whole, params.together)
+    scene = build_scene(
+        picture, replace(poses, camera=picture.camera), fitted, kept_out, params, device, seed
+    )
     alone = 0.9 if picture is whole else 0.3
     phases = without(schedule(params, room.emitters.patches > 0), *leave_out)
-    found = run(scene, initial(scene, room), phases, progress.part(0, alone))
+    found = run(scene, initial_state(scene, room), phases, progress.part(0, alone))
     assert found.picture is not None
     assert found.light is not None
     assert found.validation is not None
     if found.level:
-        take = doubled(found.picture.mask, picture.mask)[take]
+        take = parent_index(found.picture.mask, picture.mask)[take]
     solved_at_once = found.level == 0 and picture is whole
-    here = found.who.responses(found.light, params, device, found.sight)
-    seen = photographed_in(found.picture.frames, found.picture.mask, kept_out)
-    there = answering(seen, found.validation, found.sight, params, "cpu")
+    here = found.object_pixels.light_transport(found.light, params, device, found.geometry)
+    seen = photographed_radiance(found.picture.frames, found.picture.mask, kept_out)
+    there = light_transport(seen, found.validation, found.geometry, params, "cpu")
     moving = still_moving(found)
     span = progress.part(alone, 1)
     if solved_at_once:
-        maps = judged(
-            found.who, found.known_state, found.sight, here, there, found.light_variance, moving, span
+        maps = evaluate_result(
+            found.object_pixels,
+            found.known_state,
+            found.geometry,
+            here,
+            there,
+            found.light_variance,
+            moving,
+            span,
         )
         z = found.known_depth[picture.mask]
     else:
-        maps, depth = in_detail(whole, scene.fitted, take, found, moving, here, there, params, span)
+        maps, depth = solve_tiles(whole, scene.fitted, take, found, moving, here, there, params, span)
         z = depth[whole.mask]
     edges = unresolved(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
     maps = replace(maps, stderr_normal=np.minimum(np.sqrt(maps.stderr_normal**2 + edges), np.pi / 2))
-    material = of_pixels(found.who.material, take)
+    material = of_pixels(found.object_pixels.material, take)
     surface = surface_of(mask, maps, z, params.model_error, material)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
@@ -144,13 +155,20 @@ def solve(
     return surface, Renders(kept_out, pictures), emitters_of(found), report
 
 
-def initial(scene: Scene, room: Room) -> Estimate:
+def initial_state(scene: Scene, room: RoomLight) -> Estimate:
     """What is known before the first pass: where the object's pixels look."""
     given = scene.params.object_distance
-    who = scene.coarse[-1].pixels(np.arange(len(scene.coarse_views)), scene.params)
+    object_pixels = scene.coarse[-1].pixels(np.arange(len(scene.coarse_views)), scene.params)
     room = replace(room, poses=scene.poses)
     distance = Distance(given, 0.0, "given" if given > 0 else "light")
-    return Estimate(scene.smallest, scene.coarse_views, who, room, distance, who.flat(given or 1.0))
+    return Estimate(
+        scene.smallest,
+        scene.coarse_views,
+        object_pixels,
+        room,
+        distance,
+        object_pixels.geometry_at_distance(given or 1.0),
+    )
 
 
 def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
@@ -158,13 +176,17 @@ def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
     assert found.coarse_state is not None
     assert found.halved_state is not None
     turned = angle_between(found.coarse_state.normals, found.known_state.normals).mean()
-    return unsettled(found.halved_state, found.known_state) if np.degrees(turned) > MOVING_DEG else None
+    return (
+        grid_refinement_error(found.halved_state, found.known_state)
+        if np.degrees(turned) > MOVING_DEG
+        else None
+    )
 
 
 def report_of(
     scene: Scene,
     found: Estimate,
-    maps: Maps,
+    maps: SolvedMaps,
     material: Float[np.ndarray, "p 2"] | None,
     kept_out: tuple[int, ...],
     error: float,
@@ -172,7 +194,7 @@ def report_of(
     """The facts of a solve; `error` is that of the views kept out."""
     assert found.picture is not None
     assert found.exposure_offset is not None
-    lattice, drift = found.incident.lattice, np.zeros(len(scene.picture.frames.names))
+    lattice, drift = found.incident.probe_grid, np.zeros(len(scene.picture.frames.names))
     drift[scene.fitted] = found.exposure_offset
     return SurfaceReport(
         len(maps.normals),
@@ -181,17 +203,17 @@ def report_of(
         len(scene.fitted),
         kept_out,
         error,
-        float(np.median(maps.spread)),
+        float(np.median(maps.residual_scale)),
         found.distance,
         (float(lattice.low[2]), float(lattice.high[2])),
         lattice.shape,
         len(found.incident.directions),
-        tuple(tuple(map(float, gain)) for gain in found.known_setting.gain),
-        *made_of(material),
-        found.known_parts.unseen_share(found.known_setting.gain),
-        tuple(int(k) for k in np.nonzero(found.room.kind == CLIPPED)[0]),
+        tuple(tuple(map(float, gain)) for gain in found.known_light_parameters.gain),
+        *material_facts(material),
+        found.known_grouped_light.unseen_share(found.known_light_parameters.gain),
+        tuple(int(k) for k in np.nonzero(found.room_light.kind == CLIPPED)[0]),
         tuple(map(float, drift)),
-        tuple(map(float, np.degrees(np.linalg.norm(found.known_setting.aside, axis=1)))),
+        tuple(map(float, np.degrees(np.linalg.norm(found.known_light_parameters.lamp_offset, axis=1)))),
         found.residuals[: found.coarse_iterations],
         float(np.degrees(np.median(maps.stderr_normal))),
         {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
@@ -211,7 +233,7 @@ def rerendering_error(
     return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
-def made_of(material: Float[np.ndarray, "p 2"] | None) -> tuple[float, tuple[float, float]]:
+def material_facts(material: Float[np.ndarray, "p 2"] | None) -> tuple[float, tuple[float, float]]:
     """The share of metal, and the range of the specular level of what is none."""
     metal = material is not None and material[:, 1] > 0
     level = PAINT[:1] if material is None or np.all(metal) else material[~metal, 0]
@@ -220,7 +242,7 @@ def made_of(material: Float[np.ndarray, "p 2"] | None) -> tuple[float, tuple[flo
 
 def surface_of(
     mask: Bool[np.ndarray, "h w"],
-    maps: Maps,
+    maps: SolvedMaps,
     z: Float[np.ndarray, " p"],
     model_error: float,
     material: Float[np.ndarray, "p 2"] | None = None,
@@ -235,7 +257,7 @@ def surface_of(
         image(mask, maps.stderr_normal),
         image(mask, maps.stderr_albedo),
         image(mask, maps.stderr_roughness),
-        image(mask, maps.spread * model_error),
+        image(mask, maps.residual_scale * model_error),
         image(mask, maps.flags).astype(np.uint8),
         None if material is None else image(mask, material),
     )

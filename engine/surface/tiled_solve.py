@@ -13,18 +13,23 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from engine.progress import Progress
-from engine.surface.data.observations import numbered
+from engine.surface.data.observations import pixel_index
 from engine.surface.data.scene import Picture
 from engine.surface.depth.normal_integration import integrate_normals
 from engine.surface.estimate import Estimate
-from engine.surface.optimize.gauss_newton import State, begin, iterate
-from engine.surface.optimize.spatial_regularization import SWEEPS, accord
+from engine.surface.optimize.gauss_newton import PixelEstimate, initial_estimate, minimize
+from engine.surface.optimize.spatial_regularization import SWEEPS, regularize_spatially
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
-from engine.surface.rendering.interreflection import guessed_share
-from engine.surface.rendering.object_pixels import Subject, painted, subject
-from engine.surface.rendering.transport import BLOCK, Responses, Sight, blocks
-from engine.surface.uncertainty.standard_errors import Confidence, Doubt, confidence, jackknifed
+from engine.surface.rendering.interreflection import hidden_light_fraction
+from engine.surface.rendering.object_pixels import ObjectPixels, observe_object, render_pixels
+from engine.surface.rendering.transport import BLOCK, LightTransport, SurfaceGeometry, pixel_blocks
+from engine.surface.uncertainty.standard_errors import (
+    LightVariance,
+    StandardErrors,
+    jackknife,
+    standard_errors,
+)
 
 TILE = 8 * BLOCK
 """Pixels along a tile's side: its photographs in 150 views take 60 MB."""
@@ -33,13 +38,13 @@ HALO = SWEEPS + 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Maps:
+class SolvedMaps:
     """What is known of every pixel of a mask (row order), and pictures of the views kept out."""
 
     normals: Float[np.ndarray, "p 3"]
     albedo: Float[np.ndarray, "p 3"]
     roughness: Float[np.ndarray, " p"]
-    spread: Float[np.ndarray, " p"]
+    residual_scale: Float[np.ndarray, " p"]
     stderr_normal: Float[np.ndarray, " p"]  # radians
     stderr_albedo: Float[np.ndarray, " p"]
     stderr_roughness: Float[np.ndarray, " p"]
@@ -47,56 +52,64 @@ class Maps:
     pictures: Float[np.ndarray, "p k 3"]
 
 
-def maps_of(state: State, certainty: Confidence, pictures: Float[np.ndarray, "p k 3"]) -> Maps:
+def maps_of(
+    state: PixelEstimate, certainty: StandardErrors, pictures: Float[np.ndarray, "p k 3"]
+) -> SolvedMaps:
     """A state of all pixels, what its answers are worth, and what it looks like in some views."""
-    return Maps(
-        state.normals, state.albedo, state.roughness, state.spread, certainty.normal,
+    return SolvedMaps(
+        state.normals, state.albedo, state.roughness, state.residual_scale, certainty.normal,
         certainty.albedo, certainty.roughness, certainty.flags, pictures,
     )  # fmt: skip
 
 
-def judged(
-    who: Subject,
-    state: State,
-    sight: Sight,
-    here: Responses,
-    there: Responses,
-    doubt: Doubt | None,
+def evaluate_result(
+    object_pixels: ObjectPixels,
+    state: PixelEstimate,
+    geometry: SurfaceGeometry,
+    here: LightTransport,
+    there: LightTransport,
+    doubt: LightVariance | None,
     unsure: Float[np.ndarray, "p 6"] | None,
     progress: Progress,
-) -> Maps:
+) -> SolvedMaps:
     """Errors, flags and pictures of pixels that have their answer; `unsure` are variances besides what the photographs and the
-    `doubt` tell."""
-    parts = blocks(who.mask)
-    state, variance = jackknifed(state, here, sight, parts, who.seen, progress)
+    `light_variance` tell."""
+    parts = pixel_blocks(object_pixels.mask)
+    state, variance = jackknife(state, here, geometry, parts, object_pixels.observations, progress)
     if doubt is not None:
         variance = variance + doubt.of(state.normals)
     if unsure is not None:
         variance = variance + unsure
-    certainty = confidence(state, variance, who.seen, sight, guessed_share(state, here, sight, parts))
-    return maps_of(state, certainty, painted(there, sight, parts, state))
+    certainty = standard_errors(
+        state,
+        variance,
+        object_pixels.observations,
+        geometry,
+        hidden_light_fraction(state, here, geometry, parts),
+    )
+    return maps_of(state, certainty, render_pixels(there, geometry, parts, state))
 
 
-def in_detail(
+def solve_tiles(
     picture: Picture,
     fitted: Int[np.ndarray, " n"],
     take: Int[np.ndarray, " p"],
     found: Estimate,
     moving: Float[np.ndarray, "p 6"] | None,
-    here: Responses,
-    there: Responses,
+    here: LightTransport,
+    there: LightTransport,
     params: SurfaceParams,
     progress: Progress,
-) -> tuple[Maps, Float[np.ndarray, "h w"]]:
+) -> tuple[SolvedMaps, Float[np.ndarray, "h w"]]:
     """Every pixel of a picture, from what a smaller one of it has `found`; and the depth.
 
     `take` names the smaller one's pixel for each; `here` and `there` answer the light of the views that are fitted and
     kept out, their photographed light that of the smaller picture's pixels.
     """
     assert found.exposure_offset is not None
-    mask, index = picture.mask, numbered(picture.mask)
-    ranges = enlarged(found.who.mask, found.known_depth, mask)
-    maps: Maps | None = None
+    mask, index = picture.mask, pixel_index(picture.mask)
+    ranges = upsample(found.object_pixels.mask, found.known_depth, mask)
+    maps: SolvedMaps | None = None
     tiles = [
         (slice(v, v + TILE), slice(u, u + TILE))
         for v in range(0, mask.shape[0], TILE)
@@ -109,34 +122,51 @@ def in_detail(
         wide = tuple(slice(max(side.start - HALO, 0), side.stop + HALO) for side in core)
         part = picture.part(*wide)
         pixels = index[wide][part.mask]
-        who = subject(part.frames, part.mask, part.camera, fitted, params).exposed(found.exposure_offset)
-        who = replace(who, material=of_pixels(found.who.material, take[pixels]))
+        object_pixels = observe_object(
+            part.frames, part.mask, part.camera, fitted, params
+        ).with_exposure_compensated(found.exposure_offset)
+        object_pixels = replace(object_pixels, material=of_pixels(found.object_pixels.material, take[pixels]))
         state = found.known_state.part(take[pixels])
-        gloss = state.gloss
-        state = begin(state.normals, state.albedo, state.roughness)
-        state = replace(state, gloss=gloss)
-        hidden = found.sight.occlusion.part(take[pixels]) if found.sight.occlusion is not None else None
-        sight = replace(who.standing(ranges[wide], params.follow_depth), occlusion=hidden)
-        parts = blocks(part.mask)
-        state = iterate(state, here, sight, parts, who.seen, params.passes, span.part(0, 0.75), anew=True)
+        gloss = state.roughness_prior
+        state = initial_estimate(state.normals, state.albedo, state.roughness)
+        state = replace(state, roughness_prior=gloss)
+        hidden = (
+            found.geometry.visibility.part(take[pixels]) if found.geometry.visibility is not None else None
+        )
+        geometry = replace(
+            object_pixels.geometry_of_depth(ranges[wide], params.follow_depth), visibility=hidden
+        )
+        parts = pixel_blocks(part.mask)
+        state = minimize(
+            state,
+            here,
+            geometry,
+            parts,
+            object_pixels.observations,
+            params.passes,
+            span.part(0, 0.75),
+            reset_scale=True,
+        )
         unsure = None if moving is None else moving[take[pixels]]
         if found.regularized:
-            state = accord(state, part.mask)
-        told = judged(who, state, sight, here, there, found.light_variance, unsure, span.part(0.8, 1))
+            state = regularize_spatially(state, part.mask)
+        told = evaluate_result(
+            object_pixels, state, geometry, here, there, found.light_variance, unsure, span.part(0.8, 1)
+        )
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]
         own = inside[wide][part.mask]
         if maps is None:
-            maps = Maps(*(
+            maps = SolvedMaps(*(
                 np.zeros((len(take), *getattr(told, name).shape[1:]), _stored(getattr(told, name).dtype))
-                for name in Maps.__slots__
+                for name in SolvedMaps.__slots__
             ))  # fmt: skip
-        for name in Maps.__slots__:
+        for name in SolvedMaps.__slots__:
             getattr(maps, name)[pixels[own]] = getattr(told, name)[own]
     assert maps is not None  # a mask has pixels
     normals = np.zeros((*mask.shape, 3), np.float32)
     normals[mask] = maps.normals
-    distance = float(found.known_depth[found.who.mask].mean())
+    distance = float(found.known_depth[found.object_pixels.mask].mean())
     return maps, integrate_normals(picture.camera, normals, mask, distance, integrating)
 
 
@@ -145,7 +175,7 @@ def _stored(kind: np.dtype) -> np.dtype:
     return np.dtype(np.float32) if kind.kind == "f" else kind
 
 
-def enlarged(
+def upsample(
     small: Bool[np.ndarray, "h2 w2"], values: Float[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:
     """Values of a halved picture's pixels on the whole one's grid, linear between them, of the nearest beyond their rim."""

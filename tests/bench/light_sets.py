@@ -24,7 +24,7 @@ from engine.light.fitting.lamp_model import apart
 from engine.light.incident.coverage import coverage_of
 from engine.light.incident.probes import arriving
 from engine.pipeline import artifacts
-from engine.surface.rendering.area_lights import near_of
+from engine.surface.rendering.area_lights import area_lights_of
 from engine.types import Emitters, Gaussians, Lamps, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import objects, rooms
@@ -169,7 +169,7 @@ def energy_at(
     """`our_energy` at any point of the camera frame: the field, filled, and the lamps that `solid` does not hide."""
     found = arriving(field, poses, point, directions, face)
     energy, opaque = found.energy, found.seen
-    near = near_of(lamps, solid, poses, point[0], len(directions))
+    near = area_lights_of(lamps, solid, poses, point[0], len(directions))
     energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
     return energy[:, 0].astype(np.float64), opaque[:, 0]
 

@@ -27,7 +27,7 @@ from engine.geometry import angle_between
 from engine.surface import passes
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject
+from engine.surface.rendering.object_pixels import ObjectPixels
 from engine.surface.solve import solve
 from engine.types import Surface
 from tests.bench.inputs import machine, told
@@ -62,20 +62,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 def from_random(given: Stored, params: SurfaceParams, seed: int) -> Surface:
     """The answer from a random start."""
 
-    def start(who: Subject, *_: object) -> gauss_newton.State:
-        return drawn(who.rays, np.random.default_rng(seed))
+    def start(object_pixels: ObjectPixels, *_: object) -> gauss_newton.PixelEstimate:
+        return drawn(object_pixels.rays, np.random.default_rng(seed))
 
     with mock.patch.object(passes, "search", start):
         return solve(*given.inputs, params, "cpu", 0, told(f"start {seed}"))[0]
 
 
-def drawn(rays: Float[np.ndarray, "p 3"], rng: np.random.Generator) -> gauss_newton.State:
+def drawn(rays: Float[np.ndarray, "p 3"], rng: np.random.Generator) -> gauss_newton.PixelEstimate:
     """Normals evenly over the half of the sphere that faces the camera; grey."""
     count = len(rays)
     normals = rng.normal(size=(count, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals *= -np.sign((normals * rays).sum(1, keepdims=True))
-    return gauss_newton.begin(normals, np.full((count, 3), 0.5), rng.uniform(0.2, 0.9, count))
+    return gauss_newton.initial_estimate(normals, np.full((count, 3), 0.5), rng.uniform(0.2, 0.9, count))
 
 
 def apart(one: Surface, other: Surface) -> Float[np.ndarray, " p"]:

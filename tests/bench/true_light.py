@@ -40,11 +40,15 @@ from engine.results.metrics import psnr
 from engine.surface.data.scene import Picture, Scene
 from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import Distance
-from engine.surface.lighting.room_light import Room, furnished
-from engine.surface.optimize.gauss_newton import State, iterate
+from engine.surface.lighting.room_light import RoomLight, build_room_light
+from engine.surface.optimize.gauss_newton import PixelEstimate, minimize
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import depth_of, search, sight_of
-from engine.surface.rendering.transport import Sight, blocks
+from engine.surface.rendering.object_pixels import (
+    depth_from_normals,
+    geometry_with_visibility,
+    search_initial_normals,
+)
+from engine.surface.rendering.transport import SurfaceGeometry, pixel_blocks
 from engine.surface.schedule import run, schedule
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot
@@ -110,7 +114,7 @@ class Furnished:
 
     known: Known
     picture: Picture
-    room: Room  # its poses are the truth's
+    room: RoomLight  # its poses are the truth's
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -152,27 +156,31 @@ def made_ready(one: sets.Set, params: SurfaceParams, progress: Progress) -> Furn
     order = sets.order_of(built_in(one.room), built_in(one.thing), SIZE, SIZE.views, 0, "cpu")
     studio = shoot.build(order, places.cache() / "studio", progress.part(0, 0.3).step)
     known = known_of(one, studio, np.arange(SIZE.views), params, PROBES, progress.part(0.3, 1))
-    picture = Picture(one.stored.frames, known.who.mask, one.stored.poses.camera)
+    picture = Picture(one.stored.frames, known.object_pixels.mask, one.stored.poses.camera)
     stored = one.stored
-    room = furnished(stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, 1, 0.02, 0)
+    room = build_room_light(
+        stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, 1, 0.02, 0
+    )
     return Furnished(known, picture, room)
 
 
 def score(name: str, given: Furnished, params: SurfaceParams, one_in: int, progress: Progress) -> Row:
     """What the photographs of some blocks of pixels allow, and where Gauss-Newton ends near their truth."""
     known = given.known
-    who, truth = known.who, known.truth
-    parts = blocks(who.mask)[::one_in]
+    who, truth = known.object_pixels, known.truth
+    parts = pixel_blocks(who.mask)[::one_in]
     pixels = np.concatenate(parts)
     true = known.true_state()
-    sight = sight_of(who, true, truth.depth, known.light.directions, params, progress.part(0, 0.1))
+    sight = geometry_with_visibility(
+        who, true, truth.depth, known.light.directions, params, progress.part(0, 0.1)
+    )
     least, sensor = bounds(known, true, sight, params, parts)
     near = from_truth(known, true, sight, params, parts, progress.part(0.1, 1))
     error = np.degrees(angle_between(near.normals, true.normals))[pixels]
-    hidden = sight.occlusion.share.mean() if sight.occlusion is not None else 0.0
+    hidden = sight.visibility.hidden_share.mean() if sight.visibility is not None else 0.0
     return Row(
         name, len(pixels), known.light.energy.shape[2] // 3, float(least.mean()), float(np.median(least)),
-        float(sensor.mean()), float(error.mean()), float(error[~who.seen.edge[pixels]].mean()),
+        float(sensor.mean()), float(error.mean()), float(error[~who.observations.edge[pixels]].mean()),
         float(error.mean() / least.mean()), float(100 * hidden),
     )  # fmt: skip
 
@@ -180,15 +188,15 @@ def score(name: str, given: Furnished, params: SurfaceParams, one_in: int, progr
 def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress) -> Row:
     """The row with what our solver makes of the photographs, from nothing but the light and the distance."""
     known = given.known
-    who, light, true = known.who, known.light, known.true_state()
+    who, light, true = known.object_pixels, known.light, known.true_state()
     begun, z = time.perf_counter(), float(known.truth.depth[who.mask].mean())
     every = np.arange(SIZE.views)
     scene = Scene(
         given.picture, (given.picture,), given.room.poses, every, every, every[:0], params, "cpu", 0
     )
-    sight = who.flat(z)
-    state = search(who, light, sight, params, progress.part(0, 0.1))
-    depth = depth_of(who, state, z, progress.part(0.1, 0.12))
+    sight = who.geometry_at_distance(z)
+    state = search_initial_normals(who, light, sight, params, progress.part(0, 0.1))
+    depth = depth_from_normals(who, state, z, progress.part(0.1, 0.12))
     now = Estimate(0, every, who, given.room, Distance(z, 0.0, "given"), sight, state, depth, light=light)
     phases = [one for one in schedule(params, False) if one.name in ("fine", "finish")]
     now = run(scene, now, phases, progress.part(0.12, 1))
@@ -198,7 +206,7 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
         row,
         mean=float(error.mean()),
         median=float(np.median(error)),
-        inner=float(error[~who.seen.edge].mean()),
+        inner=float(error[~who.observations.edge].mean()),
         ratio=float(error.mean() / row.bound),
         albedo_db=psnr(state.albedo - true.albedo),
         roughness_mae=float(np.abs(state.roughness - true.roughness).mean()),
@@ -208,12 +216,16 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
 
 
 def bounds(
-    known: Known, true: State, sight: Sight, params: SurfaceParams, parts: list[Int[np.ndarray, " _"]]
+    known: Known,
+    true: PixelEstimate,
+    geometry: SurfaceGeometry,
+    params: SurfaceParams,
+    blocks: list[Int[np.ndarray, " _"]],
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Degrees that each normal is off at least on average: with the path tracer's noise, and without."""
     sensor = Scatter(known.scatter.shot, known.scatter.floor, 0.0)
     least, without = (
-        np.concatenate(list(known.least(true, sight, params, parts, scatter)))
+        np.concatenate(list(known.least(true, geometry, params, blocks, scatter)))
         for scatter in (known.scatter, sensor)
     )
     return least, without
@@ -221,16 +233,18 @@ def bounds(
 
 def from_truth(
     known: Known,
-    true: State,
-    sight: Sight,
+    true: PixelEstimate,
+    geometry: SurfaceGeometry,
     params: SurfaceParams,
-    parts: list[Int[np.ndarray, " _"]],
+    blocks: list[Int[np.ndarray, " _"]],
     progress: Progress,
-) -> State:
+) -> PixelEstimate:
     """Where Gauss-Newton ends that begins at the truth and sees what the true depth hides."""
-    who = known.who
-    responses = who.responses(known.light, params, "cpu", sight)
-    return iterate(true, responses, sight, parts, who.seen, params.passes, progress, anew=True)
+    who = known.object_pixels
+    responses = who.light_transport(known.light, params, "cpu", geometry)
+    return minimize(
+        true, responses, geometry, blocks, who.observations, params.passes, progress, reset_scale=True
+    )
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -44,12 +44,17 @@ def test_who_stops_listening_stops_the_work(cores: int) -> None:
 def test_pixels_come_out_the_same_to_the_bit_on_any_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = parts_of_lamps(np.random.default_rng(9), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    under = sample.responses(parts.under(np.ones((4, 3)))), sample.at(TRUE_Z), sample.regions, sample.seen
+    under = (
+        sample.light_transport(parts.with_gains(np.ones((4, 3)))),
+        sample.geometry_at(TRUE_Z),
+        sample.regions,
+        sample.observations,
+    )
 
-    def solved(cores: int) -> gauss_newton.State:
+    def solved(cores: int) -> gauss_newton.PixelEstimate:
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-        return gauss_newton.iterate(gauss_newton.respread(state, *under), *under, 3, Progress())
+        return gauss_newton.minimize(gauss_newton.update_residual_scale(state, *under), *under, 3, Progress())
 
     one, three = solved(1), solved(3)
-    for name in ("normals", "albedo", "roughness", "spread", "misfit", "system"):
+    for name in ("normals", "albedo", "roughness", "residual_scale", "cost", "hessian"):
         np.testing.assert_array_equal(getattr(one, name), getattr(three, name))

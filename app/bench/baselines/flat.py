@@ -14,14 +14,20 @@ from engine.light.gaussians.gaussians import sh_basis
 from engine.light.incident.direction_grid import sharpened
 from engine.light.incident.probes import arriving
 from engine.progress import Progress
-from engine.surface.lighting.room_light import amid
-from engine.surface.rendering.area_lights import Near, near_of
-from engine.surface.rendering.transport import Block, Incident, Lattice, Sight, direction_cells
+from engine.surface.lighting.room_light import mean_camera_centre
+from engine.surface.rendering.area_lights import AreaLights, area_lights_of
+from engine.surface.rendering.transport import (
+    Block,
+    IncidentLight,
+    ProbeGrid,
+    SurfaceGeometry,
+    direction_cells,
+)
 from engine.types import Emitters, Poses
 
 HARMONICS = 9
 COSINE_LOBE = np.pi * np.repeat([1, 2 / 3, 1 / 4], [1, 3, 5])  # A_l of each of the nine
-EVERYWHERE = Lattice(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
+EVERYWHERE = ProbeGrid(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
 
 
 def panoramas(
@@ -32,7 +38,7 @@ def panoramas(
     directions: int,
     face_px: int,
     progress: Progress,
-) -> Incident:
+) -> IncidentLight:
     """The light of some views as if it were infinitely far: without parallax, lamps sorted into the cells.
 
     It is what arrives at `point` of the camera frame, anew in each view. None: what arrives in the middle of all
@@ -40,15 +46,17 @@ def panoramas(
     """
     from_world = poses.cam_from_world[views]
     if point is None:
-        middle = amid(poses)
+        middle = mean_camera_centre(poses)
         turn = from_world[..., :3]
         from_world, point = np.concatenate([turn, -turn @ middle[:, None]], axis=2), np.zeros(3)
     cells = direction_cells(directions)
     energy = arriving(emitters.field(), from_world, point[None], cells, face_px, True, progress).energy
     shared = energy[:, 0].transpose(1, 0, 2).reshape(directions, -1)
-    shared = shared + near_of(emitters.lamps, emitters.shown(), from_world, point, directions).spread(point)
+    shared = shared + area_lights_of(emitters.lamps, emitters.shown(), from_world, point, directions).spread(
+        point
+    )
     shared = sharpened(shared[None].astype(np.float32), cells)
-    return Incident(EVERYWHERE, cells, shared, Near.none(len(views), directions))
+    return IncidentLight(EVERYWHERE, cells, shared, AreaLights.none(len(views), directions))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +81,7 @@ def answers(normals: Float[np.ndarray, "*p 3"]) -> Float[np.ndarray, "*p 9"]:
 
 
 class HarmonicRows:
-    """Lambert surfaces under second-order light, nothing hidden: `transport.Rows` without a highlight.
+    """Lambert surfaces under second-order light, nothing hidden: `transport.TransportModel` without a highlight.
 
     Light to second order may be negative somewhere, and so may the answer; it is left so.
     """
@@ -81,12 +89,12 @@ class HarmonicRows:
     def __init__(self, light: Harmonics):
         self.incident = light
 
-    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+    def block(self, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"]) -> Block:
         """All pixels see all of the light."""
         coefficients = self.incident.coefficients
         no_lamps = np.zeros((len(pixels), coefficients.shape[1] // 3, 0), np.float32)
         alike = np.zeros((0, *coefficients.shape)), np.zeros((len(pixels), 0))
-        return Block(sight.points[pixels], sight.views[pixels], coefficients, *alike, None, no_lamps)
+        return Block(geometry.points[pixels], geometry.views[pixels], coefficients, *alike, None, no_lamps)
 
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]

@@ -15,14 +15,19 @@ from jaxtyping import Float, Int
 from app.bench.baselines.flat import HarmonicRows, panoramas, projected
 from app.bench.baselines.matt import Matt, answered, matt_start, refined, seen_object
 from engine.progress import Progress
-from engine.surface.lighting.distance_search import first_look
-from engine.surface.lighting.probe_density import spaced
-from engine.surface.lighting.room_light import furnished, light_at
-from engine.surface.optimize.gauss_newton import State
+from engine.surface.lighting.distance_search import coarse_distance_search
+from engine.surface.lighting.probe_density import choose_probe_grid
+from engine.surface.lighting.room_light import build_room_light, gather_incident_light
+from engine.surface.optimize.gauss_newton import PixelEstimate
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import improve
-from engine.surface.rendering.object_pixels import Subject, depth_of, search, sight_of
-from engine.surface.rendering.transport import Sight
+from engine.surface.passes import solve_and_expect_roughness
+from engine.surface.rendering.object_pixels import (
+    ObjectPixels,
+    depth_from_normals,
+    geometry_with_visibility,
+    search_initial_normals,
+)
+from engine.surface.rendering.transport import SurfaceGeometry
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 DEPTH_MARGIN = 0.2
@@ -63,14 +68,14 @@ class KnownLightParams:
 class Scene:
     """The object in all registered views, the room around it, and how far away it is along z."""
 
-    who: Subject
+    object_pixels: ObjectPixels
     views: Int[np.ndarray, " n"]
     emitters: Emitters
     poses: Poses
     distance: float
 
 
-Solved = tuple[State, Float[np.ndarray, "h w"]]  # and its depth
+Solved = tuple[PixelEstimate, Float[np.ndarray, "h w"]]  # and its depth
 Method = Callable[[Scene, KnownLightParams, SurfaceParams, str, Progress], Surface]
 
 
@@ -127,12 +132,12 @@ def harmonics(
         params.probe_face_px,
         progress.part(0, 0.25),
     )
-    who, rows = scene.who, HarmonicRows(projected(light.directions, light.energy[0]))
-    sight = who.flat(scene.distance)
-    state = matt_start(who, rows, sight, params.candidates, progress.part(0.25, 0.5))
-    state = refined(who, state, rows, sight, params.passes, progress.part(0.5, 0.95))
-    depth = depth_of(who, state, scene.distance, progress.part(0.95, 1))
-    return answered(who, state, sight, depth, params.model_error)
+    object_pixels, rows = scene.object_pixels, HarmonicRows(projected(light.directions, light.energy[0]))
+    geometry = object_pixels.geometry_at_distance(scene.distance)
+    state = matt_start(object_pixels, rows, geometry, params.candidates, progress.part(0.25, 0.5))
+    state = refined(object_pixels, state, rows, geometry, params.passes, progress.part(0.5, 0.95))
+    depth = depth_from_normals(object_pixels, state, scene.distance, progress.part(0.95, 1))
+    return answered(object_pixels, state, geometry, depth, params.model_error)
 
 
 @on_stages(full_diffuse=False)
@@ -140,50 +145,60 @@ def lambert(
     scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
 ) -> Surface:
     """Lambert under our near-field light, with shadows and bounced light but without highlights."""
-    who, z = scene.who, scene.distance
+    object_pixels, z = scene.object_pixels, scene.distance
     near_far, there = (
         (z * (1 - DEPTH_MARGIN), z * (1 + DEPTH_MARGIN)),
         scene.poses.cam_from_world[scene.views],
     )
-    lattice = spaced(who.camera, who.mask, near_far, scene.emitters, there, ours, progress.part(0, 0.05))
-    light = light_at(
+    lattice = choose_probe_grid(
+        object_pixels.camera,
+        object_pixels.mask,
+        near_far,
+        scene.emitters,
+        there,
+        ours,
+        progress.part(0, 0.05),
+    )
+    light = gather_incident_light(
         lattice, scene.emitters, there, params.directions, params.probe_face_px, progress.part(0.05, 0.25)
     )
     state = matt_start(
-        who,
-        Matt(who.responses(light, ours, device)),
-        who.flat(z),
+        object_pixels,
+        Matt(object_pixels.light_transport(light, ours, device)),
+        object_pixels.geometry_at_distance(z),
         params.candidates,
         progress.part(0.25, 0.4),
     )
 
-    def solved(state: State, sight: Sight, progress: Progress) -> Solved:
-        rows = Matt(who.responses(light, ours, device, sight))
-        state = refined(who, state, rows, sight, params.passes, progress.part(0, 0.9))
-        return state, depth_of(who, state, z, progress.part(0.9, 1))
+    def solved(state: PixelEstimate, geometry: SurfaceGeometry, progress: Progress) -> Solved:
+        rows = Matt(object_pixels.light_transport(light, ours, device, geometry))
+        state = refined(object_pixels, state, rows, geometry, params.passes, progress.part(0, 0.9))
+        return state, depth_from_normals(object_pixels, state, z, progress.part(0.9, 1))
 
-    state, sight, depth = _in_turns(
+    state, geometry, depth = _in_turns(
         scene, state, solved, light.directions, ours, params.rounds, progress.part(0.4, 1)
     )
-    return answered(who, state, sight, depth, params.model_error)
+    return answered(object_pixels, state, geometry, depth, params.model_error)
 
 
 def _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress) -> Scene:
-    who, views = seen_object(frames, masks, poses, ours)
-    room = furnished(gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed)
+    object_pixels, views = seen_object(frames, masks, poses, ours)
+    room = build_room_light(
+        gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed
+    )
     distance = params.object_distance
     if distance <= 0:
-        distance = first_look(who, room, views, ours, seed, progress)[0].distance
-    return Scene(who, views, room.emitters, poses, distance)
+        distance = coarse_distance_search(object_pixels, room, views, ours, seed, progress)[0].distance
+    return Scene(object_pixels, views, room.emitters, poses, distance)
 
 
 def _place(scene: Scene) -> Float[np.ndarray, " 3"]:
     """The middle of the object, as if it were flat."""
-    return scene.who.flat(scene.distance).points.mean(0)
+    return scene.object_pixels.geometry_at_distance(scene.distance).points.mean(0)
 
 
 def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
-    who = scene.who
+    object_pixels = scene.object_pixels
     light = panoramas(
         scene.emitters,
         scene.poses,
@@ -193,34 +208,44 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
         params.probe_face_px,
         progress.part(0, 0.2),
     )
-    state = search(who, light, who.flat(scene.distance), ours, progress.part(0.2, 0.3))
+    state = search_initial_normals(
+        object_pixels,
+        light,
+        object_pixels.geometry_at_distance(scene.distance),
+        ours,
+        progress.part(0.2, 0.3),
+    )
 
-    def solved(state: State, sight: Sight, progress: Progress) -> Solved:
-        state = improve(who, state, light, sight, ours, device, progress.part(0, 0.9))
-        return state, depth_of(who, state, scene.distance, progress.part(0.9, 1))
+    def solved(state: PixelEstimate, geometry: SurfaceGeometry, progress: Progress) -> Solved:
+        state = solve_and_expect_roughness(
+            object_pixels, state, light, geometry, ours, device, progress.part(0, 0.9)
+        )
+        return state, depth_from_normals(object_pixels, state, scene.distance, progress.part(0.9, 1))
 
-    state, sight, depth = _in_turns(
+    state, geometry, depth = _in_turns(
         scene, state, solved, light.directions, ours, params.rounds, progress.part(0.3, 1)
     )
-    return answered(who, state, sight, depth, params.model_error)
+    return answered(object_pixels, state, geometry, depth, params.model_error)
 
 
 def _in_turns(
     scene: Scene,
-    state: State,
-    solved: Callable[[State, Sight, Progress], Solved],
+    state: PixelEstimate,
+    solved: Callable[[PixelEstimate, SurfaceGeometry, Progress], Solved],
     directions: Float[np.ndarray, "d 3"],
     ours: SurfaceParams,
     rounds: int,
     progress: Progress,
-) -> tuple[State, Sight, Float[np.ndarray, "h w"]]:
+) -> tuple[PixelEstimate, SurfaceGeometry, Float[np.ndarray, "h w"]]:
     """The pixels in turns with the depth, which says where the points are and what hides the room from them."""
-    who, z = scene.who, scene.distance
-    sight = who.flat(z)
-    depth = depth_of(who, state, z, progress.part(0, 0.05))
+    object_pixels, z = scene.object_pixels, scene.distance
+    geometry = object_pixels.geometry_at_distance(z)
+    depth = depth_from_normals(object_pixels, state, z, progress.part(0, 0.05))
     for turn in range(rounds):
         span = progress.part(0.05 + 0.95 * turn / rounds, 0.05 + 0.95 * (turn + 1) / rounds)
         if turn:
-            sight = sight_of(who, state, depth, directions, ours, span.part(0, 0.2))
-        state, depth = solved(state, sight, span.part(0.2, 1))
-    return state, sight, depth
+            geometry = geometry_with_visibility(
+                object_pixels, state, depth, directions, ours, span.part(0, 0.2)
+            )
+        state, depth = solved(state, geometry, span.part(0.2, 1))
+    return state, geometry, depth

@@ -21,11 +21,11 @@ from app.bench.baselines.flat import HARMONICS, HarmonicRows, Harmonics, answers
 from app.bench.baselines.matt import MATT_ROUGHNESS, answered, seen_object
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface.data.observations import Observations, aside
+from engine.surface.data.observations import Observations, shifted_neighbours
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject, depth_of
-from engine.surface.rendering.transport import Sight, blocks
+from engine.surface.rendering.object_pixels import ObjectPixels, depth_from_normals
+from engine.surface.rendering.transport import SurfaceGeometry, pixel_blocks
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 HEIGHTS = (1.0, 0.3, 0.1)
@@ -63,37 +63,47 @@ def uncalibrated(
         SurfaceError: too few views, or an empty mask.
     """
     # Under a light that is not known yet, a share of the background would take up what the light leaves unexplained.
-    who, _ = seen_object(frames, masks, poses, SurfaceParams(model_error=params.model_error, rim=False))
-    sight = who.flat(params.object_distance)
+    object_pixels, _ = seen_object(
+        frames, masks, poses, SurfaceParams(model_error=params.model_error, rim=False)
+    )
+    geometry = object_pixels.geometry_at_distance(params.object_distance)
     states = []
     for i, height in enumerate(HEIGHTS):
         span = progress.part(0.9 * i / len(HEIGHTS), 0.9 * (i + 1) / len(HEIGHTS))
-        states.append(_in_turns(who, sight, balloon(who.camera, who.mask, height), params, span))
-    state = min(states, key=lambda state: float(np.median(state.spread)))
-    depth = depth_of(who, state, params.object_distance, progress.part(0.9, 1))
-    return answered(who, state, sight, depth, params.model_error)
+        states.append(
+            _in_turns(
+                object_pixels,
+                geometry,
+                balloon(object_pixels.camera, object_pixels.mask, height),
+                params,
+                span,
+            )
+        )
+    state = min(states, key=lambda state: float(np.median(state.residual_scale)))
+    depth = depth_from_normals(object_pixels, state, params.object_distance, progress.part(0.9, 1))
+    return answered(object_pixels, state, geometry, depth, params.model_error)
 
 
 def _in_turns(
-    who: Subject,
-    sight: Sight,
+    object_pixels: ObjectPixels,
+    geometry: SurfaceGeometry,
     normals: Float[np.ndarray, "p 3"],
     params: UncalibratedParams,
     progress: Progress,
-) -> gauss_newton.State:
-    seen, parts = who.seen, blocks(who.mask)
+) -> gauss_newton.PixelEstimate:
+    seen, parts = object_pixels.observations, pixel_blocks(object_pixels.mask)
     usual = np.median(seen.radiance.reshape(len(normals), -1, 3), axis=1)
-    state = gauss_newton.begin(normals, grey(usual), np.full(len(normals), MATT_ROUGHNESS))
+    state = gauss_newton.initial_estimate(normals, grey(usual), np.full(len(normals), MATT_ROUGHNESS))
     spreads: list[float] = []
     for turn in range(params.turns):
         span = progress.part(turn / params.turns, (turn + 1) / params.turns)
         rows = HarmonicRows(fitted_light(state, seen))
-        state = gauss_newton.respread(state, rows, sight, parts, seen)
-        spreads.append(float(np.median(state.spread)))
+        state = gauss_newton.update_residual_scale(state, rows, geometry, parts, seen)
+        spreads.append(float(np.median(state.residual_scale)))
         if turn >= PATIENCE and spreads[-1] > SETTLED * spreads[-1 - PATIENCE]:
             break
-        state = gauss_newton.iterate(state, rows, sight, parts, seen, params.passes, span)
-        state = replace(state, albedo=grey(state.albedo), damping=np.full(len(normals), 1e-2))
+        state = gauss_newton.minimize(state, rows, geometry, parts, seen, params.passes, span)
+        state = replace(state, albedo=grey(state.albedo), lm_lambda=np.full(len(normals), 1e-2))
     return state
 
 
@@ -110,7 +120,7 @@ def balloon(
     The root of the solution of -laplace u = 4 with u = 0 outside the mask is the height, in pixels, towards the
     camera; the rim's normals are across the line of sight.
     """
-    count, beside = int(mask.sum()), aside(mask, np.array([[0, 1], [0, -1], [1, 0], [-1, 0]]))
+    count, beside = int(mask.sum()), shifted_neighbours(mask, np.array([[0, 1], [0, -1], [1, 0], [-1, 0]]))
     own, which = np.nonzero(beside >= 0)
     ones = np.ones(len(own))
     laplace = sparse.identity(count) * 4 - sparse.csr_matrix(
@@ -129,7 +139,7 @@ def balloon(
     return 2 * (once * half).sum(1, keepdims=True) * half - once
 
 
-def fitted_light(state: gauss_newton.State, seen: Observations) -> Harmonics:
+def fitted_light(state: gauss_newton.PixelEstimate, observations: Observations) -> Harmonics:
     """The harmonics of every view and channel that explain the radiance best, given the surface.
 
     Weighted as the surface's own fit is: relative errors, Cauchy weights after a first answer.
@@ -137,20 +147,24 @@ def fitted_light(state: gauss_newton.State, seen: Observations) -> Harmonics:
     design = answers(state.normals)
     first, second = np.triu_indices(HARMONICS)
     squares = design[:, first] * design[:, second]
-    channels = seen.radiance.shape[1]
+    channels = observations.radiance.shape[1]
     albedo = np.tile(state.albedo, channels // 3)
-    relative = 1 / (seen.radiance + seen.eps[:, None])
-    weight = seen.weight * relative**2
+    relative = 1 / (observations.radiance + observations.eps[:, None])
+    weight = observations.weight * relative**2
     robust = 1.0
     coefficients = np.zeros((HARMONICS, channels))
     for _ in range(3):
         w = weight * robust
         system = np.zeros((channels, HARMONICS, HARMONICS))
         system[:, first, second] = system[:, second, first] = (w * albedo**2).T @ squares
-        slope = (w * albedo * seen.radiance).T @ design
+        slope = (w * albedo * observations.radiance).T @ design
         ridge = 1e-6 * np.einsum("vii->v", system)[:, None, None] * np.eye(HARMONICS)
         coefficients = np.linalg.solve(system + ridge, slope[..., None])[..., 0].T
-        residual = (albedo * (design @ coefficients) - seen.radiance) * relative * np.sqrt(seen.weight)
+        residual = (
+            (albedo * (design @ coefficients) - observations.radiance)
+            * relative
+            * np.sqrt(observations.weight)
+        )
         spread = 1.4826 * np.median(np.abs(residual), axis=0)
-        robust = 1 / (1 + (residual / (seen.cauchy * np.maximum(spread, 0.3))) ** 2)
+        robust = 1 / (1 + (residual / (observations.cauchy * np.maximum(spread, 0.3))) ** 2)
     return Harmonics(coefficients.astype(np.float32))

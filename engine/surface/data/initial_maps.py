@@ -20,12 +20,12 @@ from engine.surface.data.observations import Observations
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import ROUGHNESSES
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject
-from engine.surface.rendering.transport import Incident, Sight, blocks
+from engine.surface.rendering.object_pixels import ObjectPixels
+from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StartMaps:
+class InitialMaps:
     """What the files hold of the mask's pixels."""
 
     mask: Bool[np.ndarray, "h w"]
@@ -41,7 +41,7 @@ def read(
     mask: Bool[np.ndarray, "h w"],
     coloured: bool,
     flip: int = 0,
-) -> StartMaps:
+) -> InitialMaps:
     """The maps at the photographs' size as they are processed, see `engine/io/normal_maps.py`.
 
     Roughness is `roughness`'s, or what an .npz holds beside its normals; so is albedo where `coloured` asks for it.
@@ -69,10 +69,10 @@ def read(
             f"start maps: {path}: {missing} of {len(normal)} object pixels have no normal; make the map with the"
             " session's mask, or do without it"
         )
-    return StartMaps(mask, normal, rough, albedo)
+    return InitialMaps(mask, normal, rough, albedo)
 
 
-def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 0) -> StartMaps | None:
+def requested(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 0) -> InitialMaps | None:
     """The maps that the parameters name; None where they name none.
 
     Raises:
@@ -84,8 +84,8 @@ def asked(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 0) -
     return read(Path(params.start_maps), roughness, params.start_frame, mask, False, flip)
 
 
-def halved(maps: StartMaps, small: Bool[np.ndarray, "h2 w2"]) -> StartMaps:
-    """Means over the object's pixels of each 2 x 2, as `pyramid.halved` has the photographs; `small` is its mask."""
+def downsample(maps: InitialMaps, small: Bool[np.ndarray, "h2 w2"]) -> InitialMaps:
+    """Means over the object's pixels of each 2 x 2, as `pyramid.downsample` has the photographs; `small` is its mask."""
     v, u = np.nonzero(maps.mask)
     v, u = v // 2, u // 2
     height, width = small.shape
@@ -101,46 +101,49 @@ def halved(maps: StartMaps, small: Bool[np.ndarray, "h2 w2"]) -> StartMaps:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     roughness = None if maps.roughness is None else mean(maps.roughness)
     albedo = None if maps.albedo is None else np.stack([mean(x) for x in maps.albedo.T], 1)
-    return StartMaps(small, normals / np.maximum(length, 1e-9), roughness, albedo)
+    return InitialMaps(small, normals / np.maximum(length, 1e-9), roughness, albedo)
 
 
-def begun(
-    maps: StartMaps,
-    who: Subject,
-    light: Incident,
-    sight: Sight,
+def estimate_from_maps(
+    maps: InitialMaps,
+    object_pixels: ObjectPixels,
+    light: IncidentLight,
+    geometry: SurfaceGeometry,
     params: SurfaceParams,
     progress: Progress,
-) -> gauss_newton.State:
-    """The maps as a first surface of the subject's pixels: all of the maps' mask, or `pyramid.halved` ones."""
-    if maps.mask.shape != who.mask.shape:
-        maps = halved(maps, who.mask)
-    responses, parts = who.responses(light, params, "cpu", sight), blocks(who.mask)
-    normals = gauss_newton.facing(maps.normals, sight.views)
+) -> gauss_newton.PixelEstimate:
+    """The maps as a first surface of the subject's pixels: all of the maps' mask, or `pyramid.downsample` ones."""
+    if maps.mask.shape != object_pixels.mask.shape:
+        maps = downsample(maps, object_pixels.mask)
+    transport, parts = (
+        object_pixels.light_transport(light, params, "cpu", geometry),
+        pixel_blocks(object_pixels.mask),
+    )
+    normals = gauss_newton.clamp_to_visible(maps.normals, geometry.views)
     tried = np.tile(ROUGHNESSES, (len(normals), 1)) if maps.roughness is None else maps.roughness[:, None]
     tried = np.clip(tried, *gauss_newton.ROUGHNESS)
     albedo, roughness = np.zeros((len(normals), 3)), np.zeros(len(normals))
 
     def begin(pixels: Int[np.ndarray, " _"]) -> None:
         leaning = np.repeat(normals[pixels][:, None], tried.shape[1], 1)
-        block = responses.block(sight, pixels)
-        diffuse, specular = responses(block.under(block.energy), leaning, tried[pixels])
-        best, albedo[pixels] = _explained(diffuse, specular, who.seen, pixels)
+        block = transport.block(geometry, pixels)
+        diffuse, specular = transport(block.under(block.energy), leaning, tried[pixels])
+        best, albedo[pixels] = _explained(diffuse, specular, object_pixels.observations, pixels)
         roughness[pixels] = tried[pixels, best]
 
     each(begin, parts, progress, "beginning from the maps given")
-    return gauss_newton.begin(normals, albedo, roughness)
+    return gauss_newton.initial_estimate(normals, albedo, roughness)
 
 
 def _explained(
     diffuse: Float[np.ndarray, "p k v"],
     specular: Float[np.ndarray, "p k v"],
-    seen: Observations,
+    observations: Observations,
     pixels: Int[np.ndarray, " p"],
 ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """Which of `k` variants explains each pixel best, and its albedo: the one in the middle of all views."""
-    eps = seen.eps[pixels][:, None, None]
-    radiance, valid = seen.radiance[pixels][:, None], seen.weight[pixels][:, None] > 0
+    eps = observations.eps[pixels][:, None, None]
+    radiance, valid = observations.radiance[pixels][:, None], observations.weight[pixels][:, None] > 0
     share = np.where(valid, (radiance - specular) / np.maximum(diffuse, 1e-6), np.nan)
     albedo = np.stack([_middle(share[..., c::3]) for c in range(3)], -1)  # p k 3
     model = np.tile(albedo, diffuse.shape[2] // 3) * diffuse + specular

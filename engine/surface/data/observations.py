@@ -24,24 +24,28 @@ DARK = 0.1
 and a lower albedo look alike."""
 
 
-def islands(mask: Bool[np.ndarray, "h w"], corners: bool = False) -> tuple[Int[np.ndarray, " p"], int]:
+def connected_regions(
+    mask: Bool[np.ndarray, "h w"], corners: bool = False
+) -> tuple[Int[np.ndarray, " p"], int]:
     """Which connected part every pixel of the mask belongs to, from 0, and how many there are; also by `corners`."""
     touching = np.ones((3, 3)) if corners else None
     found: tuple[np.ndarray, int] = label(mask, touching)  # pyright: ignore[reportAssignmentType]
     return found[0][mask] - 1, found[1]
 
 
-def numbered(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
+def pixel_index(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
     """The pixels of a mask in row order; -1 off it."""
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
     return index
 
 
-def aside(mask: Bool[np.ndarray, "h w"], steps: Int[np.ndarray, "k 2"]) -> Int[np.ndarray, "p k"]:
+def shifted_neighbours(
+    mask: Bool[np.ndarray, "h w"], steps: Int[np.ndarray, "k 2"]
+) -> Int[np.ndarray, "p k"]:
     """For every pixel of a mask the ones that stand so many rows and columns off, in row order; -1 off it."""
     margin = int(np.abs(steps).max())
-    padded = np.pad(numbered(mask), margin, constant_values=-1)
+    padded = np.pad(pixel_index(mask), margin, constant_values=-1)
     v, u = np.nonzero(padded >= 0)
     return padded[v[:, None] + steps[:, 0], u[:, None] + steps[:, 1]]
 
@@ -79,12 +83,18 @@ class Observations:
             self.cauchy,
         )
 
-    def exposed(self, drift: Float[np.ndarray, " n"]) -> "Observations":
+    def with_exposure_compensated(self, drift: Float[np.ndarray, " n"]) -> "Observations":
         """As photographed had no view's log exposure drifted; weights, in logarithms, stay."""
-        return replace(self, radiance=evened(self.radiance, drift), beside=evened(self.beside, drift))
+        return replace(
+            self,
+            radiance=compensate_exposure(self.radiance, drift),
+            beside=compensate_exposure(self.beside, drift),
+        )
 
 
-def evened(radiance: Float[np.ndarray, "q v"], drift: Float[np.ndarray, " n"]) -> Float[np.ndarray, "q v"]:
+def compensate_exposure(
+    radiance: Float[np.ndarray, "q v"], drift: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "q v"]:
     """Radiance without the drift of the views' log exposure (float32)."""
     return radiance * np.repeat(np.exp(-drift), 3).astype(np.float32)
 
@@ -101,7 +111,7 @@ def observe(
     it keeps a bright, nearly noiseless value from outvoting all others. `mixed`: pixels of the rim may hold a
     share of what is beside them."""
     v, u = np.nonzero(mask)
-    radiance = photographed(frames, views, (v, u))
+    radiance = gather_radiance(frames, views, (v, u))
     usable = ~(frames.clipped[views] | frames.dark[views])[:, mask].T
     positive = np.maximum(radiance, 0)
     level = np.median(positive.reshape(len(radiance), -1), axis=1)
@@ -111,8 +121,8 @@ def observe(
     weight = usable[..., None] / variance
     edge = mask & ~np.asarray(binary_erosion(mask, np.ones((3, 3), bool)), bool)
     count = len(radiance)
-    row, place = rim(mask)
-    outside = np.maximum(photographed(frames, views, place), 0).reshape(len(place[0]), 3 * len(views))
+    row, place = beside_rim(mask)
+    outside = np.maximum(gather_radiance(frames, views, place), 0).reshape(len(place[0]), 3 * len(views))
     tells = np.median(outside, axis=1) > DARK * level[row >= 0] if mixed else np.zeros(len(outside), bool)
     row[row >= 0] = np.where(tells, np.cumsum(tells) - 1, -1)
     return Observations(
@@ -127,7 +137,7 @@ def observe(
     )
 
 
-def photographed(
+def gather_radiance(
     frames: Frames,
     views: Int[np.ndarray, " n"],
     place: tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]],
@@ -136,7 +146,7 @@ def photographed(
     return np.ascontiguousarray(frames.radiance[views[:, None], *place].transpose(1, 0, 2), np.float32)
 
 
-def rim(
+def beside_rim(
     mask: Bool[np.ndarray, "h w"],
 ) -> tuple[Int[np.ndarray, " p"], tuple[Int[np.ndarray, " b"], Int[np.ndarray, " b"]]]:
     """Which of the pixels have one straight beside them that is not the object's, numbered; and where that one is."""
@@ -153,7 +163,7 @@ def rim(
     return row, (place[0, found], place[1, found])
 
 
-def thinned(views: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
+def evenly_spaced(views: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
     """At most so many of the views, evenly spread, the first and the last among them."""
     if len(views) <= most:
         return views

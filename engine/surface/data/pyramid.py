@@ -8,15 +8,15 @@ from scipy.ndimage import distance_transform_edt
 
 from engine.geometry import resized
 from engine.progress import Progress
-from engine.surface.data.observations import numbered
+from engine.surface.data.observations import pixel_index
 from engine.surface.optimize import gauss_newton
 from engine.surface.reflectance.brdf import of_pixels
-from engine.surface.rendering.object_pixels import Subject, depth_of
-from engine.surface.rendering.transport import Sight
+from engine.surface.rendering.object_pixels import ObjectPixels, depth_from_normals
+from engine.surface.rendering.transport import SurfaceGeometry
 from engine.types import Camera, Frames
 
 
-def halved(
+def downsample(
     frames: Frames, mask: Bool[np.ndarray, "h w"], camera: Camera
 ) -> tuple[Frames, Bool[np.ndarray, "h2 w2"], Camera]:
     """Photographs of half the size: means over each 2 x 2, of the object's pixels where it is the object, else of the others."""
@@ -48,32 +48,37 @@ def halved(
     return fewer, small, resized(even, width // 2, height // 2)
 
 
-def doubled(small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
+def parent_index(small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
     """For each of the mask's pixels the nearest of the `halved` ones."""
     nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
-    index = numbered(small)[tuple(nearest)]  # pyright: ignore[reportArgumentType]
+    index = pixel_index(small)[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     v, u = np.nonzero(mask)
     return index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
 
 
-def finer(
-    who: Subject,
-    half: Subject,
-    state: gauss_newton.State,
-    sight: Sight,
+def upsample_estimate(
+    object_pixels: ObjectPixels,
+    half: ObjectPixels,
+    state: gauss_newton.PixelEstimate,
+    geometry: SurfaceGeometry,
     distance: float,
     progress: Progress,
-) -> tuple[Subject, gauss_newton.State, Float[np.ndarray, "h w"], Sight]:
-    """What `halved` pixels know as a start for the full ones (`who`), each taking the nearest one's; with a depth of their
+) -> tuple[ObjectPixels, gauss_newton.PixelEstimate, Float[np.ndarray, "h w"], SurfaceGeometry]:
+    """What `halved` pixels know as a start for the full ones (`object_pixels`), each taking the nearest one's; with a depth of their
     own. The full ones are of the half ones' material then."""
-    take = doubled(half.mask, who.mask)
-    who = replace(who, material=of_pixels(half.material, take))
-    state = gauss_newton.begin(state.normals[take], state.albedo[take], state.roughness[take])
-    depth = depth_of(who, state, distance, progress)
+    take = parent_index(half.mask, object_pixels.mask)
+    object_pixels = replace(object_pixels, material=of_pixels(half.material, take))
+    state = gauss_newton.initial_estimate(state.normals[take], state.albedo[take], state.roughness[take])
+    depth = depth_from_normals(object_pixels, state, distance, progress)
     hidden = None
-    if sight.occlusion is not None:
+    if geometry.visibility is not None:
         count = int(half.mask.sum())
         behind = np.full(count, -1, np.int32)
         behind[take] = np.arange(len(take))
-        hidden = sight.occlusion.part(take).told(count, behind, len(take))
-    return who, state, depth, replace(who.standing(depth, sight.cast_z is None), occlusion=hidden)
+        hidden = geometry.visibility.part(take).told(count, behind, len(take))
+    return (
+        object_pixels,
+        state,
+        depth,
+        replace(object_pixels.geometry_of_depth(depth, geometry.cast_z is None), visibility=hidden),
+    )

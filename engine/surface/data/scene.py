@@ -7,11 +7,11 @@ from jaxtyping import Bool, Float, Int
 
 from engine.geometry import cropped
 from engine.surface.data import initial_maps
-from engine.surface.data.initial_maps import StartMaps
-from engine.surface.data.observations import thinned
-from engine.surface.data.pyramid import doubled, halved
+from engine.surface.data.initial_maps import InitialMaps
+from engine.surface.data.observations import evenly_spaced
+from engine.surface.data.pyramid import downsample, parent_index
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject, subject
+from engine.surface.rendering.object_pixels import ObjectPixels, observe_object
 from engine.surface.rendering.transport import BLOCK
 from engine.types import Camera, Frames, Poses
 
@@ -27,7 +27,7 @@ class Picture:
     frames: Frames
     mask: Bool[np.ndarray, "h w"]
     camera: Camera
-    start: StartMaps | None = None  # in place of the global search
+    initial_maps: InitialMaps | None = None  # in place of the global search
 
     def part(self, rows: slice, columns: slice) -> "Picture":
         """A window of it; nothing is copied. Start maps are kept only by one that holds the whole object."""
@@ -36,7 +36,7 @@ class Picture:
             frames.names, frames.radiance[:, rows, columns], frames.clipped[:, rows, columns],
             frames.dark[:, rows, columns], frames.noise,
         )  # fmt: skip
-        mask, start = self.mask[rows, columns], self.start
+        mask, start = self.mask[rows, columns], self.initial_maps
         if start is not None:
             start = replace(start, mask=mask) if mask.sum() == self.mask.sum() else None
         return Picture(window, mask, cropped(self.camera, rows, columns), start)
@@ -45,15 +45,15 @@ class Picture:
         """Some of the photographs."""
         return replace(self, frames=self.frames.views(views))
 
-    def halved(self) -> "Picture":
+    def downsampled(self) -> "Picture":
         """Half as many pixels across."""
-        frames, mask, camera = halved(self.frames, self.mask, self.camera)
-        start = None if self.start is None else initial_maps.halved(self.start, mask)
+        frames, mask, camera = downsample(self.frames, self.mask, self.camera)
+        start = None if self.initial_maps is None else initial_maps.downsample(self.initial_maps, mask)
         return Picture(frames, mask, camera, start)
 
-    def pixels(self, views: Int[np.ndarray, " n"], params: SurfaceParams) -> Subject:
+    def pixels(self, views: Int[np.ndarray, " n"], params: SurfaceParams) -> ObjectPixels:
         """The object's in some of the photographs."""
-        return subject(self.frames, self.mask, self.camera, views, params)
+        return observe_object(self.frames, self.mask, self.camera, views, params)
 
 
 def window(mask: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
@@ -63,13 +63,13 @@ def window(mask: Bool[np.ndarray, "h w"]) -> tuple[slice, slice]:
     return slice(*map(int, spans[0])), slice(*map(int, spans[1]))
 
 
-def smaller(picture: Picture, most: int) -> tuple[Picture, Int[np.ndarray, " p"]]:
+def downsample_to(picture: Picture, most: int) -> tuple[Picture, Int[np.ndarray, " p"]]:
     """The picture halved until at most so many pixels are the object's, and the pixel of it that stands for each of the
     whole one's."""
     take = np.arange(int(picture.mask.sum()))
     while picture.mask.sum() > most:
-        half = picture.halved()
-        take, picture = doubled(half.mask, picture.mask)[take], half
+        half = picture.downsampled()
+        take, picture = parent_index(half.mask, picture.mask)[take], half
     return picture, take
 
 
@@ -96,7 +96,7 @@ class Scene:
         """All photographs at a level: 0 is full size, each next half of it."""
         picture = self.picture
         for _ in range(level):
-            picture = picture.halved()
+            picture = picture.downsampled()
         return picture
 
     def cam_from_world(self, views: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m 3 4"]:
@@ -104,7 +104,7 @@ class Scene:
         return self.poses.cam_from_world[views]
 
 
-def scene_of(
+def build_scene(
     picture: Picture,
     poses: Poses,
     fitted: Int[np.ndarray, " f"],
@@ -114,9 +114,9 @@ def scene_of(
     seed: int,
 ) -> Scene:
     """A scene whose coarse phases have `params.rough_views` of the views that are fitted, the fine ones `params.views`."""
-    views = thinned(fitted, params.rough_views)
+    views = evenly_spaced(fitted, params.rough_views)
     sizes = [picture.of_views(views)]
     while sizes[-1].mask.sum() > HALVED_FROM and len(sizes) < SIZES:
-        sizes.append(sizes[-1].halved())
-    fine = thinned(fitted, params.views or len(fitted))
+        sizes.append(sizes[-1].downsampled())
+    fine = evenly_spaced(fitted, params.views or len(fitted))
     return Scene(picture, tuple(sizes), poses, views, fine, np.array(validation, int), params, device, seed)

@@ -22,7 +22,7 @@ from scipy.special import expit
 from engine.errors import SurfaceError
 from engine.geometry import angle_between, unproject
 from engine.progress import Progress
-from engine.surface.data.observations import aside, islands
+from engine.surface.data.observations import connected_regions, shifted_neighbours
 from engine.surface.depth.graph_laplacian import laplacian, solve_system
 from engine.types import Camera
 
@@ -173,7 +173,7 @@ def _scaled(
     mask: Bool[np.ndarray, "h w"], log_depth: Float[np.ndarray, " p"], mean_depth: float
 ) -> Float[np.ndarray, "h w"]:
     """Depth whose mean over each connected part of the mask is `mean_depth`."""
-    island, _ = islands(mask, corners=True)
+    island, _ = connected_regions(mask, corners=True)
     size = np.bincount(island)
     z = np.exp(log_depth - (np.bincount(island, log_depth) / size)[island])
     return _image(mask, z * (mean_depth * size / np.bincount(island, z))[island], 0.0)
@@ -201,7 +201,7 @@ def _edges(
     excess = np.maximum((unit * ray).sum(1) + 1 / focal, 0)
     normal = unit - (excess / (ray**2).sum(1))[:, None] * ray
     steps = np.array([(0, 1), (1, 0), (1, 1), (1, -1)])
-    ahead, behind = aside(mask, steps), aside(mask, -steps)
+    ahead, behind = shifted_neighbours(mask, steps), shifted_neighbours(mask, -steps)
     a, way = np.nonzero(ahead >= 0)
     b = ahead[a, way]
     middle = (ray[a] + ray[b]) / 2

@@ -15,16 +15,16 @@ import numpy as np
 from jaxtyping import Int
 
 from engine.progress import Progress
-from engine.surface.data.observations import thinned
-from engine.surface.lighting.grouped_light import Parts
-from engine.surface.lighting.light_calibration import Setting, divided, settle, untouched
-from engine.surface.lighting.room_light import Room, parts_at
+from engine.surface.data.observations import evenly_spaced
+from engine.surface.lighting.grouped_light import GroupedLight
+from engine.surface.lighting.light_calibration import LightParameters, calibrate, prior_light, split_groups
+from engine.surface.lighting.room_light import RoomLight, gather_grouped_light
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.exhaustive_search import global_start
-from engine.surface.optimize.pixel_sample import Sample, voters
+from engine.surface.optimize.exhaustive_search import exhaustive_search
+from engine.surface.optimize.pixel_sample import PixelSample, calibration_pixels
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import Subject
-from engine.surface.rendering.transport import lattice_around
+from engine.surface.rendering.object_pixels import ObjectPixels
+from engine.surface.rendering.transport import probe_grid_around
 
 CANDIDATES = 150
 PASSES = 3
@@ -47,11 +47,11 @@ NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
 """Reach of the search, in units of the room's size, and the distances tried."""
 LOOKS = 12
 """Views that serve, at most; the curve is the same in twice as many."""
-VOTERS = 600
+CALIBRATION_PIXELS = 600
 """Pixels that calibrate the light; half of them serve here."""
 
 
-_misfit = attrgetter("misfit")
+_misfit = attrgetter("cost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,28 +68,36 @@ class Distance:
     misfit: tuple[float, ...] = ()
 
 
-def first_look(
-    who: Subject,
-    room: Room,
+def coarse_distance_search(
+    object_pixels: ObjectPixels,
+    room: RoomLight,
     views: Int[np.ndarray, " n"],
     params: SurfaceParams,
     seed: int,
     progress: Progress,
-) -> tuple[Setting, Room, tuple[float, ...], tuple[float, ...]]:
+) -> tuple[LightParameters, RoomLight, tuple[float, ...], tuple[float, ...]]:
     """The object's distance to a fifth or so unless it is given, with the light that suits it; the room in as many parts as
     that took; and the curve: distances tried and their misfits."""
-    every = thinned(np.arange(len(views)), min(LOOKS, len(views) // 2))
+    every = evenly_spaced(np.arange(len(views)), min(LOOKS, len(views) // 2))
     near_far, layers = (NEAREST * room.size(), FARTHEST * room.size()), LAYERS
     if params.object_distance > 0:
         near_far, layers = (params.object_distance, params.object_distance), 1
-    lattice = lattice_around(who.camera, who.mask, near_far, (1, 1, layers))
+    lattice = probe_grid_around(object_pixels.camera, object_pixels.mask, near_far, (1, 1, layers))
     face_px, span = params.probe_face_px, progress.part(0, 0.5)
-    parts = parts_at(lattice, room, views[every], coarse_directions(params), face_px, span)
+    parts = gather_grouped_light(lattice, room, views[every], coarse_directions(params), face_px, span)
     # Flat and shadowless, pixels misfit by more than any drift.
-    parts = replace(parts, drift=0.0, astray=0.0)
-    _, sample = voters(who, who.flat(1.0), 1.0, VOTERS // 2, params, seed, every)
+    parts = replace(parts, exposure_sigma=0.0, lamp_offset_sigma=0.0)
+    _, sample = calibration_pixels(
+        object_pixels,
+        object_pixels.geometry_at_distance(1.0),
+        1.0,
+        CALIBRATION_PIXELS // 2,
+        params,
+        seed,
+        every,
+    )
     found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1))
-    return found, room.divided(parts.patches), tried, misfits
+    return found, room.with_patches_split(parts.patches), tried, misfits
 
 
 def coarse_directions(params: SurfaceParams) -> int:
@@ -98,8 +106,8 @@ def coarse_directions(params: SurfaceParams) -> int:
 
 
 def find_distance(
-    parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
-) -> tuple[Setting, Parts, tuple[float, ...], tuple[float, ...]]:
+    grouped_light: GroupedLight, sample: PixelSample, params: SurfaceParams, progress: Progress
+) -> tuple[LightParameters, GroupedLight, tuple[float, ...], tuple[float, ...]]:
     """The best of the lattice's layers, with the light that suits it; the light by as many parts as that took; and the
     curve: distances and their misfits.
 
@@ -107,70 +115,86 @@ def find_distance(
     with at every distance, for it hardly depends on that. Where it turns out bright it is divided, and so on, as long as
     that suits it better. Clipped lamps are made brighter as long as that does.
     """
-    layers = parts.incident.lattice.depths()
-    levels = LEVELS if parts.unseen.any() and params.relight else (1.0,)
-    brighter = BRIGHTER if parts.clipped.any() and params.relight else ()
+    layers = grouped_light.incident.probe_grid.depths()
+    levels = LEVELS if grouped_light.unseen.any() and params.relight else (1.0,)
+    brighter = BRIGHTER if grouped_light.clipped.any() and params.relight else ()
     again = AGAIN if len(levels) > 1 else 0
     first, then = progress.part(0, 0.5 if again else 1), progress.part(0.5, 1)
     turns = iter(first.parts(len(levels) + len(brighter) + (AGAIN if brighter else again)))
 
-    def looked(begun: Sequence[Setting]) -> list[Setting]:
+    def looked(begun: Sequence[LightParameters]) -> list[LightParameters]:
         spans = next(turns).parts(len(begun))
-        return [_settled(one, parts, sample, params, span) for one, span in zip(begun, spans, strict=True)]
+        return [
+            _calibrated_from_scratch(one, grouped_light, sample, params, span)
+            for one, span in zip(begun, spans, strict=True)
+        ]
 
-    best: list[Setting] = []
+    best: list[LightParameters] = []
     for level in levels:
-        best = _better(best, looked([untouched(parts, float(z), level) for z in layers]))
+        best = _better(best, looked([prior_light(grouped_light, float(z), level) for z in layers]))
     some_layers = slice(min(EVERY // 2, len(layers) - 1), None, EVERY)
     for factor in brighter:
         some = best[some_layers]
         least = min(some, key=_misfit)
-        tried = looked([_outshone(least, parts, factor, one.distance) for one in some])
-        if min(map(_misfit, tried)) > FALLEN * least.misfit:
+        tried = looked([_brighter_lamps(least, grouped_light, factor, one.distance) for one in some])
+        if min(map(_misfit, tried)) > FALLEN * least.cost:
             break
         best[some_layers], again = _better(some, tried), AGAIN
     for _ in range(again):
         least = min(best, key=_misfit)
         best = _better(best, looked([replace(least, distance=float(z)) for z in layers]))
-        if _misfit(min(best, key=_misfit)) > FALLEN * least.misfit:
+        if _misfit(min(best, key=_misfit)) > FALLEN * least.cost:
             break
     least = min(best, key=_misfit)
     if len(levels) > 1:
-        least, parts = _finer(least, parts, sample, params, then)
-    return least, parts, tuple(map(float, layers)), tuple(map(_misfit, best))
+        least, grouped_light = _finer(least, grouped_light, sample, params, then)
+    return least, grouped_light, tuple(map(float, layers)), tuple(map(_misfit, best))
 
 
 def _finer(
-    least: Setting, parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
-) -> tuple[Setting, Parts]:
+    least: LightParameters,
+    grouped_light: GroupedLight,
+    sample: PixelSample,
+    params: SurfaceParams,
+    progress: Progress,
+) -> tuple[LightParameters, GroupedLight]:
     """The light with what no photograph shows divided where it is bright, and so on, as long as that suits the object better."""
     spans = iter(progress.parts(FINER * LOOKED))
     for _ in range(FINER):
-        if (made := divided(parts, least)) is None:
+        if (made := split_groups(grouped_light, least)) is None:
             break
         finer, begun = made
         for _ in range(LOOKED):
-            found = _settled(begun, finer, sample, params, next(spans))
-            if found.misfit > FALLEN * least.misfit:
+            found = _calibrated_from_scratch(begun, finer, sample, params, next(spans))
+            if found.cost > FALLEN * least.cost:
                 break
-            parts, least, begun = finer, found, found
-        if parts is not finer:
+            grouped_light, least, begun = finer, found, found
+        if grouped_light is not finer:
             break
-    return least, parts
+    return least, grouped_light
 
 
-def _settled(
-    begun: Setting, parts: Parts, sample: Sample, params: SurfaceParams, progress: Progress
-) -> Setting:
+def _calibrated_from_scratch(
+    begun: LightParameters,
+    grouped_light: GroupedLight,
+    sample: PixelSample,
+    params: SurfaceParams,
+    progress: Progress,
+) -> LightParameters:
     """The light that suits normals which are sought from nothing under it as it is begun."""
-    responses, sight = sample.responses(parts.under(begun.gain)), sample.at(begun.distance)
-    start = global_start(responses, sight, sample.seen, sample.regions, CANDIDATES, progress.part(0, 0.4))
+    transport, geometry = (
+        sample.light_transport(grouped_light.with_gains(begun.gain)),
+        sample.geometry_at(begun.distance),
+    )
+    start = exhaustive_search(
+        transport, geometry, sample.observations, sample.regions, CANDIDATES, progress.part(0, 0.4)
+    )
     rounds = ROUNDS if params.relight else 0
-    return settle(
+    return calibrate(
         begun,
-        parts,
+        grouped_light,
         sample,
-        gauss_newton.begin(*start),
+        gauss_newton.initial_estimate(*start),
         False,
         params.relight,
         rounds,
@@ -179,12 +203,14 @@ def _settled(
     )[0]
 
 
-def _outshone(setting: Setting, parts: Parts, factor: float, distance: float) -> Setting:
+def _brighter_lamps(
+    light_parameters: LightParameters, grouped_light: GroupedLight, factor: float, distance: float
+) -> LightParameters:
     """A setting whose clipped lamps shine so many times brighter than they are expected to."""
-    expected = factor * untouched(parts, distance).gain
-    gain = np.where(parts.clipped[:, None], expected, setting.gain)
-    return replace(setting, distance=distance, gain=gain)
+    expected = factor * prior_light(grouped_light, distance).gain
+    gain = np.where(grouped_light.clipped[:, None], expected, light_parameters.gain)
+    return replace(light_parameters, distance=distance, gain=gain)
 
 
-def _better(some: Sequence[Setting], others: Sequence[Setting]) -> list[Setting]:
+def _better(some: Sequence[LightParameters], others: Sequence[LightParameters]) -> list[LightParameters]:
     return [min(pair, key=_misfit) for pair in zip(some, others, strict=True)] if some else list(others)

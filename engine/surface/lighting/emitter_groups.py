@@ -38,7 +38,7 @@ CLIPPED_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patches:
+class EnvironmentPatches:
     """What closes the room where no photograph looked, and which of it shine together."""
 
     towards: Float[np.ndarray, "q 3"]  # world, unit, from amid the cameras
@@ -50,7 +50,7 @@ class Patches:
         share = np.bincount(self.group, minlength=groups) * self.solid / UNSEEN_EACH
         return np.where(share > 0, np.minimum(share, 1), 1)
 
-    def divided(self, which: Int[np.ndarray, " d"]) -> Int[np.ndarray, " q"]:
+    def split(self, which: Int[np.ndarray, " d"]) -> Int[np.ndarray, " q"]:
         """The patches' groups, each of `which` in parts: one keeps its number, the others get new ones at the end."""
         group = self.group.copy()
         for one in which:
@@ -146,7 +146,7 @@ def _shares(energy: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return softened / softened.sum()
 
 
-def whose(
+def nearest_emitter(
     places: Float[np.ndarray, "*c 3"], lit: Bool[np.ndarray, "*c"], gaussians: Gaussians
 ) -> Int[np.ndarray, "*c"]:
     """The Gaussian that each cell's light comes from, -1 where it is dark.
@@ -177,7 +177,7 @@ def _luminance(gaussians: Gaussians) -> Float[np.ndarray, " k"]:
     return np.maximum(luminance(gaussians.radiance[:, 0]), 0)
 
 
-def brightened(
+def scale_groups(
     gaussians: Gaussians, group: Int[np.ndarray, " k"], gain: Float[np.ndarray, "g 3"]
 ) -> Gaussians:
     """Every group under its gain."""

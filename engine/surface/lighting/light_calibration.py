@@ -29,10 +29,10 @@ from engine.color import luminance
 from engine.parallel import abreast
 from engine.progress import Progress
 from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN
-from engine.surface.lighting.grouped_light import Parts
+from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.pixel_sample import Sample
-from engine.surface.rendering.transport import Responses
+from engine.surface.optimize.pixel_sample import PixelSample
+from engine.surface.rendering.transport import LightTransport
 
 TOTAL = 0.001
 """How well the background fixes the sum of the light that is neither clipped nor unseen, per channel (relative): as good as wholly. As
@@ -65,137 +65,160 @@ LONGEST = 0.4
 TRUSTED = 0.8
 """Share of the pixels that vote on a comparison: those in a shadow nobody foresaw misfit everywhere."""
 STRIDE, FARTHEST = 0.03, 4
-"""Of `place`: steps of log distance, and how many of them it goes at most."""
+"""Of `calibrate_with_distance`: steps of log distance, and how many of them it goes at most."""
 FREE, FIXED = 1e-6, 1e12
 """Weights of the prior on an unknown that anything may move, and on one that nothing may."""
 AT_REST = 1e-3
-"""Of `_moved`, below which a setting stands: the background's sum is known no better."""
+"""Of `_change`, below which a setting stands: the background's sum is known no better."""
 SPREAD = 3.0
 """One residual spread for every pixel, so that misfits compare."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Setting:
+class LightParameters:
     """Where the object stands and how bright the groups are, relative to what the background said."""
 
     distance: float
     gain: Float[np.ndarray, "k 3"]
     distance_stderr: float  # of log distance; 0 if it was given, inf if nothing depends on it
-    misfit: float  # what was minimised; compares settings of one sample
-    drift: Float[np.ndarray, " n"]  # of each view's log exposure
-    aside: Float[np.ndarray, "l 2"]  # radians across, of each lamp
+    cost: float  # what was minimised; compares settings of one sample
+    exposure_offset: Float[np.ndarray, " n"]  # of each view's log exposure
+    lamp_offset: Float[np.ndarray, "l 2"]  # radians across, of each lamp
 
 
-def untouched(parts: Parts, distance: float, unseen: float = 1.0) -> Setting:
+def prior_light(grouped_light: GroupedLight, distance: float, unseen: float = 1.0) -> LightParameters:
     """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
     shows so many times brighter than its surroundings."""
-    gain = np.exp(_belief(parts)[0])[:, None].repeat(3, 1)
-    gain[parts.unseen] = unseen
-    still = np.zeros(parts.incident.energy.shape[2] // 3), np.zeros((len(parts.near.radii), 2))
-    return Setting(distance, gain, float("inf"), float("inf"), *still)
+    gain = np.exp(_light_prior(grouped_light)[0])[:, None].repeat(3, 1)
+    gain[grouped_light.unseen] = unseen
+    still = (
+        np.zeros(grouped_light.incident.energy.shape[2] // 3),
+        np.zeros((len(grouped_light.area_lights.radii), 2)),
+    )
+    return LightParameters(distance, gain, float("inf"), float("inf"), *still)
 
 
-def divided(parts: Parts, setting: Setting) -> tuple[Parts, Setting] | None:
+def split_groups(
+    grouped_light: GroupedLight, light_parameters: LightParameters
+) -> tuple[GroupedLight, LightParameters] | None:
     """The same light with the brightest parts that no view shows each in several; None if none is bright, or the views cannot
     tell more parts apart."""
-    if parts.patches is None or parts.patch is None:
+    if grouped_light.patches is None or grouped_light.patch is None:
         return None
-    light = luminance(parts.levels() * setting.gain)
-    more = PER_VIEW * parts.incident.energy.shape[2] // 3 - int(parts.unseen.sum())
-    ranked = np.argsort(np.where(parts.unseen, -light, 0), kind="stable")[: max(0, more) // (INTO - 1)]
-    group = parts.patches.divided(ranked[light[ranked] * parts.unseen[ranked] > BRIGHT * light.sum()])
-    end = int(parts.patches.group.max()) + 1
+    light = luminance(grouped_light.levels() * light_parameters.gain)
+    more = PER_VIEW * grouped_light.incident.energy.shape[2] // 3 - int(grouped_light.unseen.sum())
+    ranked = np.argsort(np.where(grouped_light.unseen, -light, 0), kind="stable")[
+        : max(0, more) // (INTO - 1)
+    ]
+    group = grouped_light.patches.split(
+        ranked[light[ranked] * grouped_light.unseen[ranked] > BRIGHT * light.sum()]
+    )
+    end = int(grouped_light.patches.group.max()) + 1
     added = int(group.max()) + 1 - end
     if not added:
         return None
     # Of each new number the one that it was part of.
     numbers, somewhere = np.unique(group, return_index=True)
-    whole = parts.patches.group[somewhere[numbers >= end]]
-    before = np.concatenate([np.arange(end), whole, np.arange(end, len(parts.kind))])
-    cells = np.where(parts.patch >= 0, group[parts.patch], parts.group + added * (parts.group >= end))
-    finer = replace(parts, group=cells, kind=parts.kind[before], patches=replace(parts.patches, group=group))
-    return finer, replace(setting, gain=setting.gain[before])
+    whole = grouped_light.patches.group[somewhere[numbers >= end]]
+    before = np.concatenate([np.arange(end), whole, np.arange(end, len(grouped_light.kind))])
+    cells = np.where(
+        grouped_light.patch >= 0,
+        group[grouped_light.patch],
+        grouped_light.group + added * (grouped_light.group >= end),
+    )
+    finer = replace(
+        grouped_light,
+        group=cells,
+        kind=grouped_light.kind[before],
+        patches=replace(grouped_light.patches, group=group),
+    )
+    return finer, replace(light_parameters, gain=light_parameters.gain[before])
 
 
-def settle(
-    setting: Setting,
-    parts: Parts,
-    sample: Sample,
-    state: gauss_newton.State,
+def calibrate(
+    light_parameters: LightParameters,
+    grouped_light: GroupedLight,
+    sample: PixelSample,
+    state: gauss_newton.PixelEstimate,
     free_distance: bool,
     free_light: bool,
     rounds: int,
     passes: int,
     progress: Progress,
-) -> tuple[Setting, gauss_newton.State]:
+) -> tuple[LightParameters, gauss_newton.PixelEstimate]:
     """`rounds` times the pixels under the setting, then the setting under the pixels; the best one wins."""
-    best = replace(setting, misfit=float("inf")), state
+    best = replace(light_parameters, cost=float("inf")), state
     for turn in range(rounds + 1):
         span = progress.part(turn / (rounds + 1), (turn + 1) / (rounds + 1))
-        even, sight = sample.exposed(setting.drift), sample.at(setting.distance)
-        responses = even.responses(parts.under(setting.gain, setting.aside))
-        state = gauss_newton.iterate(
-            state, responses, sight, sample.regions, even.seen, passes, span, anew=True
+        even, geometry = (
+            sample.with_exposure_compensated(light_parameters.exposure_offset),
+            sample.geometry_at(light_parameters.distance),
         )
-        fresh, misfit = _improved(setting, parts, sample, state, free_distance, free_light)
-        if misfit < best[0].misfit:
-            best = replace(setting, distance_stderr=fresh.distance_stderr, misfit=misfit), state
-        moved, setting = _moved(parts, setting, fresh), fresh
+        transport = even.light_transport(
+            grouped_light.with_gains(light_parameters.gain, light_parameters.lamp_offset)
+        )
+        state = gauss_newton.minimize(
+            state, transport, geometry, sample.regions, even.observations, passes, span, reset_scale=True
+        )
+        fresh, misfit = _step(light_parameters, grouped_light, sample, state, free_distance, free_light)
+        if misfit < best[0].cost:
+            best = replace(light_parameters, distance_stderr=fresh.distance_stderr, cost=misfit), state
+        moved, light_parameters = _change(grouped_light, light_parameters, fresh), fresh
         if moved < AT_REST:
             break
         span.step(1.0, "refining the light")
     return best
 
 
-def _moved(parts: Parts, before: Setting, after: Setting) -> float:
+def _change(grouped_light: GroupedLight, before: LightParameters, after: LightParameters) -> float:
     """How far two settings are apart: in shares of all light, in logs of distance and exposure, in radians of the lamps."""
-    levels = parts.levels()
+    levels = grouped_light.levels()
     light, change = (
         luminance(levels * np.abs(gain)).sum() for gain in (before.gain, after.gain - before.gain)
     )
     away = [
         np.log([after.distance / before.distance]),
-        after.drift - before.drift,
-        after.aside - before.aside,
+        after.exposure_offset - before.exposure_offset,
+        after.lamp_offset - before.lamp_offset,
     ]
     return float(change / light) + max(float(np.abs(x).max(initial=0)) for x in away)
 
 
-def place(
-    setting: Setting,
-    parts: Parts,
-    sample: Sample,
-    state: gauss_newton.State,
+def calibrate_with_distance(
+    light_parameters: LightParameters,
+    grouped_light: GroupedLight,
+    sample: PixelSample,
+    state: gauss_newton.PixelEstimate,
     free_light: bool,
     rounds: int,
     passes: int,
     progress: Progress,
-) -> Setting:
+) -> LightParameters:
     """The distance at which the light that suits it best misfits least: the middle of a parabola through three.
 
-    The joint step of `settle` stops on the flank: normals and gains lean the way that makes a wrong distance look
+    The joint step of `calibrate` stops on the flank: normals and gains lean the way that makes a wrong distance look
     right, and each of its steps takes them as they are. So every distance tried here gets pixels and gains of its
     own. The standard error is the parabola's: where the misfit, a sum of squared standard errors, rises by one.
     """
-    tried: dict[int, Setting] = {}
+    tried: dict[int, LightParameters] = {}
 
-    def at(shift: float) -> Setting:
-        begun = replace(setting, distance=setting.distance * float(np.exp(shift * STRIDE)))
-        return settle(begun, parts, sample, state, False, free_light, rounds, passes, progress)[0]
+    def at(shift: float) -> LightParameters:
+        begun = replace(light_parameters, distance=light_parameters.distance * float(np.exp(shift * STRIDE)))
+        return calibrate(begun, grouped_light, sample, state, False, free_light, rounds, passes, progress)[0]
 
     lowest = 0
     for _ in range(FARTHEST):
         for k in (lowest - 1, lowest, lowest + 1):
             if k not in tried:
                 tried[k] = at(float(k))
-        before, lowest = lowest, min(tried, key=lambda k: tried[k].misfit)
+        before, lowest = lowest, min(tried, key=lambda k: tried[k].cost)
         if lowest == before:
             break
     if not {lowest - 1, lowest + 1} <= tried.keys():
         return replace(
             tried[lowest], distance_stderr=float("inf")
         )  # still falling: it stands farther than told
-    left, middle, right = (tried[lowest + k].misfit for k in (-1, 0, 1))
+    left, middle, right = (tried[lowest + k].cost for k in (-1, 0, 1))
     bend = left + right - 2 * middle
     if bend <= 0:
         return replace(tried[lowest], distance_stderr=float("inf"))
@@ -203,12 +226,12 @@ def place(
     return replace(found, distance_stderr=STRIDE * float(np.sqrt(2 / bend)))
 
 
-def _belief(parts: Parts) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def _light_prior(grouped_light: GroupedLight) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and spread of every group's log gain."""
-    beliefs = {KNOWN: (0.0, parts.prior), CLIPPED: BRIGHTER, UNSEEN: GUESSED, FILLED: CERTAIN}
-    mean, spread = np.array([beliefs[int(kind)] for kind in parts.kind]).T
-    if parts.patches is not None:
-        spread = spread / np.sqrt(parts.patches.extent(len(spread)))
+    beliefs = {KNOWN: (0.0, grouped_light.gain_sigma), CLIPPED: BRIGHTER, UNSEEN: GUESSED, FILLED: CERTAIN}
+    mean, spread = np.array([beliefs[int(kind)] for kind in grouped_light.kind]).T
+    if grouped_light.patches is not None:
+        spread = spread / np.sqrt(grouped_light.patches.extent(len(spread)))
     return mean, spread
 
 
@@ -217,48 +240,57 @@ def _unknowns(setting, parts):
 
     Log gains come first; exposures and both angles of each lamp only where they are open.
     """
-    far, views = setting.gain.size, len(setting.drift)
-    angles = far + 1 + views * bool(parts.drift)
-    return far, slice(far + 1, angles), angles, angles + setting.aside.size * bool(parts.astray)
+    far, views = setting.gain.size, len(setting.exposure_offset)
+    angles = far + 1 + views * bool(parts.exposure_sigma)
+    return (
+        far,
+        slice(far + 1, angles),
+        angles,
+        angles + setting.lamp_offset.size * bool(parts.lamp_offset_sigma),
+    )
 
 
-def _told(setting, parts, sample, state):
+def _system(setting, parts, sample, state):
     """What the pixels say about the light, their own unknowns eliminated: system, slope, the misfit of each pixel, and how its
     own unknowns follow the light's (p 6 u)."""
-    count, views = len(setting.gain), len(setting.drift)
+    count, views = len(setting.gain), len(setting.exposure_offset)
     far, exposures, angles, unknowns = _unknowns(setting, parts)
     system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    sample = sample.exposed(setting.drift)
-    seen, sight = sample.seen, sample.at(setting.distance)
-    responses = sample.responses(parts.under(setting.gain, setting.aside))
-    dark = Responses(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
+    sample = sample.with_exposure_compensated(setting.exposure_offset)
+    seen, geometry = sample.observations, sample.geometry_at(setting.distance)
+    transport = sample.light_transport(parts.with_gains(setting.gain, setting.lamp_offset))
+    dark = LightTransport(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
     misfits, following = np.zeros(len(seen.eps)), np.zeros((len(seen.eps), 6, unknowns))
     lamps = parts.of_lamps
     others = np.r_[0 : lamps.start, lamps.stop : count]
-    near = responses.incident.near
-    lean = [parts.moved(setting.aside + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)]
+    near = transport.incident.area_lights
+    lean = [
+        parts.lamps_moved(setting.lamp_offset + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)
+    ]
 
     def tell(pixels: Int[np.ndarray, " _"]) -> tuple[Float[np.ndarray, "u u"], Float[np.ndarray, " u"]]:
-        block = responses.block(sight, pixels)
+        block = transport.block(geometry, pixels)
         points, here = block.points, block.points.mean(0)
         each = parts.at(here, setting.gain)[others]
         further = parts.at(here * np.exp(NUDGE), setting.gain).sum(0)
         total = each.sum(0)
         n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
-        variants, rough, inward = gauss_newton.variants(n, r)
-        diffuse, specular = responses(block, variants, rough)
+        variants, rough, inward = gauss_newton.perturbed(n, r)
+        diffuse, specular = transport(block, variants, rough)
         made = sample.full_diffuse, block.material
         shining = near.each(points, block.views, variants, rough, block.lamps, *made)
         channels = total.shape[1]
         colour = np.tile(a, channels // 3)
         eps = seen.eps[pixels][:, None]
-        base, own = gauss_newton.slopes(diffuse, specular, a, inward, seen.eps[pixels])
+        base, own = gauss_newton.jacobian(diffuse, specular, a, inward, seen.eps[pixels])
         e = np.log((seen.radiance[pixels] + eps) / base)
         weight = seen.weight[pixels]
         width = (seen.cauchy * SPREAD) ** 2
         misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (SPREAD**2 * CORRELATED)
-        width = (seen.cauchy * state.spread[pixels][:, None]) ** 2
-        weight = weight / (1 + weight * e * e / width) / (state.spread[pixels][:, None] ** 2 * CORRELATED)
+        width = (seen.cauchy * state.residual_scale[pixels][:, None]) ** 2
+        weight = (
+            weight / (1 + weight * e * e / width) / (state.residual_scale[pixels][:, None] ** 2 * CORRELATED)
+        )
         lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
         every = np.ascontiguousarray(lights).reshape(len(total), -1)
         d, s = dark(block.under(every), n[:, None], r[:, None])
@@ -278,11 +310,11 @@ def _told(setting, parts, sample, state):
             lamp = lamp * near.radiance[..., c] / base[:, c::3, None]
             light[:, c::3, c + 3 * lamps.start : c + 3 * lamps.stop : 3] = lamp
         light[..., far] = share[:, -1]
-        if parts.drift:
+        if parts.exposure_sigma:
             known = seen.radiance[pixels] / (seen.radiance[pixels] + eps)
             for c in range(3):
                 light[:, c::3, exposures] = known[:, c::3, None] * np.eye(views)
-        if parts.astray:
+        if parts.lamp_offset_sigma:
             for way, there in enumerate(lean):
                 d, s = there.each(points, block.views, n[:, None], r[:, None], block.lamps, *made)
                 for c in range(3):
@@ -305,13 +337,13 @@ def _told(setting, parts, sample, state):
     return system, slope, misfits, following
 
 
-def _believed(setting, parts, sample, state, free_distance, free_light):
+def _system_with_prior(setting, parts, sample, state, free_distance, free_light):
     """The pixels' system and slope with what is believed of the light; and the misfit at the setting."""
-    views = len(setting.drift)
+    views = len(setting.exposure_offset)
     far, exposures, angles, unknowns = _unknowns(setting, parts)
-    system, slope, misfits, _ = _told(setting, parts, sample, state)
+    system, slope, misfits, _ = _system(setting, parts, sample, state)
     misfit = np.sort(misfits)[: int(TRUSTED * len(misfits))].mean() * len(misfits)
-    mean, spread = _belief(parts)
+    mean, spread = _light_prior(parts)
     logs = np.log(setting.gain)
     off = (logs - mean[:, None]) / spread[:, None]
     trust = np.full(unknowns, FIXED)
@@ -321,15 +353,18 @@ def _believed(setting, parts, sample, state, free_distance, free_light):
         trust[far] = FREE
     slope[:far] -= (off / spread[:, None]).ravel()
     misfit += float((off**2).sum())
-    if parts.drift:
-        trust[exposures] = 1 / parts.drift**2
+    if parts.exposure_sigma:
+        trust[exposures] = 1 / parts.exposure_sigma**2
         system[exposures, exposures] += 1 / (views * EVEN) ** 2
-        slope[exposures] -= setting.drift / parts.drift**2 + setting.drift.sum() / (views * EVEN) ** 2
+        slope[exposures] -= (
+            setting.exposure_offset / parts.exposure_sigma**2
+            + setting.exposure_offset.sum() / (views * EVEN) ** 2
+        )
         # Not in the misfit: beside residuals in units of SPREAD the prior would stop the step short of the data.
-    if parts.astray:
-        trust[angles:] = 1 / parts.astray**2
-        slope[angles:] -= setting.aside.ravel() / parts.astray**2
-        misfit += float((setting.aside**2).sum()) / parts.astray**2
+    if parts.lamp_offset_sigma:
+        trust[angles:] = 1 / parts.lamp_offset_sigma**2
+        slope[angles:] -= setting.lamp_offset.ravel() / parts.lamp_offset_sigma**2
+        misfit += float((setting.lamp_offset**2).sum()) / parts.lamp_offset_sigma**2
     system += np.diag(trust)
     # The sum of all light that is neither clipped nor unseen is the background's; only its parts are open to argument, else
     # albedo drifts.
@@ -346,10 +381,10 @@ def _believed(setting, parts, sample, state, free_distance, free_light):
     return system, slope, float(misfit)
 
 
-def _improved(setting, parts, sample, state, free_distance, free_light):
+def _step(setting, parts, sample, state, free_distance, free_light):
     """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
     far, exposures, angles, _ = _unknowns(setting, parts)
-    system, slope, misfit = _believed(setting, parts, sample, state, free_distance, free_light)
+    system, slope, misfit = _system_with_prior(setting, parts, sample, state, free_distance, free_light)
     covariance = np.linalg.inv(system)
     step = covariance @ slope
     step[angles:] = np.clip(step[angles:], -FARTHEST_ASIDE, FARTHEST_ASIDE)
@@ -359,21 +394,21 @@ def _improved(setting, parts, sample, state, free_distance, free_light):
     distance, stderr = setting.distance, 0.0
     if free_distance:
         distance, stderr = float(distance * np.exp(step[far])), float(np.sqrt(covariance[far, far]))
-    drifted, aside = setting.drift, setting.aside
-    if parts.drift:
+    drifted, aside = setting.exposure_offset, setting.lamp_offset
+    if parts.exposure_sigma:
         drifted = drifted + step[exposures]
-    if parts.astray:
+    if parts.lamp_offset_sigma:
         aside = aside + step[angles:].reshape(aside.shape)
-    return Setting(distance, np.exp(logs), stderr, float("inf"), drifted, aside), misfit
+    return LightParameters(distance, np.exp(logs), stderr, float("inf"), drifted, aside), misfit
 
 
-def doubt(
-    setting: Setting,
-    parts: Parts,
-    voting: tuple[Sample, gauss_newton.State],
-    others: tuple[Sample, gauss_newton.State],
+def light_variance(
+    light_parameters: LightParameters,
+    grouped_light: GroupedLight,
+    voting: tuple[PixelSample, gauss_newton.PixelEstimate],
+    others: tuple[PixelSample, gauss_newton.PixelEstimate],
 ) -> Float[np.ndarray, "p 6"]:
     """Variances of other pixels' unknowns by what those that vote leave open of the light; the distance stands."""
-    system, _, _ = _believed(setting, parts, *voting, False, True)
-    following = _told(setting, parts, *others)[3]
+    system, _, _ = _system_with_prior(light_parameters, grouped_light, *voting, False, True)
+    following = _system(light_parameters, grouped_light, *others)[3]
     return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(system), following, optimize=True)

@@ -14,18 +14,18 @@ from jaxtyping import Bool, Float
 
 from engine.light.incident.probes import arriving
 from engine.progress import Progress
-from engine.surface.data.observations import thinned
-from engine.surface.lighting.room_light import ball, light_at
-from engine.surface.optimize.gauss_newton import State
+from engine.surface.data.observations import evenly_spaced
+from engine.surface.lighting.room_light import ball, gather_incident_light
+from engine.surface.optimize.gauss_newton import PixelEstimate
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.transport import (
-    Lattice,
-    Responses,
-    Sight,
+    LightTransport,
+    ProbeGrid,
+    SurfaceGeometry,
     direction_cells,
-    lattice_around,
     predict,
+    probe_grid_around,
 )
 from engine.types import Camera, Emitters
 
@@ -34,7 +34,7 @@ SHARE = 0.25
 CELLS = 512
 """Directions under which parallax is measured."""
 FEWEST, MOST_CELLS = 256, 1024
-"""Directions of which `enough` chooses. Errors of a solve go on falling beyond, though slower than its time grows: preset
+"""Directions of which `choose_direction_count` chooses. Errors of a solve go on falling beyond, though slower than its time grows: preset
 fine takes four times as many."""
 UNTOLD = 0.5
 """Of the misfit expected of a good model that may be what too few directions leave out."""
@@ -47,7 +47,7 @@ CROSS = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 
 """Places in a lattice of 3 x 3 x 3: the middle, and both ends of each axis."""
 
 
-def spaced(
+def choose_probe_grid(
     camera: Camera,
     mask: Bool[np.ndarray, "h w"],
     near_far: tuple[float, float],
@@ -55,19 +55,19 @@ def spaced(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
-) -> Lattice:
+) -> ProbeGrid:
     """The lattice around the object's pixels between two z, as dense as was asked or as the light of these views needs."""
     asked = params.probes_across, params.probes_across, params.probes_deep
-    box = lattice_around(camera, mask, near_far, (3, 3, 3))
+    box = probe_grid_around(camera, mask, near_far, (3, 3, 3))
     if not all(asked):
-        few = cam_from_world[thinned(np.arange(len(cam_from_world)), VIEWS)]
-        measured = probes(box, emitters, few, params, progress)
+        few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), VIEWS)]
+        measured = probe_counts(box, emitters, few, params, progress)
         asked = tuple(a or m for a, m in zip(asked, measured, strict=True))
     return replace(box, shape=asked)
 
 
-def probes(
-    box: Lattice,
+def probe_counts(
+    box: ProbeGrid,
     emitters: Emitters,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
@@ -93,9 +93,9 @@ def probes(
     return tuple(int(k) for k in np.where(moved <= least, 1, pieces + 1))
 
 
-def enough(
-    state: State,
-    sight: Sight,
+def choose_direction_count(
+    state: PixelEstimate,
+    geometry: SurfaceGeometry,
     emitters: Emitters,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
@@ -105,20 +105,22 @@ def enough(
 
     The RMS of the logarithms of what some pixels send may be `UNTOLD` of `params.model_error`.
     """
-    few = thinned(np.arange(len(state.normals)), PIXELS)
-    there = cam_from_world[thinned(np.arange(len(cam_from_world)), VIEWS)]
-    x, y, z = sight.points[few].mean(0)
+    few = evenly_spaced(np.arange(len(state.normals)), PIXELS)
+    there = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), VIEWS)]
+    x, y, z = geometry.points[few].mean(0)
     middle = np.array([x / z, y / z, z])
-    alone = Sight(sight.points[few], sight.views[few], None, material=of_pixels(sight.material, few))
+    alone = SurfaceGeometry(
+        geometry.points[few], geometry.views[few], None, material=of_pixels(geometry.material, few)
+    )
     nothing = np.zeros((0, 3 * len(there)), np.float32)
 
     def sent(directions: int) -> Float[np.ndarray, "p n 3"]:
-        at = Lattice(middle, middle, (1, 1, 1))
-        light = light_at(at, emitters, there, directions, params.probe_face_px, progress)
-        responses = Responses(light, nothing, params.full_diffuse, False, "cpu")
+        at = ProbeGrid(middle, middle, (1, 1, 1))
+        light = gather_incident_light(at, emitters, there, directions, params.probe_face_px, progress)
+        transport = LightTransport(light, nothing, params.full_diffuse, False, "cpu")
         every = [np.arange(len(few))]
         ((_, radiance),) = predict(
-            responses, alone, every, state.normals[few], state.albedo[few], state.roughness[few]
+            transport, alone, every, state.normals[few], state.albedo[few], state.roughness[few]
         )
         return np.asarray(np.log(np.maximum(radiance, DARK * radiance.mean())))
 

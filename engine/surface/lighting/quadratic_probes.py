@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from engine.color import luminance
-from engine.surface.rendering.transport import Lattice
+from engine.surface.rendering.transport import ProbeGrid
 
 MOST = 4
 """Probes along an axis up to which a quadratic tells them: beyond, light bends too much for that."""
@@ -19,7 +19,7 @@ _CHOSEN = np.isin(np.abs(_CUBE).sum(1), (0, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Survey:
+class QuadraticProbes:
     """Where light is gathered for a lattice; with no weights, at its own probes."""
 
     points: Float[np.ndarray, "k 3"]
@@ -48,11 +48,11 @@ class Survey:
         return found
 
 
-def survey(lattice: Lattice) -> Survey:
+def quadratic_probes(lattice: ProbeGrid) -> QuadraticProbes:
     """Thirteen points where that is fewer than the lattice has, and tells as much."""
     points = lattice.points()
     if len(points) <= _CHOSEN.sum() or min(lattice.shape) == 1 or max(lattice.shape) > MOST:
-        return Survey(points, None, ())
+        return QuadraticProbes(points, None, ())
     chosen = replace(lattice, shape=(3, 3, 3)).points()[_CHOSEN]
     axes = [np.linspace(-1, 1, count) for count in lattice.shape]
     at = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
@@ -62,7 +62,7 @@ def survey(lattice: Lattice) -> Survey:
     known, where = np.nonzero(distance < 1e-9)
     weights[known] = np.eye(len(chosen))[where]
     beside = tuple(np.nonzero(row < row.min() + 1e-9)[0] for row in distance)
-    return Survey(chosen, weights, beside)
+    return QuadraticProbes(chosen, weights, beside)
 
 
 def _terms(at: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 10"]:

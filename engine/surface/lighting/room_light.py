@@ -23,18 +23,18 @@ from engine.surface.lighting.emitter_groups import (
     FILLED,
     KNOWN,
     UNSEEN,
-    Patches,
-    brightened,
+    EnvironmentPatches,
     clipped_groups,
     group_emitters,
     group_patches,
-    whose,
+    nearest_emitter,
+    scale_groups,
 )
-from engine.surface.lighting.grouped_light import Parts
-from engine.surface.lighting.quadratic_probes import survey
+from engine.surface.lighting.grouped_light import GroupedLight
+from engine.surface.lighting.quadratic_probes import quadratic_probes
 from engine.surface.reflectance.brdf import lobe_floor, rows
-from engine.surface.rendering.area_lights import Near, near_of
-from engine.surface.rendering.transport import Incident, Lattice, direction_cells
+from engine.surface.rendering.area_lights import AreaLights, area_lights_of
+from engine.surface.rendering.transport import IncidentLight, ProbeGrid, direction_cells
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
 
 BALL, GREY, ROUGHNESS = 96, 0.3, 0.4
@@ -47,7 +47,7 @@ PHOTOGRAPHED = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class RoomLight:
     """The room's light, how its emitters are grouped, and where the camera stood."""
 
     emitters: Emitters  # as the photographs have them
@@ -56,20 +56,20 @@ class Room:
     kind: UInt8[
         np.ndarray, " g"
     ]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`emitter_groups.py`)
-    prior: float  # spread of a known group's log gain
-    drift: float  # spread of a view's log exposure; 0: none drifts
-    astray: float  # of the lamps' directions, radians; 0: all stand where they were found
+    gain_sigma: float  # spread of a known group's log gain
+    exposure_sigma: float  # spread of a view's log exposure; 0: none drifts
+    lamp_offset_sigma: float  # of the lamps' directions, radians; 0: all stand where they were found
 
-    def patches(self) -> Patches | None:
+    def patches(self) -> EnvironmentPatches | None:
         """What closes the room where no photograph looked; None where it is closed."""
         count = self.emitters.patches
         if not count:
             return None
-        towards = self.emitters.field().means[-count:] - amid(self.poses)
+        towards = self.emitters.field().means[-count:] - mean_camera_centre(self.poses)
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        return Patches(towards, self.group[-count:], 4 * np.pi / DIRECTIONS)
+        return EnvironmentPatches(towards, self.group[-count:], 4 * np.pi / DIRECTIONS)
 
-    def divided(self, patches: Patches | None) -> "Room":
+    def with_patches_split(self, patches: EnvironmentPatches | None) -> "RoomLight":
         """The same with what closes it in other groups."""
         if patches is None:
             return self
@@ -89,24 +89,24 @@ class Room:
         centres = inverse(self.poses.cam_from_world[self.poses.registered])[..., 3]
         return float(np.median(np.linalg.norm(self.emitters.field().means[None] - centres[:, None], axis=2)))
 
-    def under(
+    def with_gains(
         self, gain: Float[np.ndarray, "g 3"], shift: Float[np.ndarray, "l 3"] | None = None
     ) -> Emitters:
         """The emitters, every group under its gain, every lamp `shift` (world) from where it was."""
         lamps = self.emitters.lamps
         count = len(gain) - len(lamps.radii)
-        field = brightened(self.emitters.field(), self.group, gain[:count])
+        field = scale_groups(self.emitters.field(), self.group, gain[:count])
         centres = lamps.centres if shift is None else lamps.centres + shift
         lamps = replace(lamps, centres=centres, radiance=lamps.radiance * gain[count:])
         return replace(self.emitters, gaussians=beside(field, lamps), lamps=lamps)
 
 
-def amid(poses: Poses) -> Float[np.ndarray, " 3"]:
+def mean_camera_centre(poses: Poses) -> Float[np.ndarray, " 3"]:
     """The middle of the cameras, world frame."""
     return inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
 
 
-def furnished(
+def build_room_light(
     gaussians: Gaussians,
     lamps: Lamps,
     frames: Frames,
@@ -117,13 +117,13 @@ def furnished(
     seed: int,
     drift: float = 0.0,
     astray: float = 0.0,
-) -> Room:
+) -> RoomLight:
     """The room closed, and its emitters grouped: whatever is bright one by one, `groups` for the rest, the unseen by
     direction.
 
     The lamps are taken from the Gaussians, whose last they are.
     """
-    middle = amid(poses)
+    middle = mean_camera_centre(poses)
     field = apart(gaussians, lamps)
     unseen, group = patches(field, middle), group_emitters(field, middle, groups, seed)
     beyond = group_patches(unseen, middle, DIRECTIONS, seed)
@@ -135,19 +135,19 @@ def furnished(
     ]
     emitters = Emitters(beside(joined(field, unseen), lamps), lamps, len(unseen.means))
     every = np.concatenate([group, len(clipped) + beyond])
-    return Room(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior, drift, astray)
+    return RoomLight(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior, drift, astray)
 
 
-def light_at(
-    lattice: Lattice,
+def gather_incident_light(
+    lattice: ProbeGrid,
     emitters: Emitters,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     directions: int,
     face_px: int,
     progress: Progress,
-) -> Incident:
+) -> IncidentLight:
     """The energy at the lattice for some views, small holes of the room filled."""
-    cells, asked = direction_cells(directions), survey(lattice)
+    cells, asked = direction_cells(directions), quadratic_probes(lattice)
     field, points = emitters.field(), asked.points
     if len(cam_from_world) * len(points) < MANY:
         energy = arriving(field, cam_from_world, points, cells, face_px, True, progress).energy
@@ -157,25 +157,25 @@ def light_at(
         takes = np.concatenate([ball(rays @ turn.T, True) for turn in FACES])
         energy = between(field, cam_from_world, points, cells, face_px, takes, FORETOLD, progress)
     middle = lattice.points().mean(0)
-    near = near_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
-    return Incident(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
+    near = area_lights_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
+    return IncidentLight(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
 
 
-def parts_at(
-    lattice: Lattice,
-    room: Room,
+def gather_grouped_light(
+    lattice: ProbeGrid,
+    room: RoomLight,
     views: Int[np.ndarray, " n"],
     directions: int,
     face_px: int,
     progress: Progress,
-) -> Parts:
+) -> GroupedLight:
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
-    asked, field = survey(lattice), room.emitters.field()
+    asked, field = quadratic_probes(lattice), room.emitters.field()
     found = arriving(field, poses, asked.points, cells, face_px, False, progress)
     energy, seen = found.energy, found.seen
     lit = luminance(energy) > 0
-    source = np.ascontiguousarray(whose(found.places, lit, field).transpose(1, 2, 0))
+    source = np.ascontiguousarray(nearest_emitter(found.places, lit, field).transpose(1, 2, 0))
     # Small holes are filled in from their surroundings, whose level they keep.
     source[seen.transpose(1, 2, 0) < PHOTOGRAPHED] = -1
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
@@ -188,19 +188,29 @@ def parts_at(
     came_from = np.where(source < 0, filled, room.group[source])
     patch = None if patches is None else np.maximum(source - (len(room.group) - len(patches.group)), -1)
     middle = lattice.points().mean(0)
-    near = near_of(room.emitters.lamps, room.emitters.shown(), poses, middle, directions)
-    no_lamps = Near.none(len(views), directions)
-    total = Incident(lattice, cells, asked.everywhere(sharpened(stacked, cells)), no_lamps)
+    near = area_lights_of(room.emitters.lamps, room.emitters.shown(), poses, middle, directions)
+    no_lamps = AreaLights.none(len(views), directions)
+    total = IncidentLight(lattice, cells, asked.everywhere(sharpened(stacked, cells)), no_lamps)
     kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
-    across = across_of(room)
-    return Parts(
-        total, came_from, near, kind, room.prior, turned, across, room.drift, room.astray, patches, patch
+    across = lamp_tangents(room)
+    return GroupedLight(
+        total,
+        came_from,
+        near,
+        kind,
+        room.gain_sigma,
+        turned,
+        across,
+        room.exposure_sigma,
+        room.lamp_offset_sigma,
+        patches,
+        patch,
     )
 
 
-def across_of(room: Room) -> Float[np.ndarray, "l 2 3"]:
+def lamp_tangents(room: RoomLight) -> Float[np.ndarray, "l 2 3"]:
     """The two ways, world frame, in which a lamp moves across as seen from amid the cameras: a step per radian."""
-    away = room.emitters.lamps.centres - amid(room.poses)
+    away = room.emitters.lamps.centres - mean_camera_centre(room.poses)
     distance = np.linalg.norm(away, axis=1)
     return np.stack(tangents(away / np.maximum(distance, 1e-12)[:, None]), 1) * distance[:, None, None]
 

@@ -12,61 +12,63 @@ from engine.geometry import fibonacci_sphere
 from engine.parallel import each
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
-from engine.surface.rendering.transport import Rows, Sight
+from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
 
 ROUGHNESSES = (0.25, 0.5, 0.8)
 FINALISTS = 12
 
 
-def global_start(
-    responses: Rows,
-    sight: Sight,
-    seen: Observations,
+def exhaustive_search(
+    transport: TransportModel,
+    geometry: SurfaceGeometry,
+    observations: Observations,
     regions: list[Int[np.ndarray, " _"]],
     candidates: int,
     progress: Progress,
 ) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
     """(normals, albedo, roughness) of every pixel; `regions` share one light and one view direction. Each pixel is of the
     sight's material."""
-    count = len(sight.points)
+    count = len(geometry.points)
     normals, albedo = np.zeros((count, 3)), np.zeros((count, 3))
     roughness = np.zeros(count)
     sphere = fibonacci_sphere(2 * candidates)
-    regions = [part for region in regions for part in _of_one_material(sight, region)]
+    regions = [part for region in regions for part in _of_one_material(geometry, region)]
 
     def search(pixels: Int[np.ndarray, " _"]) -> None:
         middle = pixels[len(pixels) // 2 : len(pixels) // 2 + 1]
-        facing = sphere[sphere @ sight.views[middle[0]] > 0.05]
+        facing = sphere[sphere @ geometry.views[middle[0]] > 0.05]
         tried = np.repeat(facing, len(ROUGHNESSES), 0)
         rough = np.tile(ROUGHNESSES, len(facing))
         # As so many one-variant pixels: candidates differ in more than a lean.
-        alike = Sight(
-            np.repeat(sight.points[middle], len(tried), 0),
-            np.repeat(sight.views[middle], len(tried), 0),
+        alike = SurfaceGeometry(
+            np.repeat(geometry.points[middle], len(tried), 0),
+            np.repeat(geometry.views[middle], len(tried), 0),
             None,
-            material=None if sight.material is None else np.repeat(sight.material[middle], len(tried), 0),
+            material=None
+            if geometry.material is None
+            else np.repeat(geometry.material[middle], len(tried), 0),
         )
-        block = responses.block(alike, np.arange(len(tried)))
-        block = block.under(responses.incident.at(sight.points[pixels].mean(0)))
-        diffuse, specular = responses(block, tried[:, None], rough[:, None])
-        best, a = _choose(diffuse[:, 0], specular[:, 0], seen, pixels)
+        block = transport.block(alike, np.arange(len(tried)))
+        block = block.under(transport.incident.at(geometry.points[pixels].mean(0)))
+        diffuse, specular = transport(block, tried[:, None], rough[:, None])
+        best, a = _choose(diffuse[:, 0], specular[:, 0], observations, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
 
     each(search, regions, progress, "searching normals")
     return normals, albedo, roughness
 
 
-def _of_one_material(sight: Sight, pixels: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " _"]]:
-    if sight.material is None:
+def _of_one_material(geometry: SurfaceGeometry, pixels: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " _"]]:
+    if geometry.material is None:
         return [pixels]
-    _, which = np.unique(sight.material[pixels], axis=0, return_inverse=True)
+    _, which = np.unique(geometry.material[pixels], axis=0, return_inverse=True)
     return [pixels[which == k] for k in range(which.max() + 1)]
 
 
 def _choose(
     diffuse: Float[np.ndarray, "k v"],
     specular: Float[np.ndarray, "k v"],
-    seen: Observations,
+    observations: Observations,
     pixels: Int[np.ndarray, " p"],
 ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """Index of the best candidate for each pixel and its albedo."""
@@ -75,9 +77,9 @@ def _choose(
     for begin in range(0, len(pixels), 1024):
         part = pixels[begin : begin + 1024]
         shape = (len(part), -1, 3)
-        radiance = seen.radiance[part].reshape(shape).transpose(2, 0, 1)
-        eps = seen.eps[part][None, :, None]
-        weight = (seen.weight[part].reshape(shape).transpose(2, 0, 1) > 0) / (radiance + eps) ** 2
+        radiance = observations.radiance[part].reshape(shape).transpose(2, 0, 1)
+        eps = observations.eps[part][None, :, None]
+        weight = (observations.weight[part].reshape(shape).transpose(2, 0, 1) > 0) / (radiance + eps) ** 2
         misfit = 0
         a = []
         for c in range(3):

@@ -23,7 +23,7 @@ from engine.geometry import tangents
 from engine.parallel import abreast, each
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
-from engine.surface.rendering.transport import Responses, Rows, Sight
+from engine.surface.rendering.transport import LightTransport, SurfaceGeometry, TransportModel
 
 STEP = 0.01
 """Forward-difference step: radians of normal, units of roughness."""
@@ -36,15 +36,15 @@ SHARE = (0.0, 0.8)
 SHARE_SPREAD = 0.3
 """Of a weak prior, one observation's worth, around no share at all."""
 
-AT_REST = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
+STEP_TOLERANCE = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
 """Steps that are not worth the rows they take: a tenth, or so, of the errors that are left."""
-FRESH = 1e-2
+LAMBDA_INITIAL = 1e-2
 """Damping of a pixel that has not stepped yet."""
-EASED, STIFFENED, DAMPING = 0.3, 6.0, (1e-4, 1e4)
+LAMBDA_DOWN, LAMBDA_UP, LAMBDA_BOUNDS = 0.3, 6.0, (1e-4, 1e4)
 """Times the damping after a step that was worth it and one that was not, and its bounds."""
-FIRM = 1e-6
+RIDGE = 1e-6
 """Of a system's diagonal, damped or not: nothing divides by zero."""
-LONGEST = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
+MAX_STEP = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
 """Trust region: beyond these lengths the linearisation says nothing."""
 FAR = 0.03
 """Radians of normal, or units of roughness, up to which the derivatives of the rows are left as they were told."""
@@ -59,51 +59,53 @@ MOST_APART = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class State:
+class PixelEstimate:
     """Where the iteration stands; arrays over pixels in mask order."""
 
     normals: Float[np.ndarray, "p 3"]
     albedo: Float[np.ndarray, "p 3"]
     roughness: Float[np.ndarray, " p"]
-    share: Float[np.ndarray, " p"]  # of what is beside the object in what the pixel photographed
-    spread: Float[np.ndarray, " p"]  # robust standard deviation of the weighted residuals
-    damping: Float[np.ndarray, " p"]
-    misfit: Float[np.ndarray, " p"]  # robust misfit at the accepted state
-    system: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state, the share eliminated
-    slope: Float[np.ndarray, "p 6"]
-    gloss: Float[np.ndarray, "p 2"]  # mean and spread of the roughness that is expected
+    background_fraction: Float[
+        np.ndarray, " p"
+    ]  # of what is beside the object in what the pixel photographed
+    residual_scale: Float[np.ndarray, " p"]  # robust standard deviation of the weighted residuals
+    lm_lambda: Float[np.ndarray, " p"]
+    cost: Float[np.ndarray, " p"]  # robust misfit at the accepted state
+    hessian: Float[np.ndarray, "p 6 6"]  # J^T W J at the accepted state, the share eliminated
+    gradient: Float[np.ndarray, "p 6"]
+    roughness_prior: Float[np.ndarray, "p 2"]  # mean and spread of the roughness that is expected
 
-    def copy(self) -> "State":
+    def copy(self) -> "PixelEstimate":
         """The same in arrays of its own."""
-        return State(*(getattr(self, name).copy() for name in State.__slots__))
+        return PixelEstimate(*(getattr(self, name).copy() for name in PixelEstimate.__slots__))
 
-    def part(self, pixels: Int[np.ndarray, " k"]) -> "State":
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "PixelEstimate":
         """The same of a few pixels."""
-        return State(*(getattr(self, name)[pixels] for name in State.__slots__))
+        return PixelEstimate(*(getattr(self, name)[pixels] for name in PixelEstimate.__slots__))
 
 
-def either(first: Bool[np.ndarray, " p"], one: State, other: State) -> State:
+def where(first: Bool[np.ndarray, " p"], one: PixelEstimate, other: PixelEstimate) -> PixelEstimate:
     """Of every pixel the one state where `first`, else the other."""
-    return State(*(
+    return PixelEstimate(*(
         np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y)
-        for x, y in ((getattr(one, name), getattr(other, name)) for name in State.__slots__)
+        for x, y in ((getattr(one, name), getattr(other, name)) for name in PixelEstimate.__slots__)
     ))  # fmt: skip
 
 
-def begin(
+def initial_estimate(
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     roughness: Float[np.ndarray, " p"],
-) -> State:
+) -> PixelEstimate:
     """A state with no misfit known yet."""
     count = len(normals)
-    return State(
+    return PixelEstimate(
         normals,
         np.clip(albedo, *ALBEDO),
         np.clip(roughness, *ROUGHNESS),
         np.zeros(count),
         np.full(count, np.nan),
-        np.full(count, FRESH),
+        np.full(count, LAMBDA_INITIAL),
         np.full(count, np.inf),
         np.zeros((count, 6, 6)),
         np.zeros((count, 6)),
@@ -111,30 +113,38 @@ def begin(
     )
 
 
-def tilt(normals: Float[np.ndarray, "p 3"], steps: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 3"]:
+def rotate_normals(
+    normals: Float[np.ndarray, "p 3"], steps: Float[np.ndarray, "p 2"]
+) -> Float[np.ndarray, "p 3"]:
     """Normals moved by `steps` radians along their tangents."""
     first, second = tangents(normals)
     moved = normals + first * steps[:, :1] + second * steps[:, 1:]
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
-def respread(
-    state: State, responses: Rows, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations
-) -> State:
+def update_residual_scale(
+    state: PixelEstimate,
+    transport: TransportModel,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
+    observations: Observations,
+) -> PixelEstimate:
     """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
     spread = np.empty(len(state.normals))
 
     def measure(pixels: Int[np.ndarray, " _"]) -> None:
-        diffuse, specular = responses(
-            responses.block(sight, pixels), state.normals[pixels][:, None], state.roughness[pixels][:, None]
+        diffuse, specular = transport(
+            transport.block(geometry, pixels),
+            state.normals[pixels][:, None],
+            state.roughness[pixels][:, None],
         )
-        spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
+        spread[pixels] = _residual_scale(diffuse, specular, state, observations, pixels)
 
-    deque(abreast(measure, parts), 0)
-    return replace(state, spread=spread, misfit=np.full(len(spread), np.inf))
+    deque(abreast(measure, blocks), 0)
+    return replace(state, residual_scale=spread, cost=np.full(len(spread), np.inf))
 
 
-def _spread(diffuse, specular, state, seen, pixels):
+def _residual_scale(diffuse, specular, state, seen, pixels):
     """Of the residuals of the answers' first variants, that of the state itself."""
     residual = np.sort(np.abs(_residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)), axis=1)
     known = np.isfinite(residual).sum(1)  # those that are not stand last
@@ -147,14 +157,14 @@ def _residuals(diffuse, specular, state, seen, pixels):
     eps = seen.eps[pixels][:, None]
     model = diffuse * np.tile(state.albedo[pixels], diffuse.shape[1] // 3) + specular
     mixed = np.nonzero(seen.row[pixels] >= 0)[0]
-    share = state.share[pixels[mixed], None]
+    share = state.background_fraction[pixels[mixed], None]
     model[mixed] += share * (seen.beside[seen.row[pixels[mixed]]] - model[mixed])
     weight = seen.weight[pixels]
     logs = np.log((seen.radiance[pixels] + eps) / (np.maximum(model, 0) + eps))
     return np.where(weight > 0, logs * np.sqrt(weight), np.nan)
 
 
-def variants(
+def perturbed(
     normals: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
 ) -> tuple[Float[np.ndarray, "p 4 3"], Float[np.ndarray, "p 4"], Float[np.ndarray, " p"]]:
     """What forward differences need of each pixel: itself, leaning both ways, and rougher.
@@ -168,117 +178,123 @@ def variants(
     return leaning, np.stack([roughness, roughness, roughness, roughness + step], 1), step
 
 
-def elsewhere(responses: Rows) -> TypeGuard[Responses]:
+def on_other_device(transport: TransportModel) -> TypeGuard[LightTransport]:
     """Whether these are solved on another device than the processor."""
-    return isinstance(responses, Responses) and responses.device != "cpu"
+    return isinstance(transport, LightTransport) and transport.device != "cpu"
 
 
-def iterate(
-    state: State,
-    responses: Rows,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
-    seen: Observations,
-    passes: int,
+def minimize(
+    state: PixelEstimate,
+    transport: TransportModel,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
+    observations: Observations,
+    steps: int,
     progress: Progress,
-    anew: bool = False,
-) -> State:
+    reset_scale: bool = False,
+) -> PixelEstimate:
     """Up to `passes` evaluations of every pixel with a damped step between them; ends on an accepted state.
 
-    A pixel whose next step would be less than `AT_REST` is left where it is. `anew`: after a `respread`, which costs nothing here.
+    A pixel whose next step would be less than `STEP_TOLERANCE` is left where it is. `reset_scale`: after an `update_residual_scale`,
+    which costs nothing here.
     """
-    if elsewhere(responses):
+    if on_other_device(transport):
         from engine.surface.optimize import gauss_newton_cuda  # torch takes seconds to load
 
-        return gauss_newton_cuda.iterate(state, responses, sight, parts, seen, passes, progress, anew)
+        return gauss_newton_cuda.minimize(
+            state, transport, geometry, blocks, observations, steps, progress, reset_scale
+        )
     kept = state.copy()
     tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
 
     def solve(pixels: Int[np.ndarray, " _"]) -> None:
-        block = responses.block(sight, pixels)
-        n, a, r, b = (x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.share))
-        leaning, rough, inward = variants(n, r)
-        told = _tell(responses, block, leaning, rough, passes > 1)
-        for turn in range(passes):
+        block = transport.block(geometry, pixels)
+        n, a, r, b = (
+            x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.background_fraction)
+        )
+        leaning, rough, inward = perturbed(n, r)
+        told = _evaluate(transport, block, leaning, rough, steps > 1)
+        for turn in range(steps):
             diffuse, specular = told.variants
-            if anew and turn == 0:
-                kept.spread[pixels] = _spread(diffuse, specular, state, seen, pixels)
-                kept.misfit[pixels] = np.inf
+            if reset_scale and turn == 0:
+                kept.residual_scale[pixels] = _residual_scale(diffuse, specular, state, observations, pixels)
+                kept.cost[pixels] = np.inf
             misfit, system, slope = _normal_equations(
-                diffuse, specular, a, inward, seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels],
-                kept.spread[pixels], seen.cauchy, r, kept.gloss[pixels], b, seen.row[pixels], seen.beside, 1.0,
+                diffuse, specular, a, inward, observations.radiance[pixels], observations.weight[pixels], observations.eps[pixels],
+                kept.residual_scale[pixels], observations.cauchy, r, kept.roughness_prior[pixels], b, observations.row[pixels],
+                observations.beside, 1.0,
             )  # fmt: skip
-            better = misfit <= kept.misfit[pixels]
+            better = misfit <= kept.cost[pixels]
             won, lost = pixels[better], pixels[~better]
             kept.normals[won], kept.albedo[won], kept.roughness[won] = n[better], a[better], r[better]
-            kept.share[won], kept.misfit[won] = b[better], misfit[better]
-            kept.system[won], kept.slope[won] = reduced(system[better], slope[better])
+            kept.background_fraction[won], kept.cost[won] = b[better], misfit[better]
+            kept.hessian[won], kept.gradient[won] = eliminate_last(system[better], slope[better])
             tie[0][won], tie[1][won] = system[better, 6], slope[better, 6]
-            kept.damping[won] = np.maximum(kept.damping[won] * EASED, DAMPING[0])
-            kept.damping[lost] = np.minimum(kept.damping[lost] * STIFFENED, DAMPING[1])
-            if turn + 1 == passes:
+            kept.lm_lambda[won] = np.maximum(kept.lm_lambda[won] * LAMBDA_DOWN, LAMBDA_BOUNDS[0])
+            kept.lm_lambda[lost] = np.minimum(kept.lm_lambda[lost] * LAMBDA_UP, LAMBDA_BOUNDS[1])
+            if turn + 1 == steps:
                 break
-            move = _damped_step(kept.system[pixels], kept.slope[pixels], kept.damping[pixels])
+            move = _damped_step(kept.hessian[pixels], kept.gradient[pixels], kept.lm_lambda[pixels])
             # Unknown, and then nothing, where not even the first evaluation was an improvement.
             stiff = np.where(tie[0][pixels, 6] > 0, tie[0][pixels, 6], np.inf)
             shift = (tie[1][pixels] - (tie[0][pixels, :6] * move).sum(1)) / stiff
-            move = np.clip(np.column_stack([move, shift]), -LONGEST, LONGEST)
-            moving = np.nonzero((np.abs(move) > AT_REST).any(1))[0]
+            move = np.clip(np.column_stack([move, shift]), -MAX_STEP, MAX_STEP)
+            moving = np.nonzero((np.abs(move) > STEP_TOLERANCE).any(1))[0]
             if not len(moving):
                 break
             if len(moving) < len(pixels):
                 pixels, move = pixels[moving], move[moving]
                 block, told = block.part(moving), told.part(moving)
             before = n[moving], r[moving], inward[moving]
-            n = facing(tilt(kept.normals[pixels], move[:, :2]), sight.views[pixels])
+            n = clamp_to_visible(rotate_normals(kept.normals[pixels], move[:, :2]), geometry.views[pixels])
             a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
-            b = np.clip(kept.share[pixels] + move[:, 6], *SHARE)
-            leaning, rough, inward = variants(n, r)
+            b = np.clip(kept.background_fraction[pixels] + move[:, 6], *SHARE)
+            leaning, rough, inward = perturbed(n, r)
             far = np.linalg.norm(n - before[0], axis=1) > FAR
             far |= (np.abs(r - before[1]) > FAR) | (inward != before[2])
-            _follow(responses, block, leaning, rough, told, far)
+            _update_evaluations(transport, block, leaning, rough, told, far)
 
-    each(solve, parts, progress, "solving pixels")
+    each(solve, blocks, progress, "solving pixels")
     return kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Told:
+class _Evaluations:
     """What some pixels of a block answer: diffuse, specular."""
 
     variants: tuple[Float[np.ndarray, "p 4 v"], ...]
     shared: tuple[Float[np.ndarray, "p v"], ...]  # the first to the light that all of the block share
 
-    def part(self, pixels: Int[np.ndarray, " k"]) -> "_Told":
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "_Evaluations":
         """The same of a few of them."""
-        return _Told(tuple(x[pixels] for x in self.variants), tuple(x[pixels] for x in self.shared))
+        return _Evaluations(tuple(x[pixels] for x in self.variants), tuple(x[pixels] for x in self.shared))
 
-    def put(self, pixels: Int[np.ndarray, " k"], other: "_Told") -> None:
+    def put(self, pixels: Int[np.ndarray, " k"], other: "_Evaluations") -> None:
         """Take what is told of a few of them."""
         for into, x in zip((*self.variants, *self.shared), (*other.variants, *other.shared), strict=True):
             into[pixels] = x
 
 
-def _tell(responses, block, leaning, rough, more):
+def _evaluate(transport, block, leaning, rough, more):
     """All of it; what is shared only if `more` follows."""
-    answers = shared = responses(block, leaning, rough)
-    if more and len(block.ways):
-        shared = _to_shared(responses, block, leaning, rough)
-    return _Told(answers, tuple(x[:, 0].copy() for x in shared))
+    answers = shared = transport(block, leaning, rough)
+    if more and len(block.light_modes):
+        shared = _evaluate_shared(transport, block, leaning, rough)
+    return _Evaluations(answers, tuple(x[:, 0].copy() for x in shared))
 
 
-def _to_shared(responses, block, leaning, rough):
-    return responses(block.under(block.energy), leaning[:, :1], rough[:, :1])
+def _evaluate_shared(transport, block, leaning, rough):
+    return transport(block.under(block.energy), leaning[:, :1], rough[:, :1])
 
 
-def _follow(responses, block, leaning, rough, told, far):
+def _update_evaluations(transport, block, leaning, rough, told, far):
     """Bring it to where a step has led. Of pixels that did not go `far` only what the first variant answers to the shared light is
     asked anew, which is a fifth of the work: their variants differ as before, their own light from the shared as many times."""
     near, some = np.nonzero(~far)[0], np.nonzero(far)[0]
     if len(near):
         which, part = (slice(None), block) if not len(some) else (near, block.part(near))
-        answers = _to_shared(responses, part, leaning[which], rough[which])
+        answers = _evaluate_shared(transport, part, leaning[which], rough[which])
         for into, shared, x in zip(told.variants, told.shared, answers, strict=True):
             before = shared[which]
             times = np.divide(into[which, 0], before, out=np.ones_like(before), where=before > 0)
@@ -286,10 +302,10 @@ def _follow(responses, block, leaning, rough, told, far):
             shared[which] = x[:, 0]
     if len(some):
         part = block if not len(near) else block.part(some)
-        told.put(some, _tell(responses, part, leaning[some], rough[some], True))
+        told.put(some, _evaluate(transport, part, leaning[some], rough[some], True))
 
 
-def reduced(
+def eliminate_last(
     system: Float[np.ndarray, "*p 7 7"], slope: Float[np.ndarray, "*p 7"]
 ) -> tuple[Float[np.ndarray, "*p 6 6"], Float[np.ndarray, "*p 6"]]:
     """A system and slope whose last unknown, the share, is eliminated."""
@@ -298,54 +314,54 @@ def reduced(
     return left, slope[..., :6] - tie * slope[..., 6:]
 
 
-def by_stretches(
-    state: State,
-    responses: Rows,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
-    seen: Observations,
+def hessians_by_view_group(
+    state: PixelEstimate,
+    transport: TransportModel,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
+    observations: Observations,
     count: int,
     progress: Progress,
-) -> tuple[State, Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
-    """The state after a `respread`, and (J^T W J, J^T W e) of all its seven unknowns, parted by stretches of `g` = `count`
+) -> tuple[PixelEstimate, Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
+    """The state after a `update_residual_scale`, and (J^T W J, J^T W e) of all its seven unknowns, parted by stretches of `g` = `count`
     views in a row; each bears its share of the priors."""
-    pixels_in_all, columns = len(state.normals), seen.radiance.shape[1]
+    pixels_in_all, columns = len(state.normals), observations.radiance.shape[1]
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
     system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
     spread, doing = np.empty(pixels_in_all), "judging the answer by parts of the views"
 
     def judge(pixels: Int[np.ndarray, " _"]) -> None:
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
-        leaning, rough, inward = variants(n, r)
-        answers = responses(responses.block(sight, pixels), leaning, rough)
-        spread[pixels] = _spread(*answers, state, seen, pixels)
-        by_view = *answers, seen.radiance[pixels], seen.weight[pixels], seen.beside
+        leaning, rough, inward = perturbed(n, r)
+        answers = transport(transport.block(geometry, pixels), leaning, rough)
+        spread[pixels] = _residual_scale(*answers, state, observations, pixels)
+        by_view = *answers, observations.radiance[pixels], observations.weight[pixels], observations.beside
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
             d, s, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
             _, system[pixels, k], slope[pixels, k] = _normal_equations(
-                d, s, a, inward, radiance, weight, seen.eps[pixels], spread[pixels], seen.cauchy, r,
-                state.gloss[pixels], state.share[pixels], seen.row[pixels], beside, 1 / count,
+                d, s, a, inward, radiance, weight, observations.eps[pixels], spread[pixels], observations.cauchy, r,
+                state.roughness_prior[pixels], state.background_fraction[pixels], observations.row[pixels], beside, 1 / count,
             )  # fmt: skip
 
-    if elsewhere(responses):
+    if on_other_device(transport):
         from engine.surface.optimize import gauss_newton_cuda  # as above
 
-        spread, system, slope = gauss_newton_cuda.by_stretches(
-            state, responses, sight, parts, seen, ends, progress, doing
+        spread, system, slope = gauss_newton_cuda.hessians_by_view_group(
+            state, transport, geometry, blocks, observations, ends, progress, doing
         )
     else:
-        each(judge, parts, progress, doing)
-    return replace(state, spread=spread, misfit=np.full(pixels_in_all, np.inf)), system, slope
+        each(judge, blocks, progress, doing)
+    return replace(state, residual_scale=spread, cost=np.full(pixels_in_all, np.inf)), system, slope
 
 
-def slopes(
+def jacobian(
     diffuse: Float[np.ndarray, "p 4 v"],
     specular: Float[np.ndarray, "p 4 v"],
     albedo: Float[np.ndarray, "p 3"],
     inward: Float[np.ndarray, " p"],
     eps: Float[np.ndarray, " p"],
 ) -> tuple[Float[np.ndarray, "p v"], Float[np.ndarray, "p v 6"]]:
-    """What the answers to `variants` send, with eps, and how its logarithm follows each of the unknowns."""
+    """What the answers to `perturbed` send, with eps, and how its logarithm follows each of the unknowns."""
     colour = np.tile(albedo, diffuse.shape[2] // 3)
     model = colour[:, None] * diffuse + specular
     base = np.maximum(model[:, 0], 0) + eps[:, None]
@@ -358,19 +374,19 @@ def slopes(
     return base, own
 
 
-def regular(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
+def with_ridge(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
     """The system with so much on its diagonal that it can be inverted."""
     return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
 
 
 def _damped_step(system, slope, damping):
     diagonal = np.einsum("pii->pi", system)
-    damped = system + np.eye(6) * (diagonal * damping[:, None] + FIRM)[:, None]
+    damped = system + np.eye(6) * (diagonal * damping[:, None] + RIDGE)[:, None]
     move = np.linalg.solve(damped, slope[..., None])[..., 0]
-    return np.clip(move, -LONGEST[:6], LONGEST[:6])
+    return np.clip(move, -MAX_STEP[:6], MAX_STEP[:6])
 
 
-def facing(normals, views):
+def clamp_to_visible(normals, views):
     """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
     cosine = (normals * views).sum(-1, keepdims=True)
     fixed = normals + views * np.maximum(GRAZING - cosine, 0)

@@ -23,26 +23,26 @@ from engine.progress import Progress
 from engine.surface.data.observations import Observations
 from engine.surface.optimize.gauss_newton import (
     ALBEDO,
-    AT_REST,
-    DAMPING,
-    EASED,
     FAR,
-    FIRM,
     GRAZING,
+    LAMBDA_BOUNDS,
+    LAMBDA_DOWN,
+    LAMBDA_UP,
     LEAST_SPREAD,
-    LONGEST,
+    MAX_STEP,
     MOST_APART,
     OF_MEDIAN,
+    RIDGE,
     ROUGHNESS,
     SHARE,
     SHARE_SPREAD,
     STEP,
-    STIFFENED,
-    State,
+    STEP_TOLERANCE,
+    PixelEstimate,
 )
 from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.reflectance.brdf_torch import lobes_reference, rows_reference
-from engine.surface.rendering.transport import Responses, Sight
+from engine.surface.rendering.transport import LightTransport, SurfaceGeometry
 
 ROWS = 2**24
 """Entries of the rows of a batch, at most: 64 MB, of which the reflectance keeps some twenty copies for a moment."""
@@ -76,56 +76,59 @@ class _Gathered:
 
 
 def _gather(
-    responses: Responses, sight: Sight, seen: Observations, parts: list[Int[np.ndarray, " _"]]
+    transport: LightTransport,
+    geometry: SurfaceGeometry,
+    observations: Observations,
+    blocks: list[Int[np.ndarray, " _"]],
 ) -> _Gathered:
-    side, near = max(map(len, parts)), responses.incident.near
-    own = np.arange(side) < np.array([len(part) for part in parts])[:, None]
-    pixels = np.array([np.append(part, np.full(side - len(part), part[0])) for part in parts]).ravel()
-    points, nothing = sight.points[pixels], len(responses.photographed) + len(responses.walls)
+    side, near = max(map(len, blocks)), transport.incident.area_lights
+    own = np.arange(side) < np.array([len(part) for part in blocks])[:, None]
+    pixels = np.array([np.append(part, np.full(side - len(part), part[0])) for part in blocks]).ravel()
+    points, nothing = geometry.points[pixels], len(transport.photographed) + len(transport.walls)
     hidden, entries = None, np.zeros((len(pixels), 0), bool)
-    if sight.occlusion is not None:
-        hidden = sight.occlusion.of(pixels)
+    if geometry.visibility is not None:
+        hidden = geometry.visibility.of(pixels)
         lengths = np.diff(hidden[0])
         entries = np.arange(lengths.max(initial=0)) < lengths[:, None]
-    direction = np.full(entries.shape, len(responses.incident.directions), np.int32)
+    direction = np.full(entries.shape, len(transport.incident.directions), np.int32)
     source = np.full(entries.shape, nothing, np.int32)
     if hidden is not None:
         direction[entries] = hidden[1]
-        if responses.bounce:
+        if transport.bounce:
             source[entries] = np.where(hidden[2] < 0, nothing, hidden[2])
-    shares = [responses.incident.shares(sight.points[part]) for part in parts]
+    shares = [transport.incident.shares(geometry.points[part]) for part in blocks]
     most = max(len(ways) for _, ways, _ in shares)
-    mixing = np.zeros((len(parts), 1 + most, shares[0][0].shape[-1]), np.float32)
-    apart = np.zeros((len(parts), side, most), np.float32)
+    mixing = np.zeros((len(blocks), 1 + most, shares[0][0].shape[-1]), np.float32)
+    apart = np.zeros((len(blocks), side, most), np.float32)
     for i, (middle, ways, far) in enumerate(shares):
         mixing[i, 0], mixing[i, 1 : 1 + len(ways)], apart[i, : len(far), : len(ways)] = middle, ways, far
-    material = of_pixels(sight.material, pixels)
-    row = seen.row[pixels]
+    material = of_pixels(geometry.material, pixels)
+    row = observations.row[pixels]
     mixed = np.nonzero(row >= 0)[0]
     return _Gathered(
-        pixels, own.ravel(), points, sight.views[pixels],
+        pixels, own.ravel(), points, geometry.views[pixels],
         np.tile(PAINT, (len(pixels), 1)) if material is None else material,
         mixing, apart, near.visible(points, hidden and hidden[:2]), direction, source,
-        seen.radiance[pixels], seen.weight[pixels], seen.eps[pixels], mixed, seen.beside[row[mixed]],
+        observations.radiance[pixels], observations.weight[pixels], observations.eps[pixels], mixed, observations.beside[row[mixed]],
     )  # fmt: skip
 
 
 class _Scene:
     """Light and what throws it, on the device; all batches share it."""
 
-    def __init__(self, responses: Responses):
-        incident, near = responses.incident, responses.incident.near
+    def __init__(self, transport: LightTransport):
+        incident, near = transport.incident, transport.incident.area_lights
         self.device, self.full_diffuse, self.floor = (
-            responses.device,
-            responses.full_diffuse,
-            responses.floor,
+            transport.device,
+            transport.full_diffuse,
+            transport.floor,
         )
-        self.cell = float(responses.cell)
+        self.cell = float(transport.cell)
         self.directions = self.there(incident.directions)
         # One direction more, from which nothing comes.
         self.energy = torch.nn.functional.pad(self.there(incident.energy), (0, 0, 0, 1))
-        nothing = np.zeros((1, responses.photographed.shape[1]), np.float32)
-        self.thrown = self.there(np.concatenate([responses.photographed, responses.walls, nothing]))
+        nothing = np.zeros((1, transport.photographed.shape[1]), np.float32)
+        self.thrown = self.there(np.concatenate([transport.photographed, transport.walls, nothing]))
         self.centres = self.there(near.centres, torch.float64)
         self.radii, self.radiance = self.there(near.radii), self.there(near.radiance)
 
@@ -159,7 +162,7 @@ class _Batch:
     def answers(
         self, normals: Float[Tensor, "p k 3"], roughness: Float[Tensor, "p k"]
     ) -> tuple[Float[Tensor, "2 p k v"], Float[Tensor, "2 p v"]]:
-        """`Responses` of every pixel's variants, diffuse and specular; and the first to the light that its block shares."""
+        """`LightTransport` of every pixel's variants, diffuse and specular; and the first to the light that its block shares."""
         scene, (p, k), d = self.scene, roughness.shape, len(self.scene.directions)
         blocks, v = len(self.light), self.light.shape[-1]
         leaning, rough = normals.float(), roughness.float()
@@ -226,9 +229,11 @@ class _Batch:
         ])  # fmt: skip
 
     def spread(self, answers: Float[Tensor, "2 p k v"], at: "_Standing") -> Float[Tensor, " p"]:
-        """`gauss_newton._spread`, by the first of the answers."""
+        """`gauss_newton._residual_scale`, by the first of the answers."""
         model = at.albedo.float().repeat(1, answers.shape[3] // 3) * answers[0, :, 0] + answers[1, :, 0]
-        model = torch.where(self.mixed, model + at.share.float()[:, None] * (self.beside - model), model)
+        model = torch.where(
+            self.mixed, model + at.background_fraction.float()[:, None] * (self.beside - model), model
+        )
         logs = ((self.radiance + self.eps) / (model.clamp(min=0) + self.eps)).log()
         known = self.weight > 0
         residual = torch.where(known, (logs * self.weight.sqrt()).abs(), math.inf).sort(dim=1)[0]
@@ -242,7 +247,7 @@ class _Batch:
         columns: slice = slice(None), prior: float = 1.0,
     ) -> tuple[Float[Tensor, " p"], Float[Tensor, "p 7 7"], Float[Tensor, "p 7"]]:  # fmt: skip
         """`gauss_newton._normal_equations` of some of the columns: misfit, system, slope (double precision)."""
-        (diffuse, specular), share = answers[..., columns], at.share.float()[:, None]
+        (diffuse, specular), share = answers[..., columns], at.background_fraction.float()[:, None]
         radiance, weight, beside = (x[:, columns] for x in (self.radiance, self.weight, self.beside))
         colour = at.albedo.float().repeat(1, diffuse.shape[2] // 3)
         width = (cauchy * spread) ** 2
@@ -265,7 +270,10 @@ class _Batch:
         system = (weighted @ slopes.transpose(1, 2)).double()
         slope = (weighted @ e[:, :, None])[..., 0].double()
         misfit = width * ratio.log1p().sum(1, dtype=torch.float64)
-        expected = ((5, at.roughness - at.gloss[:, 0], at.gloss[:, 1]), (6, at.share, SHARE_SPREAD))
+        expected = (
+            (5, at.roughness - at.roughness_prior[:, 0], at.roughness_prior[:, 1]),
+            (6, at.background_fraction, SHARE_SPREAD),
+        )
         for unknown, off, wide in expected:
             tight = prior * (spread / wide) ** 2
             misfit = misfit + tight * off**2
@@ -281,16 +289,16 @@ class _Standing:
     normals: Float[Tensor, "p 3"]
     albedo: Float[Tensor, "p 3"]
     roughness: Float[Tensor, " p"]
-    share: Float[Tensor, " p"]
-    gloss: Float[Tensor, "p 2"]
+    background_fraction: Float[Tensor, " p"]
+    roughness_prior: Float[Tensor, "p 2"]
 
     @property
     def inward(self) -> Float[Tensor, " p"]:
-        """The signed step of the rougher variant, as `gauss_newton.variants` has it."""
+        """The signed step of the rougher variant, as `gauss_newton.perturbed` has it."""
         return torch.where(self.roughness + STEP > ROUGHNESS[1], -STEP, STEP).to(self.roughness)
 
     def variants(self) -> tuple[Float[Tensor, "p 4 3"], Float[Tensor, "p 4"]]:
-        """`gauss_newton.variants`."""
+        """`gauss_newton.perturbed`."""
         n, r = self.normals, self.roughness
         first, second = _tangents(n)
         leaning = torch.stack([n, n + STEP * first, n + STEP * second, n], 1)
@@ -308,7 +316,7 @@ class _Standing:
             normals=n / n.norm(dim=1, keepdim=True),
             albedo=(self.albedo * move[:, 2:5].exp()).clamp(*ALBEDO),
             roughness=(self.roughness + move[:, 5]).clamp(*ROUGHNESS),
-            share=(self.share + move[:, 6]).clamp(*SHARE),
+            background_fraction=(self.background_fraction + move[:, 6]).clamp(*SHARE),
         )
 
     def far(self, before: "_Standing") -> Bool[Tensor, " p"]:
@@ -350,21 +358,23 @@ def _within_memory() -> Iterator[None]:
 
 
 def _batches(
-    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations,
+    state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
     progress: Progress, doing: str,
 ) -> Iterator[tuple[_Batch, _Standing]]:  # fmt: skip
     """Batch by batch, and where its pixels stand."""
-    if not parts:
+    if not blocks:
         return
-    responses.check(sight)
+    transport.check(geometry)
     # Blocks of a size side by side: all of a batch are padded to its largest.
-    parts = sorted(parts, key=len)
-    lamps = responses.incident.near.centres
-    wide = max(len(responses.incident.directions), lamps.shape[0] * lamps.shape[1])
-    few = max(1, ROWS // (2 * LEANING * len(parts[-1]) * wide))
-    groups = [parts[begin : begin + few] for begin in range(0, len(parts), few)]
-    scene = _Scene(responses)
-    for i, gathered in enumerate(abreast(lambda group: _gather(responses, sight, seen, group), groups)):
+    blocks = sorted(blocks, key=len)
+    lamps = transport.incident.area_lights.centres
+    wide = max(len(transport.incident.directions), lamps.shape[0] * lamps.shape[1])
+    few = max(1, ROWS // (2 * LEANING * len(blocks[-1]) * wide))
+    groups = [blocks[begin : begin + few] for begin in range(0, len(blocks), few)]
+    scene = _Scene(transport)
+    for i, gathered in enumerate(
+        abreast(lambda group: _gather(transport, geometry, observations, group), groups)
+    ):
         progress.step(i / len(groups), doing)
         batch, pixels = _Batch(scene, gathered), gathered.pixels
         values = (getattr(state, name)[pixels] for name in _Standing.__slots__)
@@ -372,32 +382,34 @@ def _batches(
 
 
 @_within_memory()
-def iterate(
-    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations,
-    passes: int, progress: Progress, anew: bool,
-) -> State:  # fmt: skip
-    """`gauss_newton.iterate`.
+def minimize(
+    state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
+    steps: int, progress: Progress, reset_scale: bool,
+) -> PixelEstimate:  # fmt: skip
+    """`gauss_newton.minimize`.
 
     Raises:
         SurfaceError: the device has too little memory.
     """
     kept = state.copy()
-    for batch, stand in _batches(state, responses, sight, parts, seen, progress, "solving pixels"):
+    for batch, stand in _batches(
+        state, transport, geometry, blocks, observations, progress, "solving pixels"
+    ):
         there, pixels = batch.scene.there, batch.pixels
-        rest, longest = (there(x, torch.float64) for x in (AT_REST, LONGEST))
+        rest, longest = (there(x, torch.float64) for x in (STEP_TOLERANCE, MAX_STEP))
         spread, damping, misfit, system, slope = (
             there(getattr(state, name)[pixels], torch.float64)
-            for name in ("spread", "damping", "misfit", "system", "slope")
+            for name in ("residual_scale", "lm_lambda", "cost", "hessian", "gradient")
         )
         # The row of the share, which the systems that others see have eliminated.
         tie, tie_slope = system.new_zeros(len(pixels), 7), system.new_zeros(len(pixels))
         best, tried, active = stand, stand, there(batch.own, torch.bool)
         answers, shared = batch.answers(*tried.variants())
-        for turn in range(passes):
-            if anew and turn == 0:
+        for turn in range(steps):
+            if reset_scale and turn == 0:
                 spread = batch.spread(answers, tried)
                 misfit = torch.full_like(spread, math.inf)
-            now, whole, whole_slope = batch.equations(answers, tried, spread, seen.cauchy)
+            now, whole, whole_slope = batch.equations(answers, tried, spread, observations.cauchy)
             better = active & (now <= misfit)
             best, misfit = best.taking(better, tried), torch.where(better, now, misfit)
             ties = whole[:, :6, 6] / whole[:, 6:, 6]
@@ -405,11 +417,11 @@ def iterate(
             slope[better] = (whole_slope[:, :6] - ties * whole_slope[:, 6:])[better]
             tie[better], tie_slope[better] = whole[better, 6], whole_slope[better, 6]
             eased, stiffened = (
-                (damping * EASED).clamp(min=DAMPING[0]),
-                (damping * STIFFENED).clamp(max=DAMPING[1]),
+                (damping * LAMBDA_DOWN).clamp(min=LAMBDA_BOUNDS[0]),
+                (damping * LAMBDA_UP).clamp(max=LAMBDA_BOUNDS[1]),
             )
             damping = torch.where(better, eased, torch.where(active, stiffened, damping))
-            if turn + 1 == passes:
+            if turn + 1 == steps:
                 break
             move = _damped_step(system, slope, damping).clamp(-longest[:6], longest[:6])
             stiff = torch.where(tie[:, 6] > 0, tie[:, 6], math.inf)
@@ -420,8 +432,16 @@ def iterate(
                 break
             before, tried = tried, best.moved(move, batch.views)
             answers, shared = _followed(answers, shared, *batch.answers(*tried.variants()), tried.far(before))
-        found = {name: getattr(best, name) for name in ("normals", "albedo", "roughness", "share")}
-        found |= {"spread": spread, "damping": damping, "misfit": misfit, "system": system, "slope": slope}
+        found = {
+            name: getattr(best, name) for name in ("normals", "albedo", "roughness", "background_fraction")
+        }
+        found |= {
+            "residual_scale": spread,
+            "lm_lambda": damping,
+            "cost": misfit,
+            "hessian": system,
+            "gradient": slope,
+        }
         for name, values in found.items():
             getattr(kept, name)[pixels[batch.own]] = values.cpu().numpy()[batch.own]
     return kept
@@ -431,31 +451,31 @@ def _followed(
     answers: Float[Tensor, "2 p k v"], shared: Float[Tensor, "2 p v"], now: Float[Tensor, "2 p k v"],
     shared_now: Float[Tensor, "2 p v"], far: Bool[Tensor, " p"],
 ) -> tuple[Float[Tensor, "2 p k v"], Float[Tensor, "2 p v"]]:  # fmt: skip
-    """`gauss_newton._follow`: of pixels that went far what they answer now, of others as far as their first variant tells."""
+    """`gauss_newton._update_evaluations`: of pixels that went far what they answer now, of others as far as their first variant tells."""
     times = torch.where(shared > 0, answers[:, :, 0] / shared, 1.0).clamp(max=MOST_APART)
     near = answers + ((shared_now - shared) * times)[:, :, None]
     return torch.where(far[:, None, None], now, near), shared_now
 
 
 @_within_memory()
-def by_stretches(
-    state: State, responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], seen: Observations,
+def hessians_by_view_group(
+    state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
     ends: Int[np.ndarray, " e"], progress: Progress, doing: str,
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:  # fmt: skip
-    """Of `gauss_newton.by_stretches` the spreads, systems and slopes; stretches end at these columns.
+    """Of `gauss_newton.hessians_by_view_group` the spreads, systems and slopes; stretches end at these columns.
 
     Raises:
-        SurfaceError: as `iterate`.
+        SurfaceError: as `minimize`.
     """
     count = len(state.normals)
     spread, system, slope = (np.empty((count, *[len(ends) - 1] * bool(s), *s)) for s in ((), (7, 7), (7,)))
-    for batch, stand in _batches(state, responses, sight, parts, seen, progress, doing):
+    for batch, stand in _batches(state, transport, geometry, blocks, observations, progress, doing):
         answers, _ = batch.answers(*stand.variants())
         wide, own = batch.spread(answers, stand), batch.pixels[batch.own]
         spread[own] = wide.cpu().numpy()[batch.own]
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
             share = 1 / (len(ends) - 1)
-            told = batch.equations(answers, stand, wide, seen.cauchy, slice(begin, end), share)
+            told = batch.equations(answers, stand, wide, observations.cauchy, slice(begin, end), share)
             system[own, k], slope[own, k] = (x.cpu().numpy()[batch.own] for x in told[1:])
     return spread, system, slope
 
@@ -463,5 +483,5 @@ def by_stretches(
 def _damped_step(
     system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"]
 ) -> Float[Tensor, "p 6"]:
-    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + FIRM
+    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + RIDGE
     return torch.linalg.solve_ex(system + stiffer.diag_embed(), slope[..., None])[0][..., 0]

@@ -17,12 +17,12 @@ from scipy.spatial import KDTree
 
 from engine.progress import Progress
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.exhaustive_search import global_start
-from engine.surface.optimize.pixel_sample import Sample, inner, sampled, some_of
+from engine.surface.optimize.exhaustive_search import exhaustive_search
+from engine.surface.optimize.pixel_sample import PixelSample, interior, random_subset, sample_pixels
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import PAINT
-from engine.surface.rendering.object_pixels import Subject
-from engine.surface.rendering.transport import Incident, Sight, blocks
+from engine.surface.rendering.object_pixels import ObjectPixels
+from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks
 
 LEVELS = np.array([0.25, 0.5, 1.0])
 """Specular levels tried: a reflectance head on of 0.02 (water has that), of paint, and of 0.08 (sapphire)."""
@@ -59,92 +59,106 @@ NEIGHBOURS = 1.0
 class Trial:
     """Some pixels in the views that fit them and in those that judge, and what they are taken for so far."""
 
-    fitted: tuple[Sample, Incident]
-    kept: tuple[Sample, Incident]
-    state: gauss_newton.State
+    fitted: tuple[PixelSample, IncidentLight]
+    kept: tuple[PixelSample, IncidentLight]
+    state: gauss_newton.PixelEstimate
 
     @property
     def data(self) -> int:
         """Views times channels that judge each pixel."""
-        return self.kept[0].seen.radiance.shape[1]
+        return self.kept[0].observations.radiance.shape[1]
 
-    def tried(self, material: tuple[float, float], progress: Progress) -> gauss_newton.State:
+    def tried(self, material: tuple[float, float], progress: Progress) -> gauss_newton.PixelEstimate:
         """The pixels as of one material, by the views that fit."""
-        spread, count = self.state.spread, len(self.state.spread)
+        spread, count = self.state.residual_scale, len(self.state.residual_scale)
         made = np.tile(material, (count, 1))
         answer = _solved(self.fitted, self.state, made, PASSES, progress.part(0, 0.5))
-        so_far = self.fitted[0].sight.material
+        so_far = self.fitted[0].geometry.material
         if np.any((PAINT[1] if so_far is None else so_far[:, 1]) != material[1]):
             # As another kind of thing it may have ended anywhere.
-            begun = replace(_sought(self.fitted, made, progress.part(0.5, 0.6)), spread=spread)
+            begun = replace(_sought(self.fitted, made, progress.part(0.5, 0.6)), residual_scale=spread)
             other = _solved(self.fitted, begun, made, PASSES, progress.part(0.6, 1))
-            answer = gauss_newton.either(other.misfit < answer.misfit, other, answer)
+            answer = gauss_newton.where(other.cost < answer.cost, other, answer)
         return answer
 
     def likelihood(
-        self, answer: gauss_newton.State, material: tuple[float, float]
+        self, answer: gauss_newton.PixelEstimate, material: tuple[float, float]
     ) -> Float[np.ndarray, " p"]:
         """Of every pixel's kept views by what was `tried` as this material, per view and channel; a logarithm, up to what is
         alike for all materials: residuals are as wide as they are so far."""
         # What is expected of roughness is no photograph's word.
-        free = replace(answer, gloss=np.tile([0.5, ANYTHING], (len(answer.spread), 1)))
-        judged = _solved(self.kept, free, np.tile(material, (len(free.spread), 1)), 1, Progress())
-        return -judged.misfit / (2 * self.data * self.state.spread**2)
+        free = replace(answer, roughness_prior=np.tile([0.5, ANYTHING], (len(answer.residual_scale), 1)))
+        judged = _solved(self.kept, free, np.tile(material, (len(free.residual_scale), 1)), 1, Progress())
+        return -judged.cost / (2 * self.data * self.state.residual_scale**2)
 
-    def spread(self, answer: gauss_newton.State, material: tuple[float, float]) -> Float[np.ndarray, " p"]:
+    def spread(
+        self, answer: gauss_newton.PixelEstimate, material: tuple[float, float]
+    ) -> Float[np.ndarray, " p"]:
         """How wide the residuals of every pixel's kept views are by what was `tried` as this material."""
         of, light = self.kept
-        sight = replace(of.sight, material=np.tile(material, (len(answer.spread), 1)))
-        return gauss_newton.respread(answer, of.responses(light), sight, of.regions, of.seen).spread
+        geometry = replace(of.geometry, material=np.tile(material, (len(answer.residual_scale), 1)))
+        return gauss_newton.update_residual_scale(
+            answer, of.light_transport(light), geometry, of.regions, of.observations
+        ).residual_scale
 
 
-def told(
-    who: Subject,
-    state: gauss_newton.State,
-    light: Incident,
-    sight: Sight,
+def classify(
+    object_pixels: ObjectPixels,
+    state: gauss_newton.PixelEstimate,
+    light: IncidentLight,
+    geometry: SurfaceGeometry,
     exactly: bool,
     params: SurfaceParams,
     seed: int,
     progress: Progress,
 ) -> Float[np.ndarray, "p 2"] | None:
-    """The material of every pixel; None: nothing speaks against paint. `sight` is that under which the state was
+    """The material of every pixel; None: nothing speaks against paint. `geometry` is that under which the state was
     solved; only `exactly` is it asked what else than metal it may be; `seed` picks the pixels that are asked."""
-    chosen = some_of(inner(who), ASKED, seed)
-    trial = _trial(who, chosen, state, light, sight, params)
+    chosen = random_subset(interior(object_pixels), ASKED, seed)
+    trial = _trial(object_pixels, chosen, state, light, geometry, params)
     spans = iter(progress.parts(len(LEVELS) + 2))
     as_paint = trial.tried(PAINT, next(spans))
     shiny = metallic(trial, as_paint, next(spans)) > 0
-    level = np.full(len(state.spread), PAINT[0])
-    heard = ~shiny & (trial.state.spread < EXPLAINED * np.quantile(trial.state.spread, WELL))
+    level = np.full(len(state.residual_scale), PAINT[0])
+    heard = ~shiny & (trial.state.residual_scale < EXPLAINED * np.quantile(trial.state.residual_scale, WELL))
     if exactly and heard.any():
         kinds = [(float(one), PAINT[1]) for one in LEVELS]
         answers = [as_paint if one == PAINT else trial.tried(one, next(spans)) for one in kinds]
         said = np.stack([trial.likelihood(*pair) for pair in zip(answers, kinds, strict=True)], 1)
-        region = regions(who, chosen, seed)
+        region = regions(object_pixels, chosen, seed)
         level = levels(said[heard], region[chosen][heard], int(region.max()) + 1)[region]
     metal = np.zeros(len(level), bool)
     if shiny.mean() >= SOME:
-        everybody = _trial(who, np.arange(len(level)), state, light, sight, params, blocks(who.mask))
-        voices = np.zeros(who.mask.shape)
+        everybody = _trial(
+            object_pixels,
+            np.arange(len(level)),
+            state,
+            light,
+            geometry,
+            params,
+            pixel_blocks(object_pixels.mask),
+        )
+        voices = np.zeros(object_pixels.mask.shape)
         first, second = next(spans).parts(2)
-        voices[who.mask] = metallic(everybody, everybody.tried(PAINT, first), second)
-        metal = gaussian_filter(voices, NEIGHBOURS)[who.mask] > 0
+        voices[object_pixels.mask] = metallic(everybody, everybody.tried(PAINT, first), second)
+        metal = gaussian_filter(voices, NEIGHBOURS)[object_pixels.mask] > 0
     if (level == PAINT[0]).all() and not metal.any():
         return None
     return np.where(metal[:, None], METAL, np.stack([level, np.full(len(level), PAINT[1])], 1))
 
 
-def metallic(trial: Trial, as_paint: gauss_newton.State, progress: Progress) -> Float[np.ndarray, " p"]:
+def metallic(
+    trial: Trial, as_paint: gauss_newton.PixelEstimate, progress: Progress
+) -> Float[np.ndarray, " p"]:
     """How much narrower each pixel's residuals are as metal's than as paint's: a logarithm, above 0 where that is enough."""
     as_metal = trial.tried(METAL, progress)
     gained = np.log(trial.spread(as_paint, PAINT) / trial.spread(as_metal, METAL)) - np.log(NARROWER)
     return np.clip(gained, -CERTAIN, CERTAIN)
 
 
-def kind(material: Float[np.ndarray, "p 2"] | None, who: Subject) -> Bool[np.ndarray, " p"]:
+def kind(material: Float[np.ndarray, "p 2"] | None, object_pixels: ObjectPixels) -> Bool[np.ndarray, " p"]:
     """Which pixels are metal."""
-    return np.zeros(int(who.mask.sum()), bool) if material is None else material[:, 1] > 0
+    return np.zeros(int(object_pixels.mask.sum()), bool) if material is None else material[:, 1] > 0
 
 
 def same(one: Float[np.ndarray, "p 2"] | None, other: Float[np.ndarray, "p 2"] | None) -> bool:
@@ -154,11 +168,11 @@ def same(one: Float[np.ndarray, "p 2"] | None, other: Float[np.ndarray, "p 2"] |
     return bool((one == other).all())
 
 
-def regions(who: Subject, chosen: Int[np.ndarray, " k"], seed: int) -> Int[np.ndarray, " p"]:
+def regions(object_pixels: ObjectPixels, chosen: Int[np.ndarray, " k"], seed: int) -> Int[np.ndarray, " p"]:
     """A number for every pixel; alike for what is near and looks alike."""
-    place = np.stack(np.nonzero(who.mask), 1)
-    radiance = who.seen.radiance.reshape(len(place), -1, 3)
-    looks = np.log(np.median(radiance, axis=1) + who.seen.eps[:, None])
+    place = np.stack(np.nonzero(object_pixels.mask), 1)
+    radiance = object_pixels.observations.radiance.reshape(len(place), -1, 3)
+    looks = np.log(np.median(radiance, axis=1) + object_pixels.observations.eps[:, None])
     size = np.sqrt(len(place))
     feature = np.concatenate([2 * place / size, looks / LIKE], 1)
     count = min(REGIONS, len(chosen))
@@ -195,13 +209,13 @@ def _level(said: Float[np.ndarray, "k l"], usual: float) -> float | None:
 
 
 def _trial(
-    who: Subject,
+    object_pixels: ObjectPixels,
     chosen: Int[np.ndarray, " k"],
-    state: gauss_newton.State,
-    light: Incident,
-    sight: Sight,
+    state: gauss_newton.PixelEstimate,
+    light: IncidentLight,
+    geometry: SurfaceGeometry,
     params: SurfaceParams,
-    parts: list[Int[np.ndarray, " _"]] | None = None,
+    blocks: list[Int[np.ndarray, " _"]] | None = None,
 ) -> Trial:
     """Of some pixels; `parts` of them share their light (a few large ones where left out)."""
     every = np.arange(light.energy.shape[2] // 3)
@@ -209,32 +223,36 @@ def _trial(
     seen = []
     for views in (np.setdiff1d(every, back), back):
         here = light.views(views)
-        of = sampled(who, sight, 1.0, chosen, params, views, here)
-        seen.append((of if parts is None else replace(of, regions=parts), here))
+        of = sample_pixels(object_pixels, geometry, 1.0, chosen, params, views, here)
+        seen.append((of if blocks is None else replace(of, regions=blocks), here))
     return Trial(seen[0], seen[1], state.part(chosen))
 
 
 def _solved(
-    witness: tuple[Sample, Incident],
-    begun: gauss_newton.State,
+    witness: tuple[PixelSample, IncidentLight],
+    begun: gauss_newton.PixelEstimate,
     material: Float[np.ndarray, "p 2"],
     passes: int,
     progress: Progress,
-) -> gauss_newton.State:
+) -> gauss_newton.PixelEstimate:
     """Every pixel as of a material; with one pass its misfit as begun."""
     of, light = witness
-    count = len(begun.misfit)
-    begun = replace(begun, misfit=np.full(count, np.inf), damping=np.full(count, gauss_newton.FRESH))
-    sight = replace(of.sight, material=material)
-    return gauss_newton.iterate(begun, of.responses(light), sight, of.regions, of.seen, passes, progress)
+    count = len(begun.cost)
+    begun = replace(begun, cost=np.full(count, np.inf), lm_lambda=np.full(count, gauss_newton.LAMBDA_INITIAL))
+    geometry = replace(of.geometry, material=material)
+    return gauss_newton.minimize(
+        begun, of.light_transport(light), geometry, of.regions, of.observations, passes, progress
+    )
 
 
 def _sought(
-    witness: tuple[Sample, Incident], material: Float[np.ndarray, "p 2"], progress: Progress
-) -> gauss_newton.State:
+    witness: tuple[PixelSample, IncidentLight], material: Float[np.ndarray, "p 2"], progress: Progress
+) -> gauss_newton.PixelEstimate:
     """Every pixel from nothing, with nothing hidden."""
     of, light = replace(witness[0], bounce=False), witness[1]
-    sight = replace(of.sight, material=material, occlusion=None)
-    return gauss_newton.begin(
-        *global_start(of.responses(light), sight, of.seen, of.regions, CANDIDATES, progress)
+    geometry = replace(of.geometry, material=material, visibility=None)
+    return gauss_newton.initial_estimate(
+        *exhaustive_search(
+            of.light_transport(light), geometry, of.observations, of.regions, CANDIDATES, progress
+        )
     )

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
-from engine.surface.data.observations import Observations, aside
-from engine.surface.optimize.gauss_newton import FRESH, GLOSS, State, either, iterate
-from engine.surface.rendering.transport import Rows, Sight
+from engine.surface.data.observations import Observations, shifted_neighbours
+from engine.surface.optimize.gauss_newton import GLOSS, LAMBDA_INITIAL, PixelEstimate, minimize, where
+from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
 
 REACH = 0.2
 """How far the pixels that are asked may be, in sides of a square as large as the object."""
@@ -31,47 +31,47 @@ UNEXPECTED = 1.5
 CHUNK = 32_768
 
 
-def reconsidered(
-    state: State,
-    responses: Rows,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
-    seen: Observations,
+def apply_roughness_prior(
+    state: PixelEstimate,
+    transport: TransportModel,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
+    observations: Observations,
     mask: Bool[np.ndarray, "h w"],
     passes: int,
     progress: Progress,
-) -> State:
+) -> PixelEstimate:
     """The state under what its pixels may expect; those far off it begin once more with it, and keep what explains better."""
-    state = expecting(state, expected(state, mask, sight.material))
-    mean, spread = state.gloss.T
+    state = with_roughness_prior(state, expected_roughness(state, mask, geometry.material))
+    mean, spread = state.roughness_prior.T
     surprised = np.abs(state.roughness - mean) > UNEXPECTED * spread
-    few = [part for block in parts if len(part := block[surprised[block]])]
+    few = [part for block in blocks if len(part := block[surprised[block]])]
     other = replace(
         state,
         roughness=np.where(surprised, mean, state.roughness),
-        misfit=np.full(len(mean), np.inf),
-        damping=np.full(len(mean), FRESH),
+        cost=np.full(len(mean), np.inf),
+        lm_lambda=np.full(len(mean), LAMBDA_INITIAL),
     )
-    other = iterate(other, responses, sight, few, seen, passes, progress)
-    return either(surprised & (other.misfit < state.misfit), other, state)
+    other = minimize(other, transport, geometry, few, observations, passes, progress)
+    return where(surprised & (other.cost < state.cost), other, state)
 
 
-def expecting(state: State, gloss: Float[np.ndarray, "p 2"]) -> State:
+def with_roughness_prior(state: PixelEstimate, gloss: Float[np.ndarray, "p 2"]) -> PixelEstimate:
     """The same where something else is expected of the roughness, its misfit and system with it."""
-    square = state.spread**2
-    (was, width), (mean, spread) = state.gloss.T, gloss.T
+    square = state.residual_scale**2
+    (was, width), (mean, spread) = state.roughness_prior.T, gloss.T
     before, now = (state.roughness - was) / width, (state.roughness - mean) / spread
-    system, slope = state.system.copy(), state.slope.copy()
+    system, slope = state.hessian.copy(), state.gradient.copy()
     system[:, 5, 5] += square * (1 / spread**2 - 1 / width**2)
     slope[:, 5] += square * (before / width - now / spread)
-    misfit = state.misfit + square * (now**2 - before**2)
-    return replace(state, misfit=misfit, system=system, slope=slope, gloss=gloss)
+    misfit = state.cost + square * (now**2 - before**2)
+    return replace(state, cost=misfit, hessian=system, gradient=slope, roughness_prior=gloss)
 
 
-def expected(
-    state: State, mask: Bool[np.ndarray, "h w"], material: Float[np.ndarray, "p 2"] | None = None
+def expected_roughness(
+    state: PixelEstimate, mask: Bool[np.ndarray, "h w"], material: Float[np.ndarray, "p 2"] | None = None
 ) -> Float[np.ndarray, "p 2"]:
-    """Mean and spread of the roughness that every pixel may expect, `material` as in `Sight`."""
+    """Mean and spread of the roughness that every pixel may expect, `material` as in `SurfaceGeometry`."""
     count = len(state.roughness)
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(ASKED)
     reach = REACH * np.sqrt(count) * np.sqrt((np.arange(ASKED) + 0.5) / ASKED)
@@ -80,7 +80,7 @@ def expected(
     answer = np.tile(np.asarray(GLOSS), (count, 1))
     if not len(steps):  # a handful of pixels has no neighbourhood
         return answer
-    others = aside(mask, steps)
+    others = shifted_neighbours(mask, steps)
     logs, error = np.log(state.albedo), own_error(state)
     for first in range(0, count, CHUNK):
         part = slice(first, first + CHUNK)
@@ -98,10 +98,10 @@ def expected(
     return answer
 
 
-def own_error(state: State) -> Float[np.ndarray, " p"]:
+def own_error(state: PixelEstimate) -> Float[np.ndarray, " p"]:
     """Standard error of the roughness by the photographs alone; 1 at most."""
-    alone = expecting(state, np.tile([0.0, np.inf], (len(state.roughness), 1))).system
-    square = np.maximum(state.spread, 1.0)[:, None, None] ** 2
+    alone = with_roughness_prior(state, np.tile([0.0, np.inf], (len(state.roughness), 1))).hessian
+    square = np.maximum(state.residual_scale, 1.0)[:, None, None] ** 2
     variance = np.linalg.inv(alone / square + 1e-6 * np.eye(6))[:, 5, 5]
     return np.sqrt(np.clip(np.where(variance > 0, variance, 1), 0, 1))
 

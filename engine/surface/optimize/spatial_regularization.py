@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.geometry import tangents
-from engine.surface.data.observations import aside
-from engine.surface.optimize.gauss_newton import ALBEDO, ROUGHNESS, State, tilt
+from engine.surface.data.observations import shifted_neighbours
+from engine.surface.optimize.gauss_newton import ALBEDO, ROUGHNESS, PixelEstimate, rotate_normals
 
 LINES = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns."""
@@ -43,7 +43,7 @@ class Answers:
     roughness: Float[np.ndarray, " p"]
 
     @classmethod
-    def of(cls, state: State) -> "Answers":
+    def of(cls, state: PixelEstimate) -> "Answers":
         """Those of a state."""
         return cls(state.normals, np.log(state.albedo), state.roughness)
 
@@ -56,7 +56,9 @@ class Answers:
 
     def moved(self, by: Float[np.ndarray, "p 6"]) -> "Answers":
         """These, moved by such offsets."""
-        return Answers(tilt(self.normals, by[:, :2]), self.albedo + by[:, 2:5], self.roughness + by[:, 5])
+        return Answers(
+            rotate_normals(self.normals, by[:, :2]), self.albedo + by[:, 2:5], self.roughness + by[:, 5]
+        )
 
     def halfway(self, pair: Int[np.ndarray, "p 2"]) -> "Answers":
         """For every pixel the middle of the two that `pair` names."""
@@ -67,11 +69,11 @@ class Answers:
         return Answers(normals, *middle)
 
 
-def accord(state: State, mask: Bool[np.ndarray, "h w"]) -> State:
+def regularize_spatially(state: PixelEstimate, mask: Bool[np.ndarray, "h w"]) -> PixelEstimate:
     """The state after the pixels heard their neighbours; errors and systems stay each pixel's own."""
-    pairs = [aside(mask, np.array([step, (-step[0], -step[1])])) for step in LINES]
+    pairs = [shifted_neighbours(mask, np.array([step, (-step[0], -step[1])])) for step in LINES]
     known = [np.all(pair >= 0, axis=1) for pair in pairs]
-    own = state.system / np.maximum(state.spread, 1.0)[:, None, None] ** 2 + 1e-6 * np.eye(6)
+    own = state.hessian / np.maximum(state.residual_scale, 1.0)[:, None, None] ** 2 + 1e-6 * np.eye(6)
     covariance = np.linalg.inv(own)
     variance = np.einsum("pii->pi", covariance)
     start = Answers.of(state)

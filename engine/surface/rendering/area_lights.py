@@ -36,7 +36,7 @@ def cells_around(count: int) -> CellMap:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Near:
+class AreaLights:
     """The lamps of some views."""
 
     centres: Float[np.ndarray, "n l 3"]
@@ -45,25 +45,25 @@ class Near:
     cells: int  # direction cells of the light beside them
 
     @staticmethod
-    def none(views: int, cells: int) -> "Near":
+    def none(views: int, cells: int) -> "AreaLights":
         """No lamps."""
         nothing = np.zeros((views, 0, 3))
-        return Near(nothing, np.zeros(0), nothing.astype(np.float32), cells)
+        return AreaLights(nothing, np.zeros(0), nothing.astype(np.float32), cells)
 
-    def views(self, index: Int[np.ndarray, " k"]) -> "Near":
+    def views(self, index: Int[np.ndarray, " k"]) -> "AreaLights":
         """The same for some of its views."""
-        return Near(self.centres[index], self.radii, self.radiance[index], self.cells)
+        return AreaLights(self.centres[index], self.radii, self.radiance[index], self.cells)
 
-    def moved(self, steps: Float[np.ndarray, "n l 3"]) -> "Near":
+    def moved(self, steps: Float[np.ndarray, "n l 3"]) -> "AreaLights":
         """Every lamp elsewhere; what hides it stays."""
         return replace(self, centres=self.centres + steps)
 
-    def beside(self, other: "Near") -> "Near":
+    def beside(self, other: "AreaLights") -> "AreaLights":
         """Their views, and another's after them, of the same lamps."""
         centres = np.concatenate([self.centres, other.centres])
         return replace(self, centres=centres, radiance=np.concatenate([self.radiance, other.radiance]))
 
-    def under(self, gain: Float[np.ndarray, "l 3"]) -> "Near":
+    def under(self, gain: Float[np.ndarray, "l 3"]) -> "AreaLights":
         """Every lamp under its gain."""
         return replace(self, radiance=self.radiance * gain.astype(np.float32))
 
@@ -157,19 +157,19 @@ class Near:
         return np.einsum("mnl,nlc->lc", sphere_solid_angle(self.radii, distance), self.radiance.astype(float))
 
 
-def near_of(
+def area_lights_of(
     lamps: Lamps,
     gaussians: Gaussians,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     middle: Float[np.ndarray, " 3"],
     cells: int,
-) -> Near:
+) -> AreaLights:
     """The lamps in the frames of some views; what of the room hides one from `middle` (camera frame) hides it."""
     seen = [transform(pose, lamps.centres.reshape(-1, 3)) for pose in cam_from_world]
     centres = np.array(seen).reshape(len(seen), len(lamps.radii), 3)
     through = passing(lamps, gaussians, cam_from_world, middle)
     radiance = (through[..., None] * lamps.radiance).astype(np.float32)
-    return Near(centres, lamps.radii, radiance, cells)
+    return AreaLights(centres, lamps.radii, radiance, cells)
 
 
 # Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.

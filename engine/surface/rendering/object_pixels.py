@@ -11,29 +11,29 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface.data.observations import CAUCHY, PLAIN, Observations, observe, photographed
+from engine.surface.data.observations import CAUCHY, PLAIN, Observations, gather_radiance, observe
 from engine.surface.depth.normal_integration import integrate_normals
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.exhaustive_search import global_start
+from engine.surface.optimize.exhaustive_search import exhaustive_search
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.interreflection import lit
-from engine.surface.rendering.transport import Incident, Responses, Sight, predict
-from engine.surface.visibility.ray_visibility import occlusion
+from engine.surface.rendering.interreflection import radiance_of_hidden_patches
+from engine.surface.rendering.transport import IncidentLight, LightTransport, SurfaceGeometry, predict
+from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera, Frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class ObjectPixels:
     """The object's pixels as photographed in some views; `p` counts them in row order."""
 
     camera: Camera
     mask: Bool[np.ndarray, "h w"]
-    seen: Observations
+    observations: Observations
     material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
 
-    def exposed(self, drift: Float[np.ndarray, " n"]) -> "Subject":
+    def with_exposure_compensated(self, drift: Float[np.ndarray, " n"]) -> "ObjectPixels":
         """The same had no view's log exposure drifted."""
-        return replace(self, seen=self.seen.exposed(drift))
+        return replace(self, observations=self.observations.with_exposure_compensated(drift))
 
     @property
     def rays(self) -> Float[np.ndarray, "p 3"]:
@@ -41,107 +41,134 @@ class Subject:
         return rays(self.camera)[self.mask]
 
     @property
-    def pitch(self) -> float:
+    def pixel_angle(self) -> float:
         """Angle between the rays of neighbouring pixels, radians."""
         every = rays(self.camera)
         beside = self.mask[:, 1:] & self.mask[:, :-1]
         return float(np.median(np.linalg.norm((every[:, 1:] - every[:, :-1])[beside], axis=1)))
 
-    def flat(self, distance: float) -> Sight:
+    def geometry_at_distance(self, distance: float) -> SurfaceGeometry:
         """All points at one z, nothing hidden."""
-        return self.at(np.full(int(self.mask.sum()), distance))
+        return self.geometry_at(np.full(int(self.mask.sum()), distance))
 
-    def at(self, z: Float[np.ndarray, " p"]) -> Sight:
+    def geometry_at(self, z: Float[np.ndarray, " p"]) -> SurfaceGeometry:
         """The points at their z, nothing hidden."""
         directions = self.rays
-        return Sight(directions / directions[:, 2:] * z[:, None], -directions, None, material=self.material)
+        return SurfaceGeometry(
+            directions / directions[:, 2:] * z[:, None], -directions, None, material=self.material
+        )
 
-    def standing(self, depth: Float[np.ndarray, "h w"], follow: bool) -> Sight:
+    def geometry_of_depth(self, depth: Float[np.ndarray, "h w"], follow: bool) -> SurfaceGeometry:
         """The points where a depth puts them, or all at its mean; nothing hidden yet."""
         z = depth[self.mask]
-        return self.at(z) if follow else replace(self.flat(float(z.mean())), cast_z=z)
+        return (
+            self.geometry_at(z) if follow else replace(self.geometry_at_distance(float(z.mean())), cast_z=z)
+        )
 
-    def responses(
-        self, light: Incident, params: SurfaceParams, device: str, sight: Sight | None = None
-    ) -> Responses:
-        """How the pixels answer a light; `sight` knows the walls that throw some of it, if there are any."""
-        return answering(self.seen.radiance, light, sight, params, device)
+    def light_transport(
+        self,
+        light: IncidentLight,
+        params: SurfaceParams,
+        device: str,
+        geometry: SurfaceGeometry | None = None,
+    ) -> LightTransport:
+        """How the pixels answer a light; `geometry` knows the walls that throw some of it, if there are any."""
+        return light_transport(self.observations.radiance, light, geometry, params, device)
 
 
-def subject(
+def observe_object(
     frames: Frames,
     mask: Bool[np.ndarray, "h w"],
     camera: Camera,
     views: Int[np.ndarray, " n"],
     params: SurfaceParams,
-) -> Subject:
+) -> ObjectPixels:
     """The object in some views, at the photographs' resolution."""
     cauchy = CAUCHY if params.robust else PLAIN
-    return Subject(camera, mask, observe(frames, mask, views, params.model_error, cauchy, params.rim))
+    return ObjectPixels(camera, mask, observe(frames, mask, views, params.model_error, cauchy, params.rim))
 
 
-def search(
-    who: Subject, light: Incident, sight: Sight, params: SurfaceParams, progress: Progress
-) -> gauss_newton.State:
+def search_initial_normals(
+    object_pixels: ObjectPixels,
+    light: IncidentLight,
+    geometry: SurfaceGeometry,
+    params: SurfaceParams,
+    progress: Progress,
+) -> gauss_newton.PixelEstimate:
     """A first surface from nothing."""
-    responses = who.responses(light, params, "cpu")
-    regions = coarse_regions(who.mask)
-    return gauss_newton.begin(*global_start(responses, sight, who.seen, regions, params.candidates, progress))
+    transport = object_pixels.light_transport(light, params, "cpu")
+    regions = coarse_regions(object_pixels.mask)
+    return gauss_newton.initial_estimate(
+        *exhaustive_search(
+            transport, geometry, object_pixels.observations, regions, params.candidates, progress
+        )
+    )
 
 
-def depth_of(
-    who: Subject, state: gauss_newton.State, distance: float, progress: Progress
+def depth_from_normals(
+    object_pixels: ObjectPixels, state: gauss_newton.PixelEstimate, distance: float, progress: Progress
 ) -> Float[np.ndarray, "h w"]:
     """Depth from the normals; its mean is `distance`."""
-    return integrate_normals(who.camera, image(who.mask, state.normals), who.mask, distance, progress)
+    return integrate_normals(
+        object_pixels.camera, image(object_pixels.mask, state.normals), object_pixels.mask, distance, progress
+    )
 
 
-def sight_of(
-    who: Subject,
-    state: gauss_newton.State,
+def geometry_with_visibility(
+    object_pixels: ObjectPixels,
+    state: gauss_newton.PixelEstimate,
     depth: Float[np.ndarray, "h w"],
     directions: Float[np.ndarray, "d 3"],
     params: SurfaceParams,
     progress: Progress,
-) -> Sight:
+) -> SurfaceGeometry:
     """Where the depth puts the points, and what of it hides the room from them."""
     hidden = None
     if params.visibility:
-        q = rays(who.camera)
+        q = rays(object_pixels.camera)
         points = q / q[..., 2:] * depth[..., None]
         albedo = state.albedo if params.bounce and params.walls else None
-        normals = image(who.mask, state.normals)
-        hidden = occlusion(points, normals, who.mask, directions, progress, albedo=albedo)
-    return replace(who.standing(depth, params.follow_depth), occlusion=hidden)
+        normals = image(object_pixels.mask, state.normals)
+        hidden = trace_occlusion(points, normals, object_pixels.mask, directions, progress, albedo=albedo)
+    return replace(object_pixels.geometry_of_depth(depth, params.follow_depth), visibility=hidden)
 
 
-def answering(
+def light_transport(
     photographed: Float[np.ndarray, "p v"],
-    light: Incident,
-    sight: Sight | None,
+    light: IncidentLight,
+    geometry: SurfaceGeometry | None,
     params: SurfaceParams,
     device: str,
-) -> Responses:
-    """How pixels answer a light in whose views they were `photographed`; `sight` knows the walls that throw some of it."""
-    walls = lit(sight, light, photographed) if sight is not None and params.bounce else None
-    return Responses(light, photographed, params.full_diffuse, params.bounce, device, walls)
+) -> LightTransport:
+    """How pixels answer a light in whose views they were `photographed`; `geometry` knows the walls that throw some of it."""
+    walls = (
+        radiance_of_hidden_patches(geometry, light, photographed)
+        if geometry is not None and params.bounce
+        else None
+    )
+    return LightTransport(light, photographed, params.full_diffuse, params.bounce, device, walls)
 
 
-def photographed_in(
+def photographed_radiance(
     frames: Frames, mask: Bool[np.ndarray, "h w"], views: Sequence[int]
 ) -> Float[np.ndarray, "p v"]:
     """The mask's pixels in some views, which may be none; view-major."""
     v, u = np.nonzero(mask)
-    return photographed(frames, np.array(views, int), (v, u)).reshape(len(v), 3 * len(views))
+    return gather_radiance(frames, np.array(views, int), (v, u)).reshape(len(v), 3 * len(views))
 
 
-def painted(
-    responses: Responses, sight: Sight, parts: list[Int[np.ndarray, " _"]], state: gauss_newton.State
+def render_pixels(
+    transport: LightTransport,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
+    state: gauss_newton.PixelEstimate,
 ) -> Float[np.ndarray, "p k 3"]:
     """What the answer sends in every view of the responses' light; float32."""
-    sent = np.zeros((len(state.normals), responses.photographed.shape[1] // 3, 3), np.float32)
+    sent = np.zeros((len(state.normals), transport.photographed.shape[1] // 3, 3), np.float32)
     if sent.size:
-        for pixels, answer in predict(responses, sight, parts, state.normals, state.albedo, state.roughness):
+        for pixels, answer in predict(
+            transport, geometry, blocks, state.normals, state.albedo, state.roughness
+        ):
             sent[pixels] = answer
     return sent
 

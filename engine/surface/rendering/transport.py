@@ -21,8 +21,8 @@ from jaxtyping import Bool, Float, Int
 from engine.geometry import fibonacci_sphere, unproject
 from engine.parallel import abreast
 from engine.surface.reflectance.brdf import lobe_floor, of_pixels, rows_into
-from engine.surface.rendering.area_lights import Near
-from engine.surface.visibility.ray_visibility import Occlusion, owned
+from engine.surface.rendering.area_lights import AreaLights
+from engine.surface.visibility.ray_visibility import SparseVisibility, owned
 from engine.types import Camera
 
 BLOCK = 16
@@ -32,7 +32,7 @@ UNEVEN = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lattice:
+class ProbeGrid:
     """Probe points on a regular lattice in (x / z, y / z, log z) that encloses the object."""
 
     low: Float[np.ndarray, " 3"]  # x / z, y / z, z
@@ -74,14 +74,14 @@ class Lattice:
         return np.einsum("pi,pj,pk->pijk", *per_axis).reshape(len(points), -1)
 
 
-def lattice_around(
+def probe_grid_around(
     camera: Camera, mask: Bool[np.ndarray, "h w"], depth: tuple[float, float], shape: tuple[int, int, int]
-) -> Lattice:
+) -> ProbeGrid:
     """The lattice that spans the mask's bounding box and the depth range."""
     v, u = np.nonzero(mask)
     corners = np.array([[u.min(), v.min()], [u.max() + 1.0, v.max() + 1.0]], dtype=float)
     xy = unproject(camera, corners)
-    return Lattice(np.append(xy.min(0), depth[0]), np.append(xy.max(0), depth[1]), shape)
+    return ProbeGrid(np.append(xy.min(0), depth[0]), np.append(xy.max(0), depth[1]), shape)
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True)
@@ -107,17 +107,17 @@ def _mixed(energy, probes, weights):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Incident:
+class IncidentLight:
     """The light at the lattice: energy per view and direction cell, view-major in the last axis; and the lamps."""
 
-    lattice: Lattice
+    probe_grid: ProbeGrid
     directions: Float[np.ndarray, "d 3"]  # camera frame
     energy: Float[np.ndarray, "m d v"]  # float32, radiance times solid angle; of all that is no lamp
-    near: Near
+    area_lights: AreaLights
 
     def at(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
         """Energy at a point of the camera frame, without the lamps."""
-        return self._sums(self.lattice.weights(point[None]))[0]
+        return self._sums(self.probe_grid.weights(point[None]))[0]
 
     def among(
         self, points: Float[np.ndarray, "p 3"]
@@ -132,7 +132,7 @@ class Incident:
         self, points: Float[np.ndarray, "p 3"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "r m"], Float[np.ndarray, "p r"]]:
         """The probes' weights in the first two of `among`, and its third: the principal components of the weights at the points."""
-        weights = self.lattice.weights(points)
+        weights = self.probe_grid.weights(points)
         middle = weights.mean(0)
         apart = weights - middle
         strength, ways = np.linalg.eigh(apart.T @ apart / len(points))
@@ -145,19 +145,23 @@ class Incident:
         probes = np.nonzero(weights.any(0))[0]
         return _mixed(self.energy, probes, weights[:, probes].astype(np.float32))
 
-    def views(self, index: Int[np.ndarray, " k"]) -> "Incident":
+    def views(self, index: Int[np.ndarray, " k"]) -> "IncidentLight":
         """The same light for some of its views."""
         m, d, v = self.energy.shape
         energy = self.energy.reshape(m, d, v // 3, 3)[:, :, index].reshape(m, d, -1)
-        return Incident(self.lattice, self.directions, np.ascontiguousarray(energy), self.near.views(index))
+        return IncidentLight(
+            self.probe_grid, self.directions, np.ascontiguousarray(energy), self.area_lights.views(index)
+        )
 
-    def beside(self, other: "Incident") -> "Incident":
+    def beside(self, other: "IncidentLight") -> "IncidentLight":
         """Its views, and another's after them, at the same probes."""
         energy = np.concatenate([self.energy, other.energy], 2)
-        return Incident(self.lattice, self.directions, energy, self.near.beside(other.near))
+        return IncidentLight(
+            self.probe_grid, self.directions, energy, self.area_lights.beside(other.area_lights)
+        )
 
 
-def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
+def pixel_blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
     """Indices (into the mask's pixels in row order) of each block's pixels."""
     v, u = np.nonzero(mask)
     tile = (v // BLOCK) * (mask.shape[1] // BLOCK + 1) + u // BLOCK
@@ -167,12 +171,12 @@ def blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class SurfaceGeometry:
     """Where the pixels' points are, what they are made of, and what they see of the object itself."""
 
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
-    occlusion: Occlusion | None  # None: nothing hides anything
+    visibility: SparseVisibility | None  # None: nothing hides anything
     cast_z: Float[np.ndarray, " p"] | None = None  # z of the depth that hides, where points do not follow it
     material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
 
@@ -181,11 +185,11 @@ class Sight:
         middle = self.views[pixels].mean(0)
         return middle / np.linalg.norm(middle)
 
-    def at(self, scale: float) -> "Sight":
+    def at(self, scale: float) -> "SurfaceGeometry":
         """The same with the object so many times as far away: what hides what does not change."""
         cast_z = None if self.cast_z is None else self.cast_z * scale
-        occlusion = self.occlusion and self.occlusion.at(scale)
-        return replace(self, points=self.points * scale, occlusion=occlusion, cast_z=cast_z)
+        occlusion = self.visibility and self.visibility.at(scale)
+        return replace(self, points=self.points * scale, visibility=occlusion, cast_z=cast_z)
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True)
@@ -221,25 +225,25 @@ class Block:
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
     energy: Float[np.ndarray, "d v"]  # the light they share: the mean of all but the lamps
-    ways: Float[np.ndarray, "r d v"]  # in which it differs among them
-    apart: Float[np.ndarray, "p r"]  # how far each pixel's does so in each
+    light_modes: Float[np.ndarray, "r d v"]  # in which it differs among them
+    mode_coefficients: Float[np.ndarray, "p r"]  # how far each pixel's does so in each
     hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
     lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
-    material: Float[np.ndarray, "p 2"] | None = None  # as in `Sight`
+    material: Float[np.ndarray, "p 2"] | None = None  # as in `SurfaceGeometry`
 
     def part(self, pixels: Int[np.ndarray, " k"]) -> "Block":
         """The same of a few of them; the light they share stays that of all."""
         hidden = None if self.hidden is None else owned(self.hidden, pixels)
         material = of_pixels(self.material, pixels)
         return Block(
-            self.points[pixels], self.views[pixels], self.energy, self.ways, self.apart[pixels], hidden,
+            self.points[pixels], self.views[pixels], self.energy, self.light_modes, self.mode_coefficients[pixels], hidden,
             self.lamps[pixels], material,
         )  # fmt: skip
 
     def under(self, energy: Float[np.ndarray, "d v"]) -> "Block":
         """The same under another light, which is the same for all of them."""
-        ways, apart = np.zeros((0, *energy.shape), np.float32), self.apart[:, :0]
-        return replace(self, energy=energy, ways=ways, apart=apart)
+        ways, apart = np.zeros((0, *energy.shape), np.float32), self.mode_coefficients[:, :0]
+        return replace(self, energy=energy, light_modes=ways, mode_coefficients=apart)
 
 
 @runtime_checkable
@@ -252,15 +256,15 @@ class Light(Protocol):
 
 
 @runtime_checkable
-class Rows(Protocol):
-    """What search and Gauss-Newton ask of a model of reflectance and light: `Responses`, or a poorer one."""
+class TransportModel(Protocol):
+    """What search and Gauss-Newton ask of a model of reflectance and light: `LightTransport`, or a poorer one."""
 
     @property
     def incident(self) -> Light:
         """The light."""
         ...
 
-    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+    def block(self, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"]) -> Block:
         """What reaches a block of pixels."""
         ...
 
@@ -272,19 +276,20 @@ class Rows(Protocol):
         ...
 
 
-class Responses:
+class LightTransport:
     """Diffuse and specular responses of blocks of pixels in every view, under one light."""
 
     def __init__(
         self,
-        incident: Incident,
+        incident: IncidentLight,
         photographed: Float[np.ndarray, "q v"],
         full_diffuse: bool,
         bounce: bool,
         device: str,
         walls: Float[np.ndarray, "w v"] | None = None,
     ):
-        """`photographed` and `walls` (what `interreflection.lit` says of the sight's; None: it has none) throw light."""
+        """`photographed` and `walls` (what `interreflection.radiance_of_hidden_patches` says of the geometry's; None: it has none)
+        throw light."""
         self.incident = incident
         self.photographed = photographed
         self.walls = np.zeros((0, photographed.shape[1]), np.float32) if walls is None else walls
@@ -295,28 +300,28 @@ class Responses:
         self.floor = lobe_floor(len(incident.directions))
         self.cell = np.float32(4 * np.pi / len(incident.directions))
 
-    def check(self, sight: Sight) -> None:
+    def check(self, geometry: SurfaceGeometry) -> None:
         """Whether what throws light is what this sight knows.
 
         Raises:
             ValueError: the sight knows other walls than were lit.
         """
-        hides = sight.occlusion and sight.occlusion.walls
+        hides = geometry.visibility and geometry.visibility.hidden_surfaces
         if self.bounce and len(self.walls) != (len(hides.points) if hides else 0):
             raise ValueError(f"{len(self.walls)} walls are lit, but not those that the sight knows")
 
-    def block(self, sight: Sight, pixels: Int[np.ndarray, " p"]) -> Block:
+    def block(self, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"]) -> Block:
         """What reaches a block of pixels.
 
         Raises:
             ValueError: the sight knows other walls than were lit.
         """
-        self.check(sight)
-        points = sight.points[pixels]
-        hidden = None if sight.occlusion is None else sight.occlusion.of(pixels)
-        lamps = self.incident.near.visible(points, hidden[:2] if hidden else None)
-        material = of_pixels(sight.material, pixels)
-        return Block(points, sight.views[pixels], *self.incident.among(points), hidden, lamps, material)
+        self.check(geometry)
+        points = geometry.points[pixels]
+        hidden = None if geometry.visibility is None else geometry.visibility.of(pixels)
+        lamps = self.incident.area_lights.visible(points, hidden[:2] if hidden else None)
+        material = of_pixels(geometry.material, pixels)
+        return Block(points, geometry.views[pixels], *self.incident.among(points), hidden, lamps, material)
 
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
@@ -340,10 +345,10 @@ class Responses:
         answer = self._products(
             normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0), material,
             self.incident.directions[kept], block.energy[kept], hidden, variants,
-            [(way[kept], block.apart[:, j]) for j, way in enumerate(block.ways)],
+            [(way[kept], block.mode_coefficients[:, j]) for j, way in enumerate(block.light_modes)],
         )  # fmt: skip
         diffuse, specular = answer.reshape(2, count, variants, -1)
-        self.incident.near.add(
+        self.incident.area_lights.add(
             block.points,
             block.views,
             normals,
@@ -383,9 +388,9 @@ def direction_cells(count: int) -> Float[np.ndarray, "d 3"]:
 
 
 def predict(
-    responses: Responses,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
+    transport: LightTransport,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     roughness: Float[np.ndarray, " p"],
@@ -393,10 +398,10 @@ def predict(
     """Re-rendered radiance of each block of pixels in every view of the responses' light."""
 
     def sent(pixels: Int[np.ndarray, " b"]) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b n 3"]]:
-        diffuse, specular = responses(
-            responses.block(sight, pixels), normals[pixels][:, None], roughness[pixels][:, None]
+        diffuse, specular = transport(
+            transport.block(geometry, pixels), normals[pixels][:, None], roughness[pixels][:, None]
         )
         shape = (len(pixels), -1, 3)
         return pixels, diffuse.reshape(shape) * albedo[pixels][:, None] + specular.reshape(shape)
 
-    yield from abreast(sent, parts)
+    yield from abreast(sent, blocks)

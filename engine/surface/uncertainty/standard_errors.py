@@ -4,7 +4,7 @@ The system's covariance is (J^T W J)^-1 times the squared spread of the weighted
 independent, which those of neighbouring views and of the three channels are not: they look at one and the same error of
 the light. So the answer is also asked what it would be without each of a few stretches of the views (delete-a-group
 jackknife: Shao, Tu, "The Jackknife and Bootstrap", 1995, ch. 2), one Gauss-Newton step each. What is wrong
-alike in all views, neither can know: of the light `Doubt` tells it, and of what is smaller than a pixel its neighbours
+alike in all views, neither can know: of the light `LightVariance` tells it, and of what is smaller than a pixel its neighbours
 (`unresolved`). Radians for normals.
 """
 
@@ -17,9 +17,14 @@ from scipy.spatial import KDTree
 
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
-from engine.surface.optimize.gauss_newton import State, by_stretches, reduced, regular
+from engine.surface.optimize.gauss_newton import (
+    PixelEstimate,
+    eliminate_last,
+    hessians_by_view_group,
+    with_ridge,
+)
 from engine.surface.optimize.spatial_regularization import Answers
-from engine.surface.rendering.transport import Rows, Sight
+from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
 
 GRAZING, SHADOWED, SATURATED, ILL, GUESSED = 1, 2, 4, 8, 16
 FLAGS = {
@@ -42,7 +47,7 @@ a normal, Student's t over the normal law for the rest (7 degrees of freedom).""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Confidence:
+class StandardErrors:
     """One standard error per quantity and the flags of `Surface.flags`."""
 
     normal: Float[np.ndarray, " p"]  # radians, root of the two tangent variances' sum
@@ -52,7 +57,7 @@ class Confidence:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Doubt:
+class LightVariance:
     """What some pixels' unknowns vary by, as the light is not wholly known; neighbours by normal speak for a pixel."""
 
     normals: Float[np.ndarray, "q 3"]
@@ -66,31 +71,33 @@ class Doubt:
 
 def formal(system: Float[np.ndarray, "p 6 6"], spread: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 6"]:
     """Variances that the system gives if residuals are independent."""
-    variance = np.einsum("pii->pi", np.linalg.inv(regular(system)))
+    variance = np.einsum("pii->pi", np.linalg.inv(with_ridge(system)))
     return np.maximum(variance * np.maximum(spread, 1.0)[:, None] ** 2, 0)
 
 
-def jackknifed(
-    state: State,
-    responses: Rows,
-    sight: Sight,
-    parts: list[Int[np.ndarray, " _"]],
-    seen: Observations,
+def jackknife(
+    state: PixelEstimate,
+    transport: TransportModel,
+    geometry: SurfaceGeometry,
+    blocks: list[Int[np.ndarray, " _"]],
+    observations: Observations,
     progress: Progress,
-) -> tuple[State, Float[np.ndarray, "p 6"]]:
+) -> tuple[PixelEstimate, Float[np.ndarray, "p 6"]]:
     """The state with its residuals' spread measured, and its variances by leaving out stretches of the views, no less than the
     formal ones."""
-    state, systems, slopes = by_stretches(state, responses, sight, parts, seen, STRETCHES, progress)
+    state, systems, slopes = hessians_by_view_group(
+        state, transport, geometry, blocks, observations, STRETCHES, progress
+    )
     system, slope = systems.sum(1), slopes.sum(1)
     without = np.stack([
-        np.linalg.solve(regular(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
+        np.linalg.solve(with_ridge(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
         for k in range(STRETCHES)
     ])  # fmt: skip
     variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
-    return state, np.maximum(variance, formal(reduced(system, slope)[0], state.spread))
+    return state, np.maximum(variance, formal(eliminate_last(system, slope)[0], state.residual_scale))
 
 
-def unsettled(coarse: State, state: State) -> Float[np.ndarray, "p 6"]:
+def grid_refinement_error(coarse: PixelEstimate, state: PixelEstimate) -> Float[np.ndarray, "p 6"]:
     """Variances of the unknowns of an object that has not come to rest: the squares of how far they have come since the `coarse`
     answer.
 
@@ -101,27 +108,27 @@ def unsettled(coarse: State, state: State) -> Float[np.ndarray, "p 6"]:
     return now.offsets(before) ** 2
 
 
-def confidence(
-    state: State,
+def standard_errors(
+    state: PixelEstimate,
     variance: Float[np.ndarray, "p 6"],
-    seen: Observations,
-    sight: Sight,
+    observations: Observations,
+    geometry: SurfaceGeometry,
     guessed: Float[np.ndarray, " p"],
-) -> Confidence:
+) -> StandardErrors:
     """Standard errors and flags at the solver's answer, given the variances of its unknowns; `guessed` is the share of
     each pixel's light that comes from what no photograph shows."""
     normal = np.minimum(np.sqrt(variance[:, 0] + variance[:, 1]), np.pi / 2)
     albedo = (np.sqrt(variance[:, 2:5]) * state.albedo).mean(1)
     roughness = np.sqrt(variance[:, 5])
     flags = np.zeros(len(normal), np.uint8)
-    cosine = (state.normals * sight.views).sum(1)
-    flags[(cosine < GRAZING_COSINE) | seen.edge] |= GRAZING
-    if sight.occlusion is not None:
-        flags[sight.occlusion.share > HIDDEN_SHARE] |= SHADOWED
-    flags[seen.saturated > SATURATED_SHARE] |= SATURATED
+    cosine = (state.normals * geometry.views).sum(1)
+    flags[(cosine < GRAZING_COSINE) | observations.edge] |= GRAZING
+    if geometry.visibility is not None:
+        flags[geometry.visibility.hidden_share > HIDDEN_SHARE] |= SHADOWED
+    flags[observations.saturated > SATURATED_SHARE] |= SATURATED
     flags[normal > ILL_NORMAL] |= ILL
     flags[guessed > GUESSED_SHARE] |= GUESSED
-    return Confidence(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)
+    return StandardErrors(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)
 
 
 def unresolved(

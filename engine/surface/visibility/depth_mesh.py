@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from engine.surface.data.observations import numbered
+from engine.surface.data.observations import pixel_index
 
 JUMP = 8.0
 """Step in depth between neighbours, in widths of a pixel, from which on the front ends there."""
@@ -23,7 +23,7 @@ AXES = ((0, 1), (1, 1), (1, 0), (1, -1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class DepthMesh:
     """A depth map's triangles.
 
     Vertices are the mask's pixels in row order, and after them those where a wall ends in nothing. `pixels` are who the corners
@@ -37,15 +37,15 @@ class Skin:
     deep: Float[np.ndarray, " p"]
 
 
-def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Skin:
+def depth_mesh(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> DepthMesh:
     """The mesh of a depth map. A jump is closed by a wall where the nearer side is as deep as the jump; of a greater one, and at
     the mask's border, walls hang from the rim as far as the front is deep."""
     triangles, vertices = halves(mask), points[mask]
     z, jump = vertices[:, 2], JUMP * pitch_of(points, mask)
     nothing = np.zeros(len(z))
     if not _opens(z, nothing, jump, triangles).any():
-        return Skin(vertices, triangles, triangles, nothing)
-    deep = z * np.expm1(thick(points, mask))
+        return DepthMesh(vertices, triangles, triangles, nothing)
+    deep = z * np.expm1(thickness(points, mask))
     # Those that stay come first, so that an edge is found going the way it goes in one of them.
     opens = _opens(z, deep, jump, triangles)
     triangles = triangles[np.argsort(opens, kind="stable")]
@@ -58,7 +58,7 @@ def skin(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> S
     other, one = edges[rim].T
     below = len(z)
     walls = np.stack([one, other, other + below, one, other + below, one + below], 1).reshape(-1, 3)
-    return Skin(
+    return DepthMesh(
         np.concatenate([vertices, vertices * (1 + deep / z)[:, None]]),
         np.concatenate([triangles[kept], walls]),
         np.concatenate([triangles[kept], walls % below]),
@@ -75,7 +75,7 @@ def _opens(
     return (far > z[near] * (1 + jump)) & (far > z[near] + deep[near])
 
 
-def thick(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
+def thickness(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
     """How deep what each pixel shows is taken to be, in logarithms of z."""
     pitch = pitch_of(points, mask)
     across = np.maximum(DEEP * widths(points[..., 2], mask, JUMP * pitch)[mask], LEAST)
@@ -84,7 +84,7 @@ def thick(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> 
 
 def halves(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "t 3"]:
     """Two triangles for every four neighbours, as far as they are of the mask; pixels are numbered in its row order."""
-    index = numbered(mask)
+    index = pixel_index(mask)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     triangles = np.concatenate(
         [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]

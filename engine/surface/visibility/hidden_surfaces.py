@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from engine.surface.visibility.depth_mesh import Skin
+from engine.surface.visibility.depth_mesh import DepthMesh
 
 STEEP = 0.35
 """Cosine between a wall and the ray that meets it, at most: flatter than this, several pixels would show it."""
@@ -35,7 +35,7 @@ TILE = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patches:
+class HiddenPatches:
     """The walls of a mesh, or its back, cut up."""
 
     of: Int[np.ndarray, "t b"]  # each triangle's patches, of a wall from rim to foot; -1: it has none
@@ -46,14 +46,14 @@ class Patches:
     albedo: Float[np.ndarray, "w 3"]  # of a wall's rim, of a back's front: geometric mean
     parts: list[Int[np.ndarray, " _"]]  # patches of one place
 
-    def beside(self, other: "Patches") -> "Patches":
+    def beside(self, other: "HiddenPatches") -> "HiddenPatches":
         """Its patches, and another's after them; of which triangles is not told any more."""
         parts = [*self.parts, *(part + len(self.points) for part in other.parts)]
         points, normals, albedo = (
             np.concatenate([getattr(x, name) for x in (self, other)])
             for name in ("points", "normals", "albedo")
         )
-        return Patches(np.zeros((0, 1), np.int32), points, normals, albedo, parts)
+        return HiddenPatches(np.zeros((0, 1), np.int32), points, normals, albedo, parts)
 
 
 def faces_of(
@@ -68,7 +68,7 @@ def faces_of(
 
 
 def standing(
-    mesh: Skin, faces: Float[np.ndarray, "t 3"], normals: Float[np.ndarray, "p 3"]
+    mesh: DepthMesh, faces: Float[np.ndarray, "t 3"], normals: Float[np.ndarray, "p 3"]
 ) -> Bool[np.ndarray, " t"]:
     """Which triangles are walls that no pixel shows; `normals` are those of the pixels."""
     middle = mesh.vertices[mesh.triangles].mean(1)
@@ -78,11 +78,11 @@ def standing(
 
 
 def patches(
-    mesh: Skin,
+    mesh: DepthMesh,
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
-) -> Patches:
+) -> HiddenPatches:
     """The walls of a depth map's mesh; normals and albedo are those of the mask's pixels."""
     faces, areas = faces_of(mesh.vertices, mesh.triangles)
     walls = np.nonzero(standing(mesh, faces, normals))[0]
@@ -122,16 +122,16 @@ def patches(
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-30)
     paint = np.exp(_means(every, np.repeat(np.log(albedo[rim]), BANDS, 0), size, count))
     parts = np.split(np.arange(count), np.nonzero(np.diff(found[:, 0]))[0] + 1)
-    return Patches(of, flat[first], look, paint, parts)
+    return HiddenPatches(of, flat[first], look, paint, parts)
 
 
 def behind(
-    mesh: Skin,
+    mesh: DepthMesh,
     struck: Int[np.ndarray, " k"],
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
-) -> Patches:
+) -> HiddenPatches:
     """What lies behind the triangles that rays have `struck` from behind, where the front is known to end: its mirror image, as
     deep as it is wide, of the same paint."""
     unseen = none_of(len(mesh.triangles))
@@ -151,7 +151,7 @@ def behind(
     _, tile = np.unique(found * CELL // TILE, axis=0, return_inverse=True)
     order = np.argsort(tile, kind="stable")
     parts = np.split(order, np.nonzero(np.diff(tile[order]))[0] + 1)
-    return Patches(of, front - ray * ahead * deep, facing - 2 * ahead * ray, paint, parts)
+    return HiddenPatches(of, front - ray * ahead * deep, facing - 2 * ahead * ray, paint, parts)
 
 
 def _places(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p 2"]:
@@ -160,10 +160,10 @@ def _places(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "p 2"]:
     return at - at.min(0)
 
 
-def none_of(triangles: int) -> Patches:
+def none_of(triangles: int) -> HiddenPatches:
     """No patches of so many triangles."""
     nowhere = np.zeros((0, 3))
-    return Patches(np.full((triangles, 1), -1, np.int32), nowhere, nowhere, nowhere, [])
+    return HiddenPatches(np.full((triangles, 1), -1, np.int32), nowhere, nowhere, nowhere, [])
 
 
 def _smoothed(

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
-from engine.surface.data.observations import aside
-from engine.surface.visibility.depth_mesh import Skin, pitch_of, skin
+from engine.surface.data.observations import shifted_neighbours
+from engine.surface.visibility.depth_mesh import DepthMesh, depth_mesh, pitch_of
 from engine.surface.visibility.hidden_surfaces import behind, faces_of, none_of, patches
 
 BELOW = 0.5
@@ -27,24 +27,24 @@ direction that then rises above the horizon must not come in as if nothing stood
 LIFT = (0.05, 0.5)
 """Pixels' footprints that rays start above the surface, at least and at most."""
 
-BARE = 0.01
+NEARLY_CONVEX = 0.01
 """Mean share of the hemisphere that an object hides from itself, up to which it hides as good as nothing."""
 
-BEHIND = -2
+BACKFACE = -2
 """Source, less its number, of a triangle that was struck from behind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Walls:
+class HiddenSurfaces:
     """Patches of walls that no pixel shows, and what they see of the object."""
 
     points: Float[np.ndarray, "w 3"]
     normals: Float[np.ndarray, "w 3"]
     albedo: Float[np.ndarray, "w 3"]
     parts: list[Int[np.ndarray, " _"]]  # patches that share their light
-    hidden: "Occlusion"  # from the patches; its sources are numbered as those of the pixels are
+    hidden: "SparseVisibility"  # from the patches; its sources are numbered as those of the pixels are
 
-    def at(self, scale: float) -> "Walls":
+    def at(self, scale: float) -> "HiddenSurfaces":
         """The same with the object so many times as far away."""
         return replace(self, points=self.points * scale)
 
@@ -62,67 +62,71 @@ def owned(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Occlusion:
+class SparseVisibility:
     """Hidden directions of each pixel, as rows of a sparse matrix (pixels in mask order)."""
 
     start: Int[np.ndarray, " s"]  # pixel p owns entries start[p]:start[p + 1]
     direction: Int[np.ndarray, " e"]  # direction cell
-    source: Int[
+    occluder: Int[
         np.ndarray, " e"
     ]  # the pixel that hides it, or after all pixels the wall's patch; -1: unknown
-    share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
-    walls: Walls | None = None
+    hidden_share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
+    hidden_surfaces: HiddenSurfaces | None = None
 
-    def part(self, pixels: Int[np.ndarray, " p"]) -> "Occlusion":
+    def part(self, pixels: Int[np.ndarray, " p"]) -> "SparseVisibility":
         """The same of a few pixels, in their order; their sources keep their numbers."""
-        return Occlusion(*self.of(pixels), self.share[pixels], self.walls)
+        return SparseVisibility(*self.of(pixels), self.hidden_share[pixels], self.hidden_surfaces)
 
     @property
-    def bare(self) -> bool:
+    def is_nearly_convex(self) -> bool:
         """Whether the object hides next to nothing of the room from itself."""
-        return float(self.share.mean()) <= BARE
+        return float(self.hidden_share.mean()) <= NEARLY_CONVEX
 
-    def at(self, scale: float) -> "Occlusion":
+    def at(self, scale: float) -> "SparseVisibility":
         """The same with the object so many times as far away."""
-        return self if self.walls is None else replace(self, walls=self.walls.at(scale))
+        return (
+            self
+            if self.hidden_surfaces is None
+            else replace(self, hidden_surfaces=self.hidden_surfaces.at(scale))
+        )
 
-    def through(self, backs: Int[np.ndarray, " t"]) -> "Occlusion":
+    def through(self, backs: Int[np.ndarray, " t"]) -> "SparseVisibility":
         """The same when what a ray meets that strikes a triangle from behind is known."""
-        struck = self.source <= BEHIND
-        number = np.where(struck, BEHIND - self.source, 0)
-        return replace(self, source=np.where(struck, backs[number], self.source))
+        struck = self.occluder <= BACKFACE
+        number = np.where(struck, BACKFACE - self.occluder, 0)
+        return replace(self, occluder=np.where(struck, backs[number], self.occluder))
 
-    def told(self, count: int, by: Int[np.ndarray, " p"], new: int) -> "Occlusion":
+    def told(self, count: int, by: Int[np.ndarray, " p"], new: int) -> "SparseVisibility":
         """The same when pixel `q` of the `count` that hide is number `by[q]` of `new`."""
         behind = np.append(by, -1)  # last comes who stands for a source that the camera does not see
-        pixel = np.where(self.source < count, self.source, -1)
-        source = np.where(self.source < count, behind[pixel], self.source - count + new).astype(np.int32)
-        walls = self.walls
+        pixel = np.where(self.occluder < count, self.occluder, -1)
+        source = np.where(self.occluder < count, behind[pixel], self.occluder - count + new).astype(np.int32)
+        walls = self.hidden_surfaces
         if walls is not None:
             walls = replace(walls, hidden=walls.hidden.told(count, by, new))
-        return replace(self, source=source, walls=walls)
+        return replace(self, occluder=source, hidden_surfaces=walls)
 
     def of(
         self, pixels: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
         """The same three arrays for a few pixels, in their order."""
-        return owned((self.start, self.direction, self.source), pixels)
+        return owned((self.start, self.direction, self.occluder), pixels)
 
 
-def occlusion(
+def trace_occlusion(
     points: Float[np.ndarray, "h w 3"],
     normals: Float[np.ndarray, "h w 3"],
     mask: Bool[np.ndarray, "h w"],
     directions: Float[np.ndarray, "d 3"],
     progress: Progress,
     albedo: Float[np.ndarray, "p 3"] | None = None,
-) -> Occlusion:
+) -> SparseVisibility:
     """Cast every pixel's rays at the depth mesh.
 
     With the pixels' `albedo` given, the walls that no pixel shows are sources of their own, and pixels are where they look;
     without, the nearest pixel stands for all that hides, whichever way it looks.
     """
-    mesh = skin(points, mask)
+    mesh = depth_mesh(points, mask)
     vertices = points[mask]
     flat_normals = normals[mask].astype(float)
     footprint = footprint_of(points, mask)
@@ -132,7 +136,7 @@ def occlusion(
     found = cast.hidden(origins, flat_normals, directions, -BELOW, progress)
     if albedo is None:
         return found
-    struck = BEHIND - np.unique(found.source[found.source <= BEHIND])
+    struck = BACKFACE - np.unique(found.occluder[found.occluder <= BACKFACE])
     back = behind(mesh, struck, flat_normals, albedo, mask)
     backs = np.where(back.of[:, 0] >= 0, len(vertices) + len(cut.points) + back.of[:, 0], -1).astype(np.int32)
     found = found.through(backs)
@@ -142,7 +146,10 @@ def occlusion(
     # A wall askew has teeth as high as half a pixel, which its smooth normals do not know.
     clear = unseen.points + unseen.normals * (footprint.mean() * unseen.points[:, 2:] / vertices[:, 2].mean())
     hidden = cast.hidden(clear, unseen.normals, directions, 0.0, progress).through(backs)
-    return replace(found, walls=Walls(unseen.points, unseen.normals, unseen.albedo, unseen.parts, hidden))
+    return replace(
+        found,
+        hidden_surfaces=HiddenSurfaces(unseen.points, unseen.normals, unseen.albedo, unseen.parts, hidden),
+    )
 
 
 def clearance(
@@ -158,7 +165,7 @@ def clearance(
     bottom shine in, and cost half a degree. Where they do not, at rims and tears, less lets facets shade their
     own corners. Towards the camera as well as along the normal: that keeps origins off back-tilted facets.
     """
-    beside = aside(mask, np.array([(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1) if v or u]))
+    beside = shifted_neighbours(mask, np.array([(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1) if v or u]))
     rise = np.zeros(len(points))
     for other in beside.T:
         above = ((points[other] - points) * normals).sum(1)
@@ -173,7 +180,7 @@ class _Mesh:
 
     def __init__(
         self,
-        mesh: Skin,
+        mesh: DepthMesh,
         normals: Float[np.ndarray, "p 3"] | None,
         walls: Int[np.ndarray, "t b"],
         pixels: int,
@@ -197,7 +204,7 @@ class _Mesh:
         directions: Float[np.ndarray, "d 3"],
         least: float,
         progress: Progress,
-    ) -> Occlusion:
+    ) -> SparseVisibility:
         """What stands in the way of rays from the origins whose cosine to the normal is above `least`."""
         import open3d as o3d
 
@@ -221,7 +228,7 @@ class _Mesh:
             starts.append(starts[-1][-1:] + np.cumsum(lengths))
             hidden_directions.append(cells)
             sources.append(hiders)
-        return Occlusion(
+        return SparseVisibility(
             np.concatenate(starts), np.concatenate(hidden_directions), np.concatenate(sources), share
         )
 
@@ -287,7 +294,7 @@ def _struck(
             band = min(max(int(deep * bands), 0), bands - 1)
             hiders[count] = pixels + walls[t, band]
         if walls[t, 0] < 0 and ahead > 0 and hiders[count] < 0:
-            hiders[count] = BEHIND - t
+            hiders[count] = BACKFACE - t
         lengths[p] += 1
         share[p] += max(cosine[p, d], np.float32(0))
         count += 1

@@ -19,8 +19,8 @@ from engine.pipeline import run, stage_table
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import sight_of
-from engine.surface.rendering.transport import blocks
+from engine.surface.rendering.object_pixels import geometry_with_visibility
+from engine.surface.rendering.transport import pixel_blocks
 from engine.types import Frames, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot, tracer
@@ -83,10 +83,12 @@ def test_under_its_light_the_true_surface_sends_what_was_photographed(made, file
     )
     known = bound.known_of(on, built, np.arange(10), params, (2, 2, 2), Progress())
     true = known.true_state()
-    sight = sight_of(known.who, true, on.truth.depth, known.light.directions, params, Progress())
+    sight = geometry_with_visibility(
+        known.object_pixels, true, on.truth.depth, known.light.directions, params, Progress()
+    )
     responses, (pixels, *_) = (
-        known.who.responses(known.light, params, "cpu", sight),
-        blocks(on.truth.mask)[3:],
+        known.object_pixels.light_transport(known.light, params, "cpu", sight),
+        pixel_blocks(on.truth.mask)[3:],
     )
     sent, _ = derivatives(responses, sight, pixels, true)
     taken = on.stored.frames.radiance[:, on.truth.mask][:, pixels].transpose(1, 0, 2)

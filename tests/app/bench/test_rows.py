@@ -15,7 +15,7 @@ from app.bench.stored import Stored, fewer_pixels
 from engine.light.gaussians.gaussians import Y00
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams, scaled
-from engine.surface.lighting.room_light import furnished
+from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
 from tests.engine.reference.lit_room import DISTANCE, lambert, scene
 
@@ -29,11 +29,11 @@ def lit() -> Stored:
 
 
 def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Stored):
-    room = furnished(lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0)
+    room = build_room_light(lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0)
     assert len(lit.lamps.radii) > 0
     gain = np.ones((len(room.kind), 3))
     gain[-1] = [3.0, 2.0, 1.0]
-    bright = under(lit, room.under(gain))
+    bright = under(lit, room.with_gains(gain))
     np.testing.assert_allclose(bright.lamps.radiance[-1], lit.lamps.radiance[-1] * [3, 2, 1])
     np.testing.assert_allclose(bright.gaussians.radiance[-1, 0] * Y00, bright.lamps.radiance[-1], rtol=1e-6)
     np.testing.assert_allclose(bright.gaussians.radiance[:-1], lit.gaussians.radiance[:-1], rtol=1e-6)
@@ -88,7 +88,9 @@ def test_the_reference_before_its_first_step_takes_no_time_and_solves_as_many_pi
 
 def test_what_our_row_found_is_handed_to_the_rows_beside_it(lit: Stored, monkeypatch: pytest.MonkeyPatch):
     solved: list[SurfaceParams] = []
-    emitters = furnished(lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0).emitters
+    emitters = build_room_light(
+        lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0
+    ).emitters
 
     def solve(*given, leave_out=()):
         solved.append(given[5])

@@ -8,12 +8,12 @@ import torch
 
 from engine.geometry import rays
 from engine.reference.losses import STEPS, colour_loss, normal_loss, pseudo_normals, total_variation
-from engine.surface.data.observations import aside
+from engine.surface.data.observations import shifted_neighbours
 from tests.engine.ball import CAMERA, ball
 
 
 def beside(mask: np.ndarray) -> torch.Tensor:
-    return torch.tensor(aside(mask, np.array(STEPS)))
+    return torch.tensor(shifted_neighbours(mask, np.array(STEPS)))
 
 
 def test_the_colour_loss_is_the_l1_norm_of_log_intensities() -> None:

@@ -20,14 +20,14 @@ from engine.reference.emitter.two_stage import EmitterParams, EmitterReport
 from engine.reference.monte_carlo.shadows import shadows_of
 from engine.reference.params import ReferenceParams, scaled, title
 from engine.reference.solver import part_of, solve
-from engine.surface.rendering.area_lights import Near
+from engine.surface.rendering.area_lights import AreaLights
 from engine.surface.rendering.transport import (
-    Incident,
-    Lattice,
-    Responses,
-    Sight,
-    blocks,
+    IncidentLight,
+    LightTransport,
+    ProbeGrid,
+    SurfaceGeometry,
     direction_cells,
+    pixel_blocks,
     predict,
 )
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Surface
@@ -73,16 +73,16 @@ def session() -> tuple[Frames, Masks, Poses]:
     )
     middle = np.array([[0, 0, DISTANCE]])
     energy = arriving(light(), poses, middle, cells, 32).energy
-    lattice = Lattice(np.array([0, 0, DISTANCE]), np.array([0, 0, DISTANCE]), (1, 1, 1))
+    lattice = ProbeGrid(np.array([0, 0, DISTANCE]), np.array([0, 0, DISTANCE]), (1, 1, 1))
     flat_energy = np.ascontiguousarray(energy[:, 0].transpose(1, 0, 2).reshape(1, len(cells), -1))
-    incident = Incident(lattice, cells, flat_energy, Near.none(VIEWS, len(cells)))
+    incident = IncidentLight(lattice, cells, flat_energy, AreaLights.none(VIEWS, len(cells)))
     points = rays(CAMERA) / rays(CAMERA)[..., 2:] * truth.depth[..., None]
-    sight = Sight(points[truth.mask], -rays(CAMERA)[truth.mask], None)
+    sight = SurfaceGeometry(points[truth.mask], -rays(CAMERA)[truth.mask], None)
     count = int(truth.mask.sum())
-    responses = Responses(incident, np.zeros((count, 3 * VIEWS), np.float32), False, False, "cpu")
+    responses = LightTransport(incident, np.zeros((count, 3 * VIEWS), np.float32), False, False, "cpu")
     radiance = np.full((VIEWS, CAMERA.height, CAMERA.width, 3), 0.6, np.float32)
     for pixels, answer in predict(
-        responses, sight, blocks(truth.mask), truth.normal[truth.mask], np.tile(ALBEDO, (count, 1)),
+        responses, sight, pixel_blocks(truth.mask), truth.normal[truth.mask], np.tile(ALBEDO, (count, 1)),
         np.full(count, ROUGHNESS),
     ):  # fmt: skip
         v, u = (x[pixels] for x in np.nonzero(truth.mask))

@@ -8,19 +8,19 @@ import pytest
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import solve as solving
-from engine.surface.data.observations import thinned
-from engine.surface.data.scene import Picture, scene_of
-from engine.surface.lighting.room_light import furnished, light_at
+from engine.surface.data.observations import evenly_spaced
+from engine.surface.data.scene import Picture, build_scene
+from engine.surface.lighting.room_light import build_room_light, gather_incident_light
 from engine.surface.params import SurfaceParams
 from engine.surface.passes import emitters_of
 from engine.surface.schedule import run, schedule, without
-from engine.surface.solve import held_out, initial, solve
+from engine.surface.solve import held_out, initial_state, solve
 from tests.engine.reference.lit_room import DISTANCE, lambert, metal, scene
 
 
 def test_fewer_views_are_spread_evenly_over_all():
-    assert thinned(np.arange(10, 20), 4).tolist() == [10, 13, 16, 19]
-    assert thinned(np.arange(5), 8).tolist() == [0, 1, 2, 3, 4]
+    assert evenly_spaced(np.arange(10, 20), 4).tolist() == [10, 13, 16, 19]
+    assert evenly_spaced(np.arange(5), 8).tolist() == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(("views", "expected"), [(48, 4), (31, 3), (12, 1), (9, 1), (8, 0)])
@@ -48,13 +48,13 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
         probe_face_px=32,
         object_distance=DISTANCE,  # looking for it gathers nothing that serves again
     )
-    room = furnished(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
+    room = build_room_light(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
     picture, fitted = Picture(frames, masks.object, poses.camera), np.arange(1, 16)
-    seen = scene_of(picture, poses, fitted, (0,), params, "cpu", 0)
+    seen = build_scene(picture, poses, fitted, (0,), params, "cpu", 0)
     phases = {phase.name: phase for phase in schedule(params, False)}
     coarse = run(
         seen,
-        initial(seen, room),
+        initial_state(seen, room),
         [phases[name] for name in ("initialise", "coarse", "place", "full")],
         Progress(),
     )
@@ -63,13 +63,15 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     assert found.validation is not None
     there = poses.cam_from_world[fitted]
     light = found.light
-    anew = light_at(light.lattice, emitters_of(found), there, directions, params.probe_face_px, Progress())
+    anew = gather_incident_light(
+        light.probe_grid, emitters_of(found), there, directions, params.probe_face_px, Progress()
+    )
     assert light.energy.shape == (8, directions, 45)
     assert found.validation.energy.shape == (8, directions, 3)
-    np.testing.assert_allclose(light.near.centres, anew.near.centres)
-    np.testing.assert_allclose(light.near.radiance, anew.near.radiance, rtol=1e-5)
+    np.testing.assert_allclose(light.area_lights.centres, anew.area_lights.centres)
+    np.testing.assert_allclose(light.area_lights.radiance, anew.area_lights.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
-    assert (light.lattice is coarse.known_parts.incident.lattice) == (directions == 400)
+    assert (light.probe_grid is coarse.known_grouped_light.incident.probe_grid) == (directions == 400)
 
 
 def test_a_pass_that_is_left_out_runs_in_no_phase():

@@ -10,16 +10,16 @@ from engine.progress import Progress
 from engine.surface import schedule, tiled_solve
 from engine.surface import solve as solving
 from engine.surface.data import scene as scenes
-from engine.surface.data.scene import Picture, smaller, window
+from engine.surface.data.scene import Picture, downsample_to, window
 from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import Distance
-from engine.surface.lighting.room_light import furnished
+from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import subject
-from engine.surface.rendering.transport import Sight
+from engine.surface.rendering.object_pixels import observe_object
+from engine.surface.rendering.transport import SurfaceGeometry
 from engine.surface.solve import solve
-from engine.surface.tiled_solve import enlarged
-from engine.surface.visibility.ray_visibility import Occlusion
+from engine.surface.tiled_solve import upsample
+from engine.surface.visibility.ray_visibility import SparseVisibility
 from tests.engine.reference.lit_room import DISTANCE, glossy, scene
 
 PARAMS = replace(
@@ -126,12 +126,12 @@ def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
     frames, masks, poses, *_ = ball.given
     two = np.zeros_like(masks.object)
     two[np.nonzero(masks.object)[0][:2], np.nonzero(masks.object)[1][:2]] = True
-    who = subject(frames, two, poses.camera, np.arange(len(frames.names)), PARAMS)
+    object_pixels = observe_object(frames, two, poses.camera, np.arange(len(frames.names)), PARAMS)
     none = np.zeros(0, np.int32)
-    hidden = Occlusion(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
-    seen = Sight(np.zeros((2, 3)), np.zeros((2, 3)), hidden)
-    room = furnished(*ball.given[3:], frames, masks, poses, 4, 0.02, 0)
-    now = Estimate(schedule.HALF, np.arange(16), who, room, Distance(1.0, 0.0, "given"), seen)
+    hidden = SparseVisibility(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
+    seen = SurfaceGeometry(np.zeros((2, 3)), np.zeros((2, 3)), hidden)
+    room = build_room_light(*ball.given[3:], frames, masks, poses, 4, 0.02, 0)
+    now = Estimate(schedule.HALF, np.arange(16), object_pixels, room, Distance(1.0, 0.0, "given"), seen)
     assert schedule.half_suffices(now) == enough
 
 
@@ -150,7 +150,7 @@ def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.Monk
 def test_a_smaller_picture_stands_for_every_pixel(ball):
     frames, masks, poses, *_ = ball.given
     whole = Picture(frames, masks.object, poses.camera).part(*window(masks.object))
-    small, take = smaller(whole, 60)
+    small, take = downsample_to(whole, 60)
     assert small.mask.sum() <= 60
     assert len(take) == masks.object.sum()
     assert set(take) == set(range(int(small.mask.sum())))
@@ -169,7 +169,7 @@ def test_a_window_keeps_the_rays(ball):
 def test_enlarged_values_are_linear_between_pixels():
     v, u = np.meshgrid(np.arange(6) + 0.5, np.arange(8) + 0.5, indexing="ij")
     fine_v, fine_u = np.meshgrid(np.arange(24) + 0.5, np.arange(32) + 0.5, indexing="ij")
-    found = enlarged(np.ones((6, 8), bool), 1 + 0.1 * v - 0.2 * u, np.ones((24, 32), bool))
+    found = upsample(np.ones((6, 8), bool), 1 + 0.1 * v - 0.2 * u, np.ones((24, 32), bool))
     inner = slice(2, -2), slice(2, -2)
     np.testing.assert_allclose(found[inner], (1 + 0.1 * fine_v / 4 - 0.2 * fine_u / 4)[inner], atol=1e-12)
 
@@ -179,10 +179,10 @@ def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: 
     few = replace(PARAMS, together=int(dull.given[1].object.sum()) // 3)
     began = []
     monkeypatch.setattr(tiled_solve, "TILE", 16)
-    evaluated = tiled_solve.iterate
+    evaluated = tiled_solve.minimize
     monkeypatch.setattr(
-        tiled_solve, "iterate", lambda state, *a, **k: began.append(state) or evaluated(state, *a, **k)
+        tiled_solve, "minimize", lambda state, *a, **k: began.append(state) or evaluated(state, *a, **k)
     )
     solve(*dull.given, few, "cpu", 0, Progress())
-    expected = np.concatenate([state.gloss[:, 0] for state in began])
+    expected = np.concatenate([state.roughness_prior[:, 0] for state in began])
     assert (expected < 0.35).mean() > 0.3  # of anything it is a half

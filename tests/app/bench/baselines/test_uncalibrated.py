@@ -88,7 +88,7 @@ def test_a_squashed_balloon_leans_less():
 
 def test_light_follows_from_the_right_surface():
     frames, mask, normals, albedo = pictures()
-    state = gauss_newton.begin(normals, albedo, np.full(len(normals), 0.5))
+    state = gauss_newton.initial_estimate(normals, albedo, np.full(len(normals), 0.5))
     seen = observe(frames, mask, np.arange(VIEWS), 0.02)
     told = np.tile(albedo, VIEWS) * (answers(normals) @ fitted_light(state, seen).coefficients)
     assert np.median(np.abs(told / seen.radiance - 1)) < 0.01

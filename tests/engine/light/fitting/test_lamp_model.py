@@ -11,7 +11,7 @@ from engine.light.fitting.lamp_model import apart, beside, measured, passing, pu
 from engine.light.fitting.training_views import Photographs
 from engine.light.gaussians.gaussians import Y00
 from engine.light.incident.probes import arriving
-from engine.surface.rendering.area_lights import near_of
+from engine.surface.rendering.area_lights import area_lights_of
 from engine.types import Gaussians, Lamps
 from tests.engine.light import clouds
 from tests.engine.light.fitting.test_lamp_detection import LAMPS, RADIUS, views
@@ -93,7 +93,7 @@ def test_the_gaussian_of_a_lamp_sends_what_the_sphere_does():
     room = put_back(clouds.shell(0.0), bulb, none, views(4, 9))
     directions = fibonacci_sphere(500)
     energy = arriving(room, NOWHERE, np.zeros((1, 3)), directions, 48, False).energy
-    exact = near_of(bulb, clouds.shell(0.0), NOWHERE, np.zeros(3), 500).levels(np.zeros((1, 3)))
+    exact = area_lights_of(bulb, clouds.shell(0.0), NOWHERE, np.zeros(3), 500).levels(np.zeros((1, 3)))
     np.testing.assert_allclose(energy[0, 0].sum(0), exact[0], rtol=0.04)
 
 
@@ -109,7 +109,7 @@ def test_what_is_solid_hides_a_lamp_and_haze_does_not(density: float, share: flo
 
 
 def test_energy_at_the_object_is_the_same_whole_and_with_the_lamps_apart():
-    """The Gaussian that a lamp leaves in the room holds what `Near` sends from its sphere, and hides what that hides."""
+    """The Gaussian that a lamp leaves in the room holds what `AreaLights` sends from its sphere, and hides what that hides."""
     cells, here = fibonacci_sphere(2048), np.zeros((1, 3))
     lamps = Lamps(
         np.array([[1.2, -0.6, 0.8], [-0.5, 1.1, 1.0]]), np.array([0.12, 0.2]),
@@ -119,7 +119,7 @@ def test_energy_at_the_object_is_the_same_whole_and_with_the_lamps_apart():
     rest = apart(whole, lamps)
     together = arriving(whole, NOWHERE, here, cells, 96, False).energy[0, 0].sum(0)
     room = arriving(rest, NOWHERE, here, cells, 96, False).energy[0, 0].sum(0)
-    sent = near_of(lamps, rest, NOWHERE, here[0], len(cells)).spread(here[0]).sum(0)
+    sent = area_lights_of(lamps, rest, NOWHERE, here[0], len(cells)).spread(here[0]).sum(0)
     assert (sent > 0.1 * room).all()
     # A sphere added to the room also has the wall behind it: radiance 1 over its solid angle.
     behind = np.sum(sphere_solid_angle(lamps.radii, np.linalg.norm(lamps.centres, axis=1)))

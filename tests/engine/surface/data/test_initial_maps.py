@@ -14,10 +14,10 @@ from engine.pipeline.stages import counted_params
 from engine.progress import Progress
 from engine.surface import passes
 from engine.surface.data import initial_maps
-from engine.surface.data.pyramid import halved
+from engine.surface.data.pyramid import downsample
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import improve
-from engine.surface.rendering.object_pixels import Subject, image, search, subject
+from engine.surface.passes import solve_and_expect_roughness
+from engine.surface.rendering.object_pixels import ObjectPixels, image, observe_object, search_initial_normals
 from engine.surface.solve import solve
 from tests.engine.reference.lit_room import lambert, scene
 from tests.engine.surface.rendering.test_object_pixels import (
@@ -44,14 +44,17 @@ def test_begun_from_normals_that_are_about_right_the_pixels_end_where_the_search
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
-    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
-    sight, truth = who.flat(0.5), ball()[1][mask]
+    object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), PARAMS)
+    geometry, truth = object_pixels.geometry_at_distance(0.5), ball()[1][mask]
     lean = truth + rng.normal(0, 0.08, truth.shape)
     lean /= np.linalg.norm(lean, axis=1, keepdims=True)
-    maps = initial_maps.StartMaps(mask, lean, None, None)
-    begun = initial_maps.begun(maps, who, light, sight, PARAMS, Progress())
-    found = search(who, light, sight, PARAMS, Progress())
-    one, other = (improve(who, each, light, sight, PARAMS, "cpu", Progress()) for each in (begun, found))
+    maps = initial_maps.InitialMaps(mask, lean, None, None)
+    begun = initial_maps.estimate_from_maps(maps, object_pixels, light, geometry, PARAMS, Progress())
+    found = search_initial_normals(object_pixels, light, geometry, PARAMS, Progress())
+    one, other = (
+        solve_and_expect_roughness(object_pixels, each, light, geometry, PARAMS, "cpu", Progress())
+        for each in (begun, found)
+    )
     apart = np.degrees(angle_between(one.normals, other.normals))
     assert np.degrees(angle_between(begun.normals, truth)).mean() > 5
     assert np.median(apart) < 0.05
@@ -67,12 +70,12 @@ class Begun(Exception):
 def test_a_networks_map_takes_the_place_of_the_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def begun(maps: initial_maps.StartMaps, who: Subject, *_: object) -> None:
+    def begun(maps: initial_maps.InitialMaps, object_pixels: ObjectPixels, *_: object) -> None:
         off = np.degrees(angle_between(maps.normals, LIT.normals))
-        raise Begun(f"{np.median(off):.1f} {np.array_equal(maps.mask, who.mask)}")
+        raise Begun(f"{np.median(off):.1f} {np.array_equal(maps.mask, object_pixels.mask)}")
 
-    monkeypatch.setattr(passes, "search", None)
-    monkeypatch.setattr(initial_maps, "begun", begun)
+    monkeypatch.setattr(passes, "search_initial_normals", None)
+    monkeypatch.setattr(initial_maps, "estimate_from_maps", begun)
     asked = SurfaceParams(
         rough_views=8, directions=64, object_distance=0.6, probe_face_px=8,
         start_maps=png(tmp_path / "normal.png", NORMAL), start_frame="opengl",
@@ -85,14 +88,18 @@ def test_albedo_and_roughness_are_what_explains_the_photographs() -> None:
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
-    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
+    object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), PARAMS)
     count = int(mask.sum())
-    maps = initial_maps.StartMaps(mask, ball()[1][mask], np.full(count, 0.45), None)
-    state = initial_maps.begun(maps, who, light, who.flat(0.5), PARAMS, Progress())
+    maps = initial_maps.InitialMaps(mask, ball()[1][mask], np.full(count, 0.45), None)
+    state = initial_maps.estimate_from_maps(
+        maps, object_pixels, light, object_pixels.geometry_at_distance(0.5), PARAMS, Progress()
+    )
     assert np.median(np.abs(state.albedo - [0.6, 0.4, 0.3])) < 0.01
     np.testing.assert_allclose(state.roughness, 0.45)
     untold = replace(maps, roughness=None)
-    state = initial_maps.begun(untold, who, light, who.flat(0.5), PARAMS, Progress())
+    state = initial_maps.estimate_from_maps(
+        untold, object_pixels, light, object_pixels.geometry_at_distance(0.5), PARAMS, Progress()
+    )
     assert (state.roughness == 0.5).mean() > 0.9  # of those tried, the nearest to 0.45
 
 
@@ -102,9 +109,9 @@ def test_at_half_the_size_normals_are_those_of_the_pixels_behind_and_of_length_o
     mask = mask.copy()
     mask[:, ::7] = False
     frames, _ = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 400))
-    _, small, _ = halved(frames, mask, CAMERA)
-    maps = initial_maps.StartMaps(mask, normals[mask], np.nonzero(mask)[1] / 64, None)
-    half = initial_maps.halved(maps, small)
+    _, small, _ = downsample(frames, mask, CAMERA)
+    maps = initial_maps.InitialMaps(mask, normals[mask], np.nonzero(mask)[1] / 64, None)
+    half = initial_maps.downsample(maps, small)
     np.testing.assert_allclose(np.linalg.norm(half.normals, axis=1), 1)
     sums = np.where(mask[..., None], normals, 0).reshape(24, 2, 32, 2, 3).sum((1, 3))[small]
     cosine = (half.normals * sums).sum(1) / np.linalg.norm(sums, axis=1)
@@ -131,7 +138,7 @@ def test_maps_that_do_not_fit_are_refused_in_one_clear_line(
     path = tmp_path / "maps.npz"
     np.savez(path, **({"normal": NORMAL} | change))
     with pytest.raises(SurfaceError) as fault:
-        initial_maps.asked(SurfaceParams(start_maps=str(path)), MASK)
+        initial_maps.requested(SurfaceParams(start_maps=str(path)), MASK)
     said = str(fault.value)
     assert said.startswith(f"start maps: {path}")
     assert "\n" not in said
@@ -140,7 +147,7 @@ def test_maps_that_do_not_fit_are_refused_in_one_clear_line(
 
 def test_a_file_that_is_not_there_is_named() -> None:
     with pytest.raises(SurfaceError, match=r"start maps: nowhere\.exr: no such file"):
-        initial_maps.asked(SurfaceParams(start_maps="nowhere.exr"), MASK)
+        initial_maps.requested(SurfaceParams(start_maps="nowhere.exr"), MASK)
 
 
 def test_what_makes_no_sense_is_refused_as_it_is_asked() -> None:

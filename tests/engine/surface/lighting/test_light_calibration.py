@@ -15,15 +15,27 @@ from engine.surface.data.observations import observe
 from engine.surface.lighting import light_calibration
 from engine.surface.lighting.distance_search import find_distance
 from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, KNOWN, UNSEEN
-from engine.surface.lighting.exposure_offset import DRIFT
-from engine.surface.lighting.grouped_light import Parts
-from engine.surface.lighting.light_calibration import Setting, doubt, place, settle, untouched
+from engine.surface.lighting.exposure_offset import EXPOSURE_SIGMA
+from engine.surface.lighting.grouped_light import GroupedLight
+from engine.surface.lighting.light_calibration import (
+    LightParameters,
+    calibrate,
+    calibrate_with_distance,
+    light_variance,
+    prior_light,
+)
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.pixel_sample import Sample
+from engine.surface.optimize.pixel_sample import PixelSample
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.area_lights import Near
+from engine.surface.rendering.area_lights import AreaLights
 from engine.surface.rendering.object_pixels import coarse_regions
-from engine.surface.rendering.transport import Incident, Lattice, Sight, direction_cells, predict
+from engine.surface.rendering.transport import (
+    IncidentLight,
+    ProbeGrid,
+    SurfaceGeometry,
+    direction_cells,
+    predict,
+)
 from engine.types import Camera, Frames
 
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0)
@@ -33,13 +45,13 @@ RADIUS, COLOUR = 0.1, (1.0, 0.9, 0.8)
 AWAY = 0.85
 
 
-def parts_of_lamps(rng: np.random.Generator, clipped: bool, depths: int = 5) -> Parts:
+def parts_of_lamps(rng: np.random.Generator, clipped: bool, depths: int = 5) -> GroupedLight:
     """Three lamps a metre away, another place in every view, in a dim room; probes at some depths.
 
     Two are part of the room; the third, which may be clipped, stands apart.
     """
     directions = direction_cells(CELLS)
-    lattice = Lattice(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, depths))
+    lattice = ProbeGrid(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, depths))
     points = lattice.points()
     energy = np.full((len(points), CELLS, VIEWS, 3), 0.15)
     group = np.full((len(points), CELLS, VIEWS), 3)
@@ -63,14 +75,16 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool, depths: int = 5) -> 
     energy = (energy * 4 * np.pi / CELLS).reshape(len(points), CELLS, -1).astype(np.float32)
     # As much light as the glow of the others has.
     radiance = np.tile(np.float32(9 * 2 / 60 / RADIUS**2) * np.array(COLOUR, np.float32), (VIEWS, 1, 1))
-    near = Near(bulbs, np.array([RADIUS]), radiance, CELLS)
-    light = Incident(lattice, directions, energy, Near.none(VIEWS, CELLS))
+    near = AreaLights(bulbs, np.array([RADIUS]), radiance, CELLS)
+    light = IncidentLight(lattice, directions, energy, AreaLights.none(VIEWS, CELLS))
     kind = np.array([KNOWN, KNOWN, CLIPPED if clipped else KNOWN, FILLED], np.uint8)
     across = AWAY * np.stack(tangents(bulb[None]), 1)
-    return Parts(light, group, near, kind, 0.15, turned, across)
+    return GroupedLight(light, group, near, kind, 0.15, turned, across)
 
 
-def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, gauss_newton.State, np.ndarray]:
+def sample_of(
+    grouped_light: GroupedLight, gain: np.ndarray
+) -> tuple[PixelSample, gauss_newton.PixelEstimate, np.ndarray]:
     """A tilted bumpy tile under the light with every group under its gain, at the true distance."""
     mask = np.zeros((30, 40), bool)
     mask[6:24:2, 8:32:2] = True
@@ -86,22 +100,27 @@ def sample_of(parts: Parts, gain: np.ndarray) -> tuple[Sample, gauss_newton.Stat
     )
     blank = observe(frames, mask, np.arange(VIEWS), 0.01, mixed=False)
     regions = coarse_regions(mask)
-    sample = Sample(Sight(q, -r, None), blank, blank.radiance, regions, True, False)
+    sample = PixelSample(SurfaceGeometry(q, -r, None), blank, blank.radiance, regions, True, False)
     for pixels, answer in predict(
-        sample.responses(parts.under(gain)), sample.at(TRUE_Z), regions, normals, albedo, roughness
+        sample.light_transport(grouped_light.with_gains(gain)),
+        sample.geometry_at(TRUE_Z),
+        regions,
+        normals,
+        albedo,
+        roughness,
     ):
         rows = np.argwhere(mask)[pixels]
         frames.radiance[:, rows[:, 0], rows[:, 1]] = answer.transpose(1, 0, 2)
     seen = observe(frames, mask, np.arange(VIEWS), 0.01, mixed=False)
-    sample = replace(sample, seen=seen, photographed=seen.radiance)
-    return sample, gauss_newton.begin(normals, albedo, roughness), albedo
+    sample = replace(sample, observations=seen, photographed=seen.radiance)
+    return sample, gauss_newton.initial_estimate(normals, albedo, roughness), albedo
 
 
 def test_distance_is_found_from_the_parallax_of_near_lamps():
     parts = parts_of_lamps(np.random.default_rng(0), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    start = untouched(parts, TRUE_Z * 1.2)
-    found, _ = settle(start, parts, sample, state, True, False, 8, 3, Progress())
+    start = prior_light(parts, TRUE_Z * 1.2)
+    found, _ = calibrate(start, parts, sample, state, True, False, 8, 3, Progress())
     assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
     assert 0 < found.distance_stderr < 0.05
     np.testing.assert_allclose(found.gain, 1, rtol=1e-6)  # the light was not to be touched
@@ -112,8 +131,10 @@ def test_the_distance_is_found_from_either_side(off: float):
     """Also where the pixels have made themselves at home at the wrong distance."""
     parts = parts_of_lamps(np.random.default_rng(0), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    wrong, state = settle(untouched(parts, TRUE_Z * off), parts, sample, state, False, True, 3, 3, Progress())
-    found = place(wrong, parts, sample, state, True, 2, 3, Progress())
+    wrong, state = calibrate(
+        prior_light(parts, TRUE_Z * off), parts, sample, state, False, True, 3, 3, Progress()
+    )
+    found = calibrate_with_distance(wrong, parts, sample, state, True, 2, 3, Progress())
     assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
     assert 1e-4 < found.distance_stderr < 0.05
 
@@ -124,10 +145,12 @@ def test_no_distance_is_told_where_every_distance_misfits_alike():
     far = replace(
         parts,
         incident=replace(parts.incident, energy=even),
-        near=replace(parts.near, centres=parts.near.centres * 1e3, radii=parts.near.radii * 1e3),
+        area_lights=replace(
+            parts.area_lights, centres=parts.area_lights.centres * 1e3, radii=parts.area_lights.radii * 1e3
+        ),
     )
     sample, state, _ = sample_of(far, np.ones((4, 3)))
-    found = place(untouched(far, TRUE_Z), far, sample, state, False, 1, 2, Progress())
+    found = calibrate_with_distance(prior_light(far, TRUE_Z), far, sample, state, False, 1, 2, Progress())
     assert found.distance_stderr > 0.1
 
 
@@ -136,7 +159,7 @@ def test_a_clipped_lamp_is_as_bright_as_the_shading_says():
     gain = np.ones((4, 3))
     gain[2] = 3.5
     sample, state, albedo = sample_of(parts, gain)
-    found, state = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
+    found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
     np.testing.assert_allclose(found.gain[2], 3.5, rtol=0.1)
     np.testing.assert_allclose(found.gain[:2], 1, atol=0.06)
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
@@ -147,7 +170,7 @@ def test_a_clipped_lamp_is_as_bright_as_the_shading_says():
 def test_the_sum_of_light_that_is_not_clipped_stays_the_backgrounds():
     parts = parts_of_lamps(np.random.default_rng(2), False)
     sample, state, _ = sample_of(parts, np.full((4, 3), 1.3))  # as if the whole room were brighter
-    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 4, 3, Progress())
+    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 4, 3, Progress())
     levels = parts.levels()
     np.testing.assert_allclose((levels * found.gain).sum(0) / levels.sum(0), 1, atol=0.02)
 
@@ -160,7 +183,7 @@ def test_light_that_no_photograph_shows_is_as_bright_as_the_shading_says():
     gain = np.ones((4, 3))
     gain[1] = [5.0, 4.0, 0.4]
     sample, state, albedo = sample_of(parts, gain)
-    found, state = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 10, 3, Progress())
+    found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 10, 3, Progress())
     np.testing.assert_allclose(found.gain[1], gain[1], rtol=0.1)
     np.testing.assert_allclose(found.gain[[0, 2]], 1, atol=0.06)
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
@@ -180,23 +203,27 @@ def test_distance_and_unseen_light_are_found_from_nothing():
     gain[:2] = [[12.0], [4.0]]
     sample, _, _ = sample_of(parts, gain)
     found, _, tried, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
-    layers = parts.incident.lattice.depths()
+    layers = parts.incident.probe_grid.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
     assert tried == tuple(layers)
-    assert found.misfit == min(misfits)
+    assert found.cost == min(misfits)
     np.testing.assert_allclose(np.log(found.gain[:2] / gain[:2]), 0, atol=0.5)
     left, *_ = find_distance(parts, sample, replace(SurfaceParams(), relight=False), Progress())
     assert (left.gain == 1).all()
 
 
-def nearest_layer(parts: Parts) -> Parts:
+def nearest_layer(grouped_light: GroupedLight) -> GroupedLight:
     """The light at the layer of probes nearest to the object alone, as where its distance is given."""
-    lattice = parts.incident.lattice
+    lattice = grouped_light.incident.probe_grid
     z = lattice.points()[:, 2]
     kept = np.abs(z - TRUE_Z) <= np.abs(z - TRUE_Z).min() + 1e-9
     low, high = (np.append(corner[:2], z[kept][0]) for corner in (lattice.low, lattice.high))
-    alone = replace(parts.incident, lattice=Lattice(low, high, (2, 2, 1)), energy=parts.incident.energy[kept])
-    return replace(parts, incident=alone, group=parts.group[kept])
+    alone = replace(
+        grouped_light.incident,
+        probe_grid=ProbeGrid(low, high, (2, 2, 1)),
+        energy=grouped_light.incident.energy[kept],
+    )
+    return replace(grouped_light, incident=alone, group=grouped_light.group[kept])
 
 
 @pytest.mark.parametrize("given", [False, True])
@@ -207,12 +234,12 @@ def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_noth
     sample, _, _ = sample_of(parts, gain)
     parts = nearest_layer(parts) if given else parts
     found, _, _, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
-    layers = parts.incident.lattice.depths()
+    layers = parts.incident.probe_grid.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
-    assert found.misfit == min(misfits)
+    assert found.cost == min(misfits)
     np.testing.assert_allclose(np.log(found.gain[2] / gain[2]), 0, atol=0.5)
     left, *_ = find_distance(parts, sample, replace(SurfaceParams(), relight=False), Progress())
-    np.testing.assert_array_equal(left.gain, untouched(parts, TRUE_Z).gain)
+    np.testing.assert_array_equal(left.gain, prior_light(parts, TRUE_Z).gain)
 
 
 def test_a_clipped_lamp_is_never_dimmer_than_it_was_recorded():
@@ -220,7 +247,7 @@ def test_a_clipped_lamp_is_never_dimmer_than_it_was_recorded():
     gain = np.ones((4, 3))
     gain[2] = 0.5
     sample, state, _ = sample_of(parts, gain)
-    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
     assert (found.gain[2] >= 1).all()
 
 
@@ -228,17 +255,17 @@ def test_settings_of_one_light_add_up_to_it():
     parts = parts_of_lamps(np.random.default_rng(4), True)
     gain = np.random.default_rng(0).uniform(0.5, 2, (4, 3))
     point = np.array([0.03, -0.02, 0.47])
-    np.testing.assert_allclose(parts.at(point, gain).sum(0), parts.under(gain).at(point), rtol=1e-5)
-    light = parts.under(gain)
+    np.testing.assert_allclose(parts.at(point, gain).sum(0), parts.with_gains(gain).at(point), rtol=1e-5)
+    light = parts.with_gains(gain)
     whole = light.energy.reshape(-1, 3).sum(0, dtype=float)
-    whole += light.near.levels(light.lattice.points()).sum(0)
+    whole += light.area_lights.levels(light.probe_grid.points()).sum(0)
     np.testing.assert_allclose((parts.levels() * gain).sum(0), whole, rtol=1e-4)
-    assert isinstance(untouched(parts, 1.0), Setting)
+    assert isinstance(prior_light(parts, 1.0), LightParameters)
 
 
-def drifted(sample: Sample, drift: np.ndarray) -> Sample:
+def drifted(sample: PixelSample, drift: np.ndarray) -> PixelSample:
     """The same photographed with every view's log exposure off."""
-    return sample.exposed(-drift)
+    return sample.with_exposure_compensated(-drift)
 
 
 def jitter(spread: float) -> np.ndarray:
@@ -247,66 +274,92 @@ def jitter(spread: float) -> np.ndarray:
 
 
 def test_exposures_that_drift_by_3_percent_are_known_to_half_a_percent():
-    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=DRIFT)
+    parts = replace(parts_of_lamps(np.random.default_rng(9), False), exposure_sigma=EXPOSURE_SIGMA)
     sample, state, albedo = sample_of(parts, np.ones((4, 3)))
     drift = jitter(0.03)
     sample = drifted(sample, drift)
-    found, state = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
-    assert np.abs(found.drift - drift).max() < 0.005
-    assert abs(found.drift.mean()) < 1e-4
+    found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    assert np.abs(found.exposure_offset - drift).max() < 0.005
+    assert abs(found.exposure_offset.mean()) < 1e-4
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.01)
-    left, _ = settle(
-        untouched(parts, TRUE_Z), replace(parts, drift=0.0), sample, state, False, True, 3, 3, Progress()
+    left, _ = calibrate(
+        prior_light(parts, TRUE_Z),
+        replace(parts, exposure_sigma=0.0),
+        sample,
+        state,
+        False,
+        True,
+        3,
+        3,
+        Progress(),
     )
-    assert (left.drift == 0).all()
+    assert (left.exposure_offset == 0).all()
 
 
-def aside_of(parts: Parts) -> np.ndarray:
+def aside_of(grouped_light: GroupedLight) -> np.ndarray:
     """Two degrees, some way."""
     return np.radians(2.0) * np.array([[0.6, -0.8]])
 
 
 @pytest.mark.parametrize("clipped", [False, True])
 def test_a_lamp_two_degrees_off_is_put_right_to_half_a_degree(clipped: bool):
-    parts = replace(parts_of_lamps(np.random.default_rng(10), clipped), astray=np.radians(0.5))
+    parts = replace(parts_of_lamps(np.random.default_rng(10), clipped), lamp_offset_sigma=np.radians(0.5))
     true = aside_of(parts)
-    sample, state, _ = sample_of(replace(parts, near=parts.moved(true)), np.ones((4, 3)))
-    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
-    assert np.degrees(np.linalg.norm(found.aside - true)) < 0.5
-    at = parts.under(found.gain, found.aside).near.centres
-    back = np.einsum("nji,nlj->nli", parts.turned, at - parts.near.centres)
-    np.testing.assert_allclose(back, np.broadcast_to(parts.shift(found.aside), back.shape), atol=1e-12)
-    left, _ = settle(
-        untouched(parts, TRUE_Z), replace(parts, astray=0.0), sample, state, False, True, 1, 1, Progress()
+    sample, state, _ = sample_of(replace(parts, area_lights=parts.lamps_moved(true)), np.ones((4, 3)))
+    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
+    assert np.degrees(np.linalg.norm(found.lamp_offset - true)) < 0.5
+    at = parts.with_gains(found.gain, found.lamp_offset).area_lights.centres
+    back = np.einsum("nji,nlj->nli", parts.cam_from_world_rotation, at - parts.area_lights.centres)
+    np.testing.assert_allclose(
+        back, np.broadcast_to(parts.lamp_shift(found.lamp_offset), back.shape), atol=1e-12
     )
-    assert (left.aside == 0).all()
+    left, _ = calibrate(
+        prior_light(parts, TRUE_Z),
+        replace(parts, lamp_offset_sigma=0.0),
+        sample,
+        state,
+        False,
+        True,
+        1,
+        1,
+        Progress(),
+    )
+    assert (left.lamp_offset == 0).all()
 
 
 def test_where_nothing_is_off_nothing_moves():
-    parts = replace(parts_of_lamps(np.random.default_rng(9), False), drift=DRIFT, astray=np.radians(0.5))
+    parts = replace(
+        parts_of_lamps(np.random.default_rng(9), False),
+        exposure_sigma=EXPOSURE_SIGMA,
+        lamp_offset_sigma=np.radians(0.5),
+    )
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    noise = 0.01 * np.random.default_rng(12).normal(size=sample.seen.radiance.shape)
-    radiance = (sample.seen.radiance * np.exp(noise)).astype(np.float32)
-    sample = replace(sample, seen=replace(sample.seen, radiance=radiance), photographed=radiance)
-    found, _ = settle(untouched(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    noise = 0.01 * np.random.default_rng(12).normal(size=sample.observations.radiance.shape)
+    radiance = (sample.observations.radiance * np.exp(noise)).astype(np.float32)
+    sample = replace(
+        sample, observations=replace(sample.observations, radiance=radiance), photographed=radiance
+    )
+    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
     # 108 pixels in three channels tell a view's mean to 0.6 permille, were their residuals all their own.
-    assert found.drift.std() < 0.002
-    assert np.degrees(np.linalg.norm(found.aside)) < 0.2
+    assert found.exposure_offset.std() < 0.002
+    assert np.degrees(np.linalg.norm(found.lamp_offset)) < 0.2
 
 
 def test_pixels_follow_the_light_as_its_doubt_takes_it():
     """Solved under a lamp that is a little brighter, albedo and roughness have moved as the derivative says."""
     parts = parts_of_lamps(np.random.default_rng(0), True)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    setting = replace(untouched(parts, TRUE_Z), gain=np.ones((4, 3)))
+    setting = replace(prior_light(parts, TRUE_Z), gain=np.ones((4, 3)))
 
-    def solved(gain: np.ndarray) -> gauss_newton.State:
-        responses, sight = sample.responses(parts.under(gain)), sample.at(TRUE_Z)
-        under = responses, sight, sample.regions, sample.seen
-        return gauss_newton.iterate(gauss_newton.respread(state, *under), *under, 12, Progress())
+    def solved(gain: np.ndarray) -> gauss_newton.PixelEstimate:
+        transport, geometry = sample.light_transport(parts.with_gains(gain)), sample.geometry_at(TRUE_Z)
+        under = transport, geometry, sample.regions, sample.observations
+        return gauss_newton.minimize(
+            gauss_newton.update_residual_scale(state, *under), *under, 12, Progress()
+        )
 
     at = solved(setting.gain)
-    following = light_calibration._told(setting, parts, sample, at)[3]
+    following = light_calibration._system(setting, parts, sample, at)[3]
     lamp, step = 2, 0.01
     brighter = setting.gain.copy()
     brighter[lamp] *= np.exp(step)
@@ -321,11 +374,11 @@ def test_pixels_follow_the_light_as_its_doubt_takes_it():
 def test_what_the_voters_leave_open_of_the_light_is_less_the_more_they_know():
     parts = parts_of_lamps(np.random.default_rng(0), True)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    setting = replace(untouched(parts, TRUE_Z), gain=np.ones((4, 3)))
-    sharp, blunt = (replace(state, spread=np.full(len(state.roughness), s)) for s in (1.0, 10.0))
+    setting = replace(prior_light(parts, TRUE_Z), gain=np.ones((4, 3)))
+    sharp, blunt = (replace(state, residual_scale=np.full(len(state.roughness), s)) for s in (1.0, 10.0))
     others = sample, sharp
-    little, much = (doubt(setting, parts, (sample, one), others) for one in (sharp, blunt))
+    little, much = (light_variance(setting, parts, (sample, one), others) for one in (sharp, blunt))
     assert (little > 0).all()
     assert (little < much).all()
     certain = replace(parts, kind=np.full_like(parts.kind, FILLED))
-    assert np.median(doubt(setting, certain, (sample, blunt), others) / much) < 0.01
+    assert np.median(light_variance(setting, certain, (sample, blunt), others) / much) < 0.01

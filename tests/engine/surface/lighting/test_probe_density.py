@@ -10,10 +10,17 @@ from engine.light.fitting.lamp_model import beside
 from engine.light.gaussians.gaussians import Y00, joined
 from engine.light.incident.probes import arriving
 from engine.progress import Progress
-from engine.surface.lighting.probe_density import FEWEST, MOST, MOST_CELLS, enough, probes, spaced
-from engine.surface.optimize.gauss_newton import begin
+from engine.surface.lighting.probe_density import (
+    FEWEST,
+    MOST,
+    MOST_CELLS,
+    choose_direction_count,
+    choose_probe_grid,
+    probe_counts,
+)
+from engine.surface.optimize.gauss_newton import initial_estimate
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.transport import Lattice, Sight, direction_cells
+from engine.surface.rendering.transport import ProbeGrid, SurfaceGeometry, direction_cells
 from engine.types import Camera, Emitters, Gaussians, Lamps
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -43,11 +50,11 @@ def room(shape: Gaussians) -> Emitters:
     return Emitters(shape, NOBODY, 0)
 
 
-def chosen(shape: Gaussians, params: SurfaceParams = PARAMS) -> Lattice:
-    return spaced(CAMERA, MASK, NEAR_FAR, room(shape), HERE, params, Progress())
+def chosen(shape: Gaussians, params: SurfaceParams = PARAMS) -> ProbeGrid:
+    return choose_probe_grid(CAMERA, MASK, NEAR_FAR, room(shape), HERE, params, Progress())
 
 
-def left_over(lattice: Lattice, shape: Gaussians) -> float:
+def left_over(lattice: ProbeGrid, shape: Gaussians) -> float:
     """Largest of the axes' errors of the irradiance in the middle between the two probes around the box's middle."""
     cells = direction_cells(PARAMS.directions)
     normals = direction_cells(50)
@@ -89,8 +96,8 @@ def test_lamps_that_stand_apart_do_not_count() -> None:
     """They shine on every pixel from their own place, however near."""
     lamp = Lamps(np.array([[-0.6, 0.0, 1.0]]), np.array([0.05]), np.full((1, 3), 50.0), np.zeros(1, bool))
     emitters = Emitters(beside(shell(200.0), lamp), lamp, 0)
-    box = Lattice(np.array([-0.3, -0.2, 0.9]), np.array([0.3, 0.2, 1.1]), (3, 3, 3))
-    assert probes(box, emitters, HERE, PARAMS, Progress()) == (1, 1, 1)
+    box = ProbeGrid(np.array([-0.3, -0.2, 0.9]), np.array([0.3, 0.2, 1.1]), (3, 3, 3))
+    assert probe_counts(box, emitters, HERE, PARAMS, Progress()) == (1, 1, 1)
 
 
 def asked_for(shape: Gaussians, roughness: float, grey: float = 0.5) -> int:
@@ -100,8 +107,10 @@ def asked_for(shape: Gaussians, roughness: float, grey: float = 0.5) -> int:
     count = len(normals)
     points = np.array([0, 0, 1.0]) + 0.1 * normals
     views = -points / np.linalg.norm(points, axis=1, keepdims=True)
-    ball = begin(normals, np.full((count, 3), grey), np.full(count, roughness))
-    return enough(ball, Sight(points, views, None), room(shape), HERE, PARAMS, Progress())
+    ball = initial_estimate(normals, np.full((count, 3), grey), np.full(count, roughness))
+    return choose_direction_count(
+        ball, SurfaceGeometry(points, views, None), room(shape), HERE, PARAMS, Progress()
+    )
 
 
 def window() -> Gaussians:

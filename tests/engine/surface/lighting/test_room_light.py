@@ -11,17 +11,22 @@ from engine.geometry import inverse
 from engine.light.fitting.lamp_model import apart, beside
 from engine.light.gaussians.gaussians import part
 from engine.progress import Progress
-from engine.surface.data.scene import Picture, scene_of
+from engine.surface.data.scene import Picture, build_scene
 from engine.surface.lighting.emitter_groups import FILLED, INTO, KNOWN, UNSEEN
-from engine.surface.lighting.light_calibration import PER_VIEW, divided, untouched
-from engine.surface.lighting.room_light import Room, furnished, light_at, parts_at
+from engine.surface.lighting.light_calibration import PER_VIEW, prior_light, split_groups
+from engine.surface.lighting.room_light import (
+    RoomLight,
+    build_room_light,
+    gather_grouped_light,
+    gather_incident_light,
+)
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.transport import Lattice
+from engine.surface.rendering.transport import ProbeGrid
 from engine.surface.schedule import run, schedule
-from engine.surface.solve import initial
+from engine.surface.solve import initial_state
 from tests.engine.reference.lit_room import lambert, scene
 
-LATTICE = Lattice(np.array([-0.1, -0.1, 0.9]), np.array([0.1, 0.1, 1.1]), (2, 2, 2))
+LATTICE = ProbeGrid(np.array([-0.1, -0.1, 0.9]), np.array([0.1, 0.1, 1.1]), (2, 2, 2))
 VIEWS, CELLS, FACE = np.array([0, 5, 9]), 400, 32
 
 
@@ -35,8 +40,8 @@ def opened() -> Stored:
     return replace(stored, gaussians=beside(part(field, kept), stored.lamps))
 
 
-def room_of(stored: Stored) -> Room:
-    return furnished(
+def room_of(stored: Stored) -> RoomLight:
+    return build_room_light(
         stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, SurfaceParams().relight_groups,
         SurfaceParams().relight_prior, 0,
     )  # fmt: skip
@@ -66,7 +71,7 @@ def test_a_gain_moves_its_own_patches_and_lamp_alone(stored: Stored):
     gain = np.ones((len(room.kind), 3))
     one = int(np.nonzero(room.kind == UNSEEN)[0][2])
     gain[one], gain[-1] = 7.0, 3.0
-    lit = room.under(gain)
+    lit = room.with_gains(gain)
     field = lit.field()
     ratio = field.radiance[:, 0, 0] / room.emitters.field().radiance[:, 0, 0]
     np.testing.assert_allclose(ratio, np.where(room.group == one, 7, 1), rtol=1e-6)
@@ -81,43 +86,46 @@ def test_the_light_is_the_same_by_parts_at_once_and_handed_on(stored: Stored):
     gain = np.ones((len(room.kind), 3))
     gain[room.kind == UNSEEN] = [4.0, 3.0, 0.5]
     there = stored.poses.cam_from_world[VIEWS]
-    by_parts = parts_at(LATTICE, room, VIEWS, CELLS, FACE, Progress())
+    by_parts = gather_grouped_light(LATTICE, room, VIEWS, CELLS, FACE, Progress())
     dark = np.append(gain, np.ones((1, 3)), 0)
     assert 0.1 < by_parts.unseen_share(dark) < 0.95
-    light = by_parts.under(dark).energy.sum(1)
-    at_once = light_at(LATTICE, room.under(gain), there, CELLS, FACE, Progress()).energy.sum(1)
+    light = by_parts.with_gains(dark).energy.sum(1)
+    at_once = gather_incident_light(
+        LATTICE, room.with_gains(gain), there, CELLS, FACE, Progress()
+    ).energy.sum(1)
     # A cell counts as one group's, so that at the rim of what shines four times brighter parts are a little off.
     np.testing.assert_allclose(light, at_once, rtol=0.12)
     ones = np.ones_like(dark)
-    plain = light_at(LATTICE, room.emitters, there, CELLS, FACE, Progress()).energy.sum(1)
-    np.testing.assert_allclose(by_parts.under(ones).energy.sum(1), plain, rtol=0.01)
-    handed = room_of(under(stored, room.under(gain)))
+    plain = gather_incident_light(LATTICE, room.emitters, there, CELLS, FACE, Progress()).energy.sum(1)
+    np.testing.assert_allclose(by_parts.with_gains(ones).energy.sum(1), plain, rtol=0.01)
+    handed = room_of(under(stored, room.with_gains(gain)))
     assert not (handed.kind == UNSEEN).any()
     assert (handed.kind == KNOWN).all()
-    again = light_at(LATTICE, handed.emitters, there, CELLS, FACE, Progress()).energy.sum(1)
+    again = gather_incident_light(LATTICE, handed.emitters, there, CELLS, FACE, Progress()).energy.sum(1)
     np.testing.assert_allclose(again, at_once, rtol=1e-3)
 
 
 def test_what_is_bright_where_no_photograph_looked_is_divided_and_the_light_stays(stored: Stored):
     room = room_of(stored)
-    parts = parts_at(LATTICE, room, np.arange(16), CELLS, FACE, Progress())
-    setting = untouched(parts, 1.0)
+    parts = gather_grouped_light(LATTICE, room, np.arange(16), CELLS, FACE, Progress())
+    setting = prior_light(parts, 1.0)
     bright = int(np.nonzero(parts.unseen)[0][1])
     gain = setting.gain.copy()
     gain[bright] = [9.0, 7.0, 2.0]
     setting = replace(setting, gain=gain)
-    made = divided(parts, setting)
+    made = split_groups(parts, setting)
     assert made is not None
     finer, after = made
     assert parts.unseen.sum() < finer.unseen.sum() <= PER_VIEW * 16
-    np.testing.assert_array_equal(finer.under(after.gain).energy, parts.under(setting.gain).energy)
+    np.testing.assert_array_equal(finer.with_gains(after.gain).energy, parts.with_gains(setting.gain).energy)
     assert finer.patches is not None
-    same = room.divided(finer.patches)
+    same = room.with_patches_split(finer.patches)
     assert (np.append(same.kind, FILLED) == finer.kind).all()
     np.testing.assert_array_equal(
-        same.under(after.gain[:-1]).gaussians.radiance, room.under(setting.gain[:-1]).gaussians.radiance
+        same.with_gains(after.gain[:-1]).gaussians.radiance,
+        room.with_gains(setting.gain[:-1]).gaussians.radiance,
     )
-    again = parts_at(LATTICE, same, VIEWS, CELLS, FACE, Progress())
+    again = gather_grouped_light(LATTICE, same, VIEWS, CELLS, FACE, Progress())
     np.testing.assert_array_equal(again.group, finer.group[:, :, VIEWS])
     # Each part's belief counts for as much less as it is smaller: together they are believed as the whole was.
     (of,) = np.nonzero((after.gain == [9.0, 7.0, 2.0]).all(1))
@@ -130,11 +138,11 @@ def test_what_is_bright_where_no_photograph_looked_is_divided_and_the_light_stay
 
 def test_there_are_as_many_parts_as_the_views_can_tell_apart(stored: Stored):
     room = room_of(stored)
-    parts = parts_at(LATTICE, room, VIEWS[:1], CELLS, FACE, Progress())
-    gain = untouched(parts, 1.0).gain
+    parts = gather_grouped_light(LATTICE, room, VIEWS[:1], CELLS, FACE, Progress())
+    gain = prior_light(parts, 1.0).gain
     gain[parts.unseen] = 100
-    setting, times = replace(untouched(parts, 1.0), gain=gain), 0
-    while (made := divided(parts, setting)) is not None:
+    setting, times = replace(prior_light(parts, 1.0), gain=gain), 0
+    while (made := split_groups(parts, setting)) is not None:
         (parts, setting), times = made, times + 1
     assert times > 0
     assert PER_VIEW - INTO + 1 < parts.unseen.sum() <= PER_VIEW
@@ -153,7 +161,7 @@ def test_parts_of_the_unseen_get_smaller_down_to_single_patches(stored: Stored):
             for here in (patches.towards[patches.group == one] for one in numbers)
         ]
         widest.append(max(width))
-        patches = replace(patches, group=patches.divided(numbers))
+        patches = replace(patches, group=patches.split(numbers))
     assert np.all(np.diff(widest) <= 0)
     assert widest[1] < 0.85 * widest[0]
     assert len(np.unique(patches.group)) == len(patches.group)
@@ -174,10 +182,10 @@ def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: 
     )
     room = room_of(stored)
     picture = Picture(stored.frames, stored.masks.object, stored.poses.camera)
-    seen = scene_of(picture, stored.poses, np.arange(1, 16), (), params, "cpu", 0)
+    seen = build_scene(picture, stored.poses, np.arange(1, 16), (), params, "cpu", 0)
     coarse = [one for one in schedule(params, True) if one.name in ("initialise", "coarse", "place", "full")]
-    found = run(seen, initial(seen, room), coarse, Progress())
+    found = run(seen, initial_state(seen, room), coarse, Progress())
     assert (found.distance.value, found.distance.source) == (1.1, "given")
-    assert (found.room.kind == UNSEEN).sum() >= (room.kind == UNSEEN).sum()
-    unseen = np.append(found.room.kind == UNSEEN, False)
-    assert (found.known_setting.gain[unseen] == 1).all() != relight
+    assert (found.room_light.kind == UNSEEN).sum() >= (room.kind == UNSEEN).sum()
+    unseen = np.append(found.room_light.kind == UNSEEN, False)
+    assert (found.known_light_parameters.gain[unseen] == 1).all() != relight

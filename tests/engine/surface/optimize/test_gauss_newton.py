@@ -9,8 +9,8 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import PLAIN
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.pixel_sample import Sample
-from engine.surface.rendering.transport import Responses, predict
+from engine.surface.optimize.pixel_sample import PixelSample
+from engine.surface.rendering.transport import LightTransport, predict
 from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_of_lamps, sample_of
 
 
@@ -18,15 +18,15 @@ from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_o
 class Counted:
     """Rows that remember how many variants of how many pixels were asked for."""
 
-    rows: Responses
+    rows: LightTransport
     asked: list[tuple[int, int]] = field(default_factory=list)
 
     @property
     def incident(self):
         return self.rows.incident
 
-    def block(self, sight, pixels):
-        return self.rows.block(sight, pixels)
+    def block(self, geometry, pixels):
+        return self.rows.block(geometry, pixels)
 
     def __call__(self, block, normals, roughness):
         self.asked.append(roughness.shape)
@@ -34,41 +34,45 @@ class Counted:
 
 
 @pytest.fixture(scope="module")
-def told() -> tuple[Sample, gauss_newton.State, Responses]:
+def told() -> tuple[PixelSample, gauss_newton.PixelEstimate, LightTransport]:
     parts = parts_of_lamps(np.random.default_rng(9), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    return sample, state, sample.responses(parts.under(np.ones((4, 3))))
+    return sample, state, sample.light_transport(parts.with_gains(np.ones((4, 3))))
 
 
-def iterated(told, state: gauss_newton.State, passes: int) -> tuple[gauss_newton.State, int]:
+def iterated(told, state: gauss_newton.PixelEstimate, passes: int) -> tuple[gauss_newton.PixelEstimate, int]:
     """The state after so many passes, and how many variants of pixels were asked for on the way."""
-    sample, _, responses = told
-    counted = Counted(responses)
-    found = gauss_newton.iterate(
-        state, counted, sample.at(TRUE_Z), sample.regions, sample.seen, passes, Progress()
+    sample, _, transport = told
+    counted = Counted(transport)
+    found = gauss_newton.minimize(
+        state, counted, sample.geometry_at(TRUE_Z), sample.regions, sample.observations, passes, Progress()
     )
     return found, sum(pixels * variants for pixels, variants in counted.asked)
 
 
-def moved(told) -> gauss_newton.State:
+def moved(told) -> gauss_newton.PixelEstimate:
     """Some degrees and a tenth of albedo away from the truth."""
-    sample, state, responses = told
+    sample, state, transport = told
     lean = np.random.default_rng(1).normal(0, 0.05, (len(state.normals), 2))
-    state = replace(state, normals=gauss_newton.tilt(state.normals, lean), albedo=0.9 * state.albedo)
-    return gauss_newton.respread(state, responses, sample.at(TRUE_Z), sample.regions, sample.seen)
+    state = replace(
+        state, normals=gauss_newton.rotate_normals(state.normals, lean), albedo=0.9 * state.albedo
+    )
+    return gauss_newton.update_residual_scale(
+        state, transport, sample.geometry_at(TRUE_Z), sample.regions, sample.observations
+    )
 
 
 def test_what_stands_still_comes_out_as_if_it_had_been_evaluated_to_the_end(told, monkeypatch):
     start = moved(told)
     monkeypatch.setattr(gauss_newton, "FAR", -1.0)
     found, asked = iterated(told, start, 9)
-    monkeypatch.setattr(gauss_newton, "AT_REST", np.zeros(7))
+    monkeypatch.setattr(gauss_newton, "STEP_TOLERANCE", np.zeros(7))
     whole, every = iterated(told, start, 9)
     assert every == 9 * (4 + 1) * len(start.normals)  # the first once more, to the shared light
     assert asked < 0.8 * every
     assert np.degrees(angle_between(found.normals, whole.normals)).max() < 0.2
     np.testing.assert_allclose(found.albedo, whole.albedo, rtol=5e-3)
-    assert np.isfinite(found.misfit).all()
+    assert np.isfinite(found.cost).all()
 
 
 def test_a_pixel_at_rest_is_evaluated_once_and_stays(told):
@@ -90,19 +94,19 @@ def test_small_steps_keep_the_derivatives_and_come_out_the_same(told, monkeypatc
 
 
 def test_answers_to_small_steps_are_those_to_none_and_what_the_step_changed(told):
-    sample, state, responses = told
+    sample, state, transport = told
     pixels = sample.regions[0]
-    block = responses.block(sample.at(TRUE_Z), pixels)
+    block = transport.block(sample.geometry_at(TRUE_Z), pixels)
     normals, roughness = state.normals[pixels], state.roughness[pixels]
     before, after = (
-        gauss_newton._tell(responses, block, *gauss_newton.variants(normals, roughness)[:2], True)
+        gauss_newton._evaluate(transport, block, *gauss_newton.perturbed(normals, roughness)[:2], True)
         for _ in range(2)
     )
     far = np.arange(len(pixels)) % 3 == 0
     lean = np.where(far[:, None], 0.2, 0.01) * np.ones((len(pixels), 2))
-    asked = gauss_newton.variants(gauss_newton.tilt(normals, lean), roughness)[:2]
-    gauss_newton._follow(responses, block, *asked, after, far)
-    whole = responses(block, *asked)
+    asked = gauss_newton.perturbed(gauss_newton.rotate_normals(normals, lean), roughness)[:2]
+    gauss_newton._update_evaluations(transport, block, *asked, after, far)
+    whole = transport(block, *asked)
     for some, every, old in zip(after.variants, whole, before.variants, strict=True):
         np.testing.assert_allclose(some[far], every[far], rtol=1e-5, atol=1e-7)
         # Lamps are near: what sets the pixels apart has changed a little with the step.
@@ -112,11 +116,11 @@ def test_answers_to_small_steps_are_those_to_none_and_what_the_step_changed(told
 
 
 def test_a_block_of_a_few_has_what_reaches_them(told):
-    sample, state, responses = told
-    sight, pixels = sample.at(TRUE_Z), sample.regions[0]
-    block, few = responses.block(sight, pixels), np.arange(0, len(pixels), 2)
-    whole = responses(block, state.normals[pixels][:, None], state.roughness[pixels][:, None])
-    part = responses(
+    sample, state, transport = told
+    geometry, pixels = sample.geometry_at(TRUE_Z), sample.regions[0]
+    block, few = transport.block(geometry, pixels), np.arange(0, len(pixels), 2)
+    whole = transport(block, state.normals[pixels][:, None], state.roughness[pixels][:, None])
+    part = transport(
         block.part(few), state.normals[pixels[few]][:, None], state.roughness[pixels[few]][:, None]
     )
     for all_of_them, some in zip(whole, part, strict=True):
@@ -126,7 +130,7 @@ def test_a_block_of_a_few_has_what_reaches_them(told):
 def test_a_share_of_what_is_beside_the_rim_is_found_and_does_not_lean_the_normals(told):
     sample, state, _ = told
     pixels, rng = np.arange(0, len(state.normals), 3), np.random.default_rng(4)
-    seen, truth = sample.seen, rng.uniform(0.0, 0.5, len(pixels)).astype(np.float32)
+    seen, truth = sample.observations, rng.uniform(0.0, 0.5, len(pixels)).astype(np.float32)
     beside = rng.permuted(seen.radiance[pixels].reshape(len(pixels), -1, 3), axis=1).reshape(len(pixels), -1)
     radiance = seen.radiance.copy()
     radiance[pixels] += truth[:, None] * (beside - radiance[pixels])
@@ -134,12 +138,14 @@ def test_a_share_of_what_is_beside_the_rim_is_found_and_does_not_lean_the_normal
     row[pixels] = np.arange(len(pixels))
     errors = {}
     for name, rows in (("told", row), ("untold", np.full_like(row, -1))):
-        there = replace(sample, seen=replace(seen, radiance=radiance, row=rows, beside=beside))
+        there = replace(sample, observations=replace(seen, radiance=radiance, row=rows, beside=beside))
         found, _ = iterated((there, state, told[2]), moved((there, state, told[2])), 15)
         errors[name] = np.degrees(angle_between(found.normals, state.normals))
         if name == "told":
-            np.testing.assert_allclose(found.share[pixels], truth, atol=0.035)  # the prior's pull
-            assert not np.delete(found.share, pixels).any()
+            np.testing.assert_allclose(
+                found.background_fraction[pixels], truth, atol=0.035
+            )  # the prior's pull
+            assert not np.delete(found.background_fraction, pixels).any()
     assert np.median(errors["told"][pixels]) < 0.1 * np.median(errors["untold"][pixels])
     others = np.delete(np.arange(len(row)), pixels)
     np.testing.assert_allclose(errors["told"][others], errors["untold"][others], atol=0.05)
@@ -150,7 +156,7 @@ def test_a_system_without_its_share_steps_the_others_as_the_whole_one_does():
     jacobian, misfit = rng.normal(size=(5, 40, 7)), rng.normal(size=(5, 40))
     system = np.einsum("pvi,pvj->pij", jacobian, jacobian)
     slope = np.einsum("pvi,pv->pi", jacobian, misfit)
-    left, pull = gauss_newton.reduced(system, slope)
+    left, pull = gauss_newton.eliminate_last(system, slope)
     whole = np.linalg.solve(system, slope[..., None])[..., 0]
     np.testing.assert_allclose(np.linalg.solve(left, pull[..., None])[..., 0], whole[:, :6])
     np.testing.assert_allclose(np.linalg.inv(left), np.linalg.inv(system)[:, :6, :6])
@@ -159,18 +165,20 @@ def test_a_system_without_its_share_steps_the_others_as_the_whole_one_does():
 def test_without_robust_weights_the_misfit_is_the_sum_of_squares_however_small(told):
     """What a noise-free pixel misfits by is far below one, of which the robust measure takes the logarithm."""
     sample, state, _ = told
-    seen = replace(sample.seen, cauchy=100 * PLAIN)
+    seen = replace(sample.observations, cauchy=100 * PLAIN)
     state = replace(state, albedo=1.001 * state.albedo)
-    state = gauss_newton.respread(state, told[2], sample.at(TRUE_Z), sample.regions, seen)
-    found, _ = iterated((replace(sample, seen=seen), state, told[2]), state, 1)
+    state = gauss_newton.update_residual_scale(
+        state, told[2], sample.geometry_at(TRUE_Z), sample.regions, seen
+    )
+    found, _ = iterated((replace(sample, observations=seen), state, told[2]), state, 1)
     expected = np.zeros(len(state.normals))
     for pixels, sent in predict(
-        told[2], sample.at(TRUE_Z), sample.regions, state.normals, state.albedo, state.roughness
+        told[2], sample.geometry_at(TRUE_Z), sample.regions, state.normals, state.albedo, state.roughness
     ):
         eps = seen.eps[pixels][:, None]
         logs = np.log((seen.radiance[pixels] + eps) / (sent.reshape(len(pixels), -1) + eps))
         expected[pixels] = (seen.weight[pixels] * logs**2).sum(1)
-    off = (state.roughness - state.gloss[:, 0]) / state.gloss[:, 1]
-    expected += (off * found.spread) ** 2
-    assert np.median(expected - (off * found.spread) ** 2) < 1
-    np.testing.assert_allclose(found.misfit, expected, rtol=1e-3)
+    off = (state.roughness - state.roughness_prior[:, 0]) / state.roughness_prior[:, 1]
+    expected += (off * found.residual_scale) ** 2
+    assert np.median(expected - (off * found.residual_scale) ** 2) < 1
+    np.testing.assert_allclose(found.cost, expected, rtol=1e-3)

@@ -11,19 +11,19 @@ from engine.geometry import angle_between, rays
 from engine.progress import Progress
 from engine.surface.data.observations import Observations, observe
 from engine.surface.optimize import gauss_newton, gauss_newton_cuda
-from engine.surface.rendering.area_lights import Near
-from engine.surface.rendering.interreflection import lit
+from engine.surface.rendering.area_lights import AreaLights
+from engine.surface.rendering.interreflection import radiance_of_hidden_patches
 from engine.surface.rendering.transport import (
-    Incident,
-    Lattice,
-    Responses,
-    Sight,
-    blocks,
+    IncidentLight,
+    LightTransport,
+    ProbeGrid,
+    SurfaceGeometry,
     direction_cells,
-    lattice_around,
+    pixel_blocks,
     predict,
+    probe_grid_around,
 )
-from engine.surface.visibility.ray_visibility import occlusion
+from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera, Frames
 
 CAMERA = Camera(48, 40, 45.0, 45.0, 24.0, 20.0)
@@ -34,9 +34,9 @@ DEVICES = [
 ]
 
 
-def room(rng: np.random.Generator, mask: np.ndarray) -> Incident:
+def room(rng: np.random.Generator, mask: np.ndarray) -> IncidentLight:
     """Soft light from near by that differs from probe to probe, and two lamps; other places in every view."""
-    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
     directions, points = direction_cells(CELLS), lattice.points()
     energy = np.full((len(points), CELLS, VIEWS, 3), 0.2)
     for n in range(VIEWS):
@@ -45,11 +45,15 @@ def room(rng: np.random.Generator, mask: np.ndarray) -> Incident:
         energy[:, :, n] += (np.exp(9 * (away / far @ directions.T - 1)) / far**2)[..., None] * [3, 2, 1]
     energy = (energy * 4 * np.pi / CELLS).reshape(len(points), CELLS, -1).astype(np.float32)
     lamps = rng.normal(size=(VIEWS, 2, 3)) * [0.7, 0.7, 0.2] - [0, 0, 0.2]
-    near = Near(lamps, np.array([0.03, 0.08]), np.full((VIEWS, 2, 3), [30.0, 20, 10], np.float32), CELLS)
-    return Incident(lattice, directions, energy, near)
+    near = AreaLights(
+        lamps, np.array([0.03, 0.08]), np.full((VIEWS, 2, 3), [30.0, 20, 10], np.float32), CELLS
+    )
+    return IncidentLight(lattice, directions, energy, near)
 
 
-def scene() -> tuple[gauss_newton.State, Incident, Sight, list[np.ndarray], Observations]:
+def scene() -> tuple[
+    gauss_newton.PixelEstimate, IncidentLight, SurfaceGeometry, list[np.ndarray], Observations
+]:
     """A step with paint and metal on it, as the processor says it looks; and a start some degrees off."""
     rng = np.random.default_rng(2)
     mask = np.zeros((40, 48), bool)
@@ -61,47 +65,54 @@ def scene() -> tuple[gauss_newton.State, Incident, Sight, list[np.ndarray], Obse
     normals /= np.linalg.norm(normals, axis=2, keepdims=True).clip(1e-9)
     light, count = room(rng, mask), int(mask.sum())
     albedo, roughness = rng.uniform(0.2, 0.7, (count, 3)), rng.uniform(0.3, 0.8, count)
-    hidden = occlusion(points, normals, mask, light.directions, Progress(), albedo=albedo)
+    hidden = trace_occlusion(points, normals, mask, light.directions, Progress(), albedo=albedo)
     made = np.where(np.arange(count)[:, None] % 3 == 0, [0.5, 1.0], [0.4, 0.0])
-    sight = Sight(points[mask], -rays(CAMERA)[mask], hidden, material=made)
-    assert sight.occlusion is not None
-    assert sight.occlusion.walls is not None
+    geometry = SurfaceGeometry(points[mask], -rays(CAMERA)[mask], hidden, material=made)
+    assert geometry.visibility is not None
+    assert geometry.visibility.hidden_surfaces is not None
     photographed = rng.uniform(0.1, 0.4, (count, 3 * VIEWS)).astype(np.float32)
-    responses = Responses(light, photographed, True, True, "cpu", lit(sight, light, photographed))
+    transport = LightTransport(
+        light, photographed, True, True, "cpu", radiance_of_hidden_patches(geometry, light, photographed)
+    )
     radiance, nothing = np.full((VIEWS, 40, 48, 3), 0.3, np.float32), np.zeros((VIEWS, 40, 48), bool)
-    parts = blocks(mask)
-    for pixels, sent in predict(responses, sight, parts, normals[mask], albedo, roughness):
+    parts = pixel_blocks(mask)
+    for pixels, sent in predict(transport, geometry, parts, normals[mask], albedo, roughness):
         v, u = np.argwhere(mask)[pixels].T
         radiance[:, v, u] = sent.transpose(1, 0, 2) * rng.normal(1, 0.01, sent.transpose(1, 0, 2).shape)
     nothing[0, ::3, ::2] = True
     frames = Frames(tuple("x" * VIEWS), radiance, nothing, np.zeros_like(nothing), (1e-6, 1e-6))
     seen = observe(frames, mask, np.arange(VIEWS), 0.02)
     assert (seen.row >= 0).any()
-    off = gauss_newton.tilt(normals[mask], rng.normal(0, 0.03, (count, 2)))
-    start = gauss_newton.begin(off, albedo * rng.uniform(0.9, 1.1, albedo.shape), roughness + 0.03)
-    return start, light, sight, parts, seen
+    off = gauss_newton.rotate_normals(normals[mask], rng.normal(0, 0.03, (count, 2)))
+    start = gauss_newton.initial_estimate(off, albedo * rng.uniform(0.9, 1.1, albedo.shape), roughness + 0.03)
+    return start, light, geometry, parts, seen
 
 
-def solvers(light: Incident, sight: Sight, seen: Observations, device: str) -> tuple[Responses, Responses]:
-    walls = lit(sight, light, seen.radiance)
-    here, there = (Responses(light, seen.radiance, True, True, where, walls) for where in ("cpu", device))
+def solvers(
+    light: IncidentLight, geometry: SurfaceGeometry, observations: Observations, device: str
+) -> tuple[LightTransport, LightTransport]:
+    walls = radiance_of_hidden_patches(geometry, light, observations.radiance)
+    here, there = (
+        LightTransport(light, observations.radiance, True, True, where, walls) for where in ("cpu", device)
+    )
     return here, there
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_torchs_equations_are_the_kernels(device: str):
     """With lamps, walls, metal, light that differs within a block, views that are lost, and a rim that holds background."""
-    start, light, sight, parts, seen = scene()
-    known = (x for x in solvers(light, sight, seen, device))
+    start, light, geometry, parts, seen = scene()
+    known = (x for x in solvers(light, geometry, seen, device))
     here, there = (
-        gauss_newton.iterate(start, one, sight, parts, seen, 1, Progress(), anew=True) for one in known
+        gauss_newton.minimize(start, one, geometry, parts, seen, 1, Progress(), reset_scale=True)
+        for one in known
     )
-    np.testing.assert_allclose(there.spread, here.spread, rtol=2e-3)
-    np.testing.assert_allclose(there.misfit, here.misfit, rtol=2e-3)
-    largest = np.abs(here.system).max((1, 2), keepdims=True)
-    np.testing.assert_allclose(there.system / largest, here.system / largest, atol=2e-3)
-    steepest = np.sqrt(here.misfit[:, None] * largest[:, :, 0])
-    np.testing.assert_allclose(there.slope / steepest, here.slope / steepest, atol=2e-3)
+    np.testing.assert_allclose(there.residual_scale, here.residual_scale, rtol=2e-3)
+    np.testing.assert_allclose(there.cost, here.cost, rtol=2e-3)
+    largest = np.abs(here.hessian).max((1, 2), keepdims=True)
+    np.testing.assert_allclose(there.hessian / largest, here.hessian / largest, atol=2e-3)
+    steepest = np.sqrt(here.cost[:, None] * largest[:, :, 0])
+    np.testing.assert_allclose(there.gradient / steepest, here.gradient / steepest, atol=2e-3)
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -109,47 +120,49 @@ def test_torchs_path_and_the_cpus_agree_to_a_twentieth_of_a_degree(
     device: str, monkeypatch: pytest.MonkeyPatch
 ):
     """In more than one batch, and what stands before hidden directions summed some pixels at a time."""
-    start, light, sight, parts, seen = scene()
+    start, light, geometry, parts, seen = scene()
     monkeypatch.setattr(
         gauss_newton_cuda, "ROWS", 2 * 2 * gauss_newton_cuda.LEANING * max(map(len, parts)) * CELLS
     )
     monkeypatch.setattr(gauss_newton_cuda, "THROWN", 2**22)
     parts = [parts[0][:7], *parts[1:]]  # blocks are of many sizes; who is in none stays as he is
-    known = solvers(light, sight, seen, device)
+    known = solvers(light, geometry, seen, device)
     here, there = (
-        gauss_newton.iterate(start, one, sight, parts, seen, 4, Progress(), anew=True) for one in known
+        gauss_newton.minimize(start, one, geometry, parts, seen, 4, Progress(), reset_scale=True)
+        for one in known
     )
     apart = np.degrees(angle_between(here.normals, there.normals))
     assert np.degrees(angle_between(here.normals, start.normals)).mean() > 1
     assert apart.mean() < 0.05
     assert np.median(apart) < 0.002
     assert np.abs(here.albedo - there.albedo).mean() < 1e-3
-    assert np.abs(here.share - there.share).max() < 0.05
+    assert np.abs(here.background_fraction - there.background_fraction).max() < 0.05
     left_out = np.setdiff1d(np.arange(len(apart)), np.concatenate(parts))
     np.testing.assert_array_equal(there.normals[left_out], start.normals[left_out])
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_stretches_of_views_weigh_the_same(device: str):
-    start, light, sight, parts, seen = scene()
-    state, *here = gauss_newton.by_stretches(
-        start, (known := solvers(light, sight, seen, device))[0], sight, parts, seen, 3, Progress()
+    start, light, geometry, parts, seen = scene()
+    state, *here = gauss_newton.hessians_by_view_group(
+        start, (known := solvers(light, geometry, seen, device))[0], geometry, parts, seen, 3, Progress()
     )
-    other, *there = gauss_newton.by_stretches(start, known[1], sight, parts, seen, 3, Progress())
-    np.testing.assert_allclose(other.spread, state.spread, rtol=2e-3)
+    other, *there = gauss_newton.hessians_by_view_group(start, known[1], geometry, parts, seen, 3, Progress())
+    np.testing.assert_allclose(other.residual_scale, state.residual_scale, rtol=2e-3)
     for one, two in zip(here, there, strict=True):
         np.testing.assert_allclose(two, one, atol=2e-3 * np.abs(one).max())
 
 
 def test_nothing_hidden_and_one_light_for_all_is_the_same_too():
-    start, light, sight, parts, seen = scene()
-    at = light.lattice.points().mean(0)
-    alone = Lattice(at, at, (1, 1, 1))
-    light = Incident(alone, light.directions, light.energy[:1], Near.none(VIEWS, CELLS))
-    sight = replace(sight, occlusion=None, material=None)
-    known = (Responses(light, seen.radiance, False, False, device) for device in ("cpu", "cpu:0"))
+    start, light, geometry, parts, seen = scene()
+    at = light.probe_grid.points().mean(0)
+    alone = ProbeGrid(at, at, (1, 1, 1))
+    light = IncidentLight(alone, light.directions, light.energy[:1], AreaLights.none(VIEWS, CELLS))
+    geometry = replace(geometry, visibility=None, material=None)
+    known = (LightTransport(light, seen.radiance, False, False, device) for device in ("cpu", "cpu:0"))
     here, there = (
-        gauss_newton.iterate(start, one, sight, parts, seen, 3, Progress(), anew=True) for one in known
+        gauss_newton.minimize(start, one, geometry, parts, seen, 3, Progress(), reset_scale=True)
+        for one in known
     )
     assert np.degrees(angle_between(here.normals, there.normals)).mean() < 0.01
 
@@ -159,13 +172,13 @@ def test_nothing_hidden_and_one_light_for_all_is_the_same_too():
     [torch.OutOfMemoryError("CUDA out of memory"), RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED")],
 )
 def test_a_device_without_memory_says_what_to_do(error: RuntimeError, monkeypatch: pytest.MonkeyPatch):
-    start, light, sight, parts, seen = scene()
+    start, light, geometry, parts, seen = scene()
 
     def full(*_: object) -> None:
         raise error
 
     monkeypatch.setattr(gauss_newton_cuda, "rows_reference", full)
     with pytest.raises(SurfaceError, match=r"too little memory.*--device cpu"):
-        gauss_newton.iterate(
-            start, solvers(light, sight, seen, "cpu:0")[1], sight, parts, seen, 2, Progress()
+        gauss_newton.minimize(
+            start, solvers(light, geometry, seen, "cpu:0")[1], geometry, parts, seen, 2, Progress()
         )

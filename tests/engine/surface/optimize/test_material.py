@@ -8,15 +8,15 @@ import pytest
 from engine.progress import Progress
 from engine.surface.optimize import gauss_newton, material
 from engine.surface.reflectance.brdf import PAINT
-from engine.surface.rendering.object_pixels import Subject, search, subject
-from engine.surface.rendering.transport import Incident, blocks
+from engine.surface.rendering.object_pixels import ObjectPixels, observe_object, search_initial_normals
+from engine.surface.rendering.transport import IncidentLight, pixel_blocks
 from engine.types import Frames
 from tests.engine.surface.rendering.test_object_pixels import CAMERA, PARAMS, ball, light_of_lamps
 
 VIEWS, CELLS = 24, 400
 
 
-def photographed(light: Incident, made: np.ndarray, albedo: np.ndarray, rough: float) -> Subject:
+def photographed(light: IncidentLight, made: np.ndarray, albedo: np.ndarray, rough: float) -> ObjectPixels:
     """The ball under the light by Mitsuba's principled reflectance, direction by direction; `made` of each pixel."""
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("llvm_ad_rgb" if "llvm_ad_rgb" in mi.variants() else "scalar_rgb")
@@ -42,7 +42,7 @@ def photographed(light: Incident, made: np.ndarray, albedo: np.ndarray, rough: f
     radiance[:, mask] = flat.transpose(1, 0, 2)
     nothing = np.zeros(radiance.shape[:3], bool)
     frames = Frames(tuple(map(str, range(VIEWS))), radiance, nothing, nothing, (1e-6, 1e-6))
-    return subject(frames, mask, CAMERA, np.arange(VIEWS), PARAMS)
+    return observe_object(frames, mask, CAMERA, np.arange(VIEWS), PARAMS)
 
 
 def halves(left: tuple[float, float], right: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -59,14 +59,16 @@ def asked(
     """What the pixels of such a ball say they are, begun as paint or as what they are `known` to be; and what they are."""
     light = light_of_lamps(np.random.default_rng(0), VIEWS, CELLS)
     made, albedo = halves(left, right)
-    who = photographed(light, made, albedo, 0.5)
-    who = replace(who, material=made) if known else who
-    sight, parts = who.flat(0.5), blocks(who.mask)
-    responses = who.responses(light, PARAMS, "cpu")
-    state = search(who, light, sight, PARAMS, Progress())
-    state = gauss_newton.respread(state, responses, sight, parts, who.seen)
-    state = gauss_newton.iterate(state, responses, sight, parts, who.seen, 6, Progress())
-    return material.told(who, state, light, sight, True, PARAMS, 0, Progress()), made
+    object_pixels = photographed(light, made, albedo, 0.5)
+    object_pixels = replace(object_pixels, material=made) if known else object_pixels
+    geometry, parts = object_pixels.geometry_at_distance(0.5), pixel_blocks(object_pixels.mask)
+    transport = object_pixels.light_transport(light, PARAMS, "cpu")
+    state = search_initial_normals(object_pixels, light, geometry, PARAMS, Progress())
+    state = gauss_newton.update_residual_scale(state, transport, geometry, parts, object_pixels.observations)
+    state = gauss_newton.minimize(
+        state, transport, geometry, parts, object_pixels.observations, 6, Progress()
+    )
+    return material.classify(object_pixels, state, light, geometry, True, PARAMS, 0, Progress()), made
 
 
 def test_paint_stays_paint():

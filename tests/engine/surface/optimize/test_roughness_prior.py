@@ -8,28 +8,32 @@ import pytest
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.optimize import gauss_newton, roughness_prior
-from engine.surface.optimize.roughness_prior import expected, expecting, reconsidered
+from engine.surface.optimize.roughness_prior import (
+    apply_roughness_prior,
+    expected_roughness,
+    with_roughness_prior,
+)
 from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_of_lamps, sample_of
 
 MASK = np.ones((24, 30), bool)
 
 
-def two_materials() -> tuple[gauss_newton.State, np.ndarray]:
+def two_materials() -> tuple[gauss_newton.PixelEstimate, np.ndarray]:
     """A dull dark left half, a glossy bright right half, one pixel in nine lost; and the truth."""
     right = np.broadcast_to(np.arange(30) >= 15, MASK.shape)[MASK]
     truth = np.where(right, 0.3, 0.7)
     albedo = np.where(right, 0.6, 0.2)[:, None] * np.random.default_rng(0).normal(1, 0.02, (len(right), 3))
     roughness = truth.copy()
     roughness[::9] = 0.9
-    state = gauss_newton.begin(np.tile([0.0, 0.0, -1.0], (len(right), 1)), albedo, roughness)
+    state = gauss_newton.initial_estimate(np.tile([0.0, 0.0, -1.0], (len(right), 1)), albedo, roughness)
     return replace(
-        state, spread=np.ones(len(right)), system=np.tile(1e4 * np.eye(6), (len(right), 1, 1))
+        state, residual_scale=np.ones(len(right)), hessian=np.tile(1e4 * np.eye(6), (len(right), 1, 1))
     ), truth
 
 
 def test_the_roughness_of_what_looks_alike_is_expected_also_by_what_is_lost():
     state, truth = two_materials()
-    mean, spread = expected(state, MASK).T
+    mean, spread = expected_roughness(state, MASK).T
     np.testing.assert_allclose(mean, truth, atol=0.02)
     assert spread.max() < 0.1
 
@@ -39,8 +43,8 @@ def test_those_who_do_not_know_are_not_heard():
     knows_little = state.roughness == 0.9
     knows_little[:] |= np.arange(len(knows_little)) % 3 > 0
     roughness = np.where(knows_little, 0.9, state.roughness)  # most of them, but none is sure
-    system = np.where(knows_little[:, None, None], 20 * np.eye(6), state.system)
-    mean, _ = expected(replace(state, roughness=roughness, system=system), MASK).T
+    system = np.where(knows_little[:, None, None], 20 * np.eye(6), state.hessian)
+    mean, _ = expected_roughness(replace(state, roughness=roughness, hessian=system), MASK).T
     assert (mean < 0.75).mean() > 0.95
 
 
@@ -48,7 +52,9 @@ def test_what_looks_like_nothing_else_expects_what_is_expected_of_anything():
     state, _ = two_materials()
     albedo = state.albedo.copy()
     albedo[100] = [0.9, 0.01, 0.9]
-    np.testing.assert_array_equal(expected(replace(state, albedo=albedo), MASK)[100], gauss_newton.GLOSS)
+    np.testing.assert_array_equal(
+        expected_roughness(replace(state, albedo=albedo), MASK)[100], gauss_newton.GLOSS
+    )
 
 
 def test_metal_is_not_asked_what_paint_of_its_colour_expects():
@@ -57,7 +63,7 @@ def test_metal_is_not_asked_what_paint_of_its_colour_expects():
     metal = np.nonzero(MASK)[1] >= MASK.shape[1] // 2
     roughness = np.where(metal, 0.3, 0.7)
     made = np.stack([np.full(len(metal), 0.5), metal], 1)
-    mean, _ = expected(replace(grey, roughness=roughness), MASK, made).T
+    mean, _ = expected_roughness(replace(grey, roughness=roughness), MASK, made).T
     np.testing.assert_allclose(mean, roughness)
 
 
@@ -65,42 +71,44 @@ def test_metal_is_not_asked_what_paint_of_its_colour_expects():
 def solved():
     parts = parts_of_lamps(np.random.default_rng(9), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    responses = sample.responses(parts.under(np.ones((4, 3))))
-    sight = sample.at(TRUE_Z)
-    state = gauss_newton.respread(state, responses, sight, sample.regions, sample.seen)
+    transport = sample.light_transport(parts.with_gains(np.ones((4, 3))))
+    geometry = sample.geometry_at(TRUE_Z)
+    state = gauss_newton.update_residual_scale(
+        state, transport, geometry, sample.regions, sample.observations
+    )
     return (
         sample,
-        gauss_newton.iterate(state, responses, sight, sample.regions, sample.seen, 2, Progress()),
-        responses,
+        gauss_newton.minimize(state, transport, geometry, sample.regions, sample.observations, 2, Progress()),
+        transport,
     )
 
 
 def test_another_expectation_is_as_if_the_state_had_been_evaluated_under_it(solved):
-    sample, state, responses = solved
+    sample, state, transport = solved
     told = np.random.default_rng(1).uniform(0.1, 0.5, (len(state.normals), 2))
-    now = expecting(state, told)
-    again = replace(state, gloss=told, misfit=np.full(len(told), np.inf))
-    again = gauss_newton.iterate(
-        again, responses, sample.at(TRUE_Z), sample.regions, sample.seen, 1, Progress()
+    now = with_roughness_prior(state, told)
+    again = replace(state, roughness_prior=told, cost=np.full(len(told), np.inf))
+    again = gauss_newton.minimize(
+        again, transport, sample.geometry_at(TRUE_Z), sample.regions, sample.observations, 1, Progress()
     )
-    for name in ("misfit", "system", "slope"):
+    for name in ("cost", "hessian", "gradient"):
         np.testing.assert_allclose(getattr(now, name), getattr(again, name), rtol=2e-3, atol=1e-3)
 
 
 def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, monkeypatch):
-    sample, truth, responses = solved
-    under = responses, sample.at(TRUE_Z), sample.regions, sample.seen
+    sample, truth, transport = solved
+    under = transport, sample.geometry_at(TRUE_Z), sample.regions, sample.observations
     lost = np.arange(0, len(truth.normals), 4)
     lean = np.zeros((len(truth.normals), 2))
     lean[lost] = 0.2
-    normals, roughness = gauss_newton.tilt(truth.normals, lean), truth.roughness.copy()
+    normals, roughness = gauss_newton.rotate_normals(truth.normals, lean), truth.roughness.copy()
     roughness[lost] = 1.0
-    gone = gauss_newton.begin(normals, truth.albedo, roughness)
-    gone = gauss_newton.iterate(gauss_newton.respread(gone, *under), *under, 1, Progress())
+    gone = gauss_newton.initial_estimate(normals, truth.albedo, roughness)
+    gone = gauss_newton.minimize(gauss_newton.update_residual_scale(gone, *under), *under, 1, Progress())
     told = np.column_stack([truth.roughness, np.full(len(roughness), 0.1)])
-    monkeypatch.setattr(roughness_prior, "expected", lambda state, mask, material: told)
-    found = reconsidered(gone, *under, MASK, 8, Progress())
-    assert (found.misfit <= expecting(gone, told).misfit + 1e-9).all()
+    monkeypatch.setattr(roughness_prior, "expected_roughness", lambda state, mask, material: told)
+    found = apply_roughness_prior(gone, *under, MASK, 8, Progress())
+    assert (found.cost <= with_roughness_prior(gone, told).cost + 1e-9).all()
     assert np.abs(found.roughness - truth.roughness)[lost].max() < 0.05
     assert np.degrees(angle_between(found.normals, truth.normals))[lost].max() < 4.0  # of eleven
     others = np.delete(np.arange(len(roughness)), lost)
@@ -111,7 +119,7 @@ def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, mon
 def test_a_handful_of_pixels_expects_what_is_expected_of_anything(count: int):
     mask = np.zeros(MASK.shape, bool)
     mask.flat[:count] = True
-    state = gauss_newton.begin(
+    state = gauss_newton.initial_estimate(
         np.tile([0.0, 0.0, -1.0], (count, 1)), np.full((count, 3), 0.5), np.full(count, 0.2)
     )
-    assert (expected(state, mask) == gauss_newton.GLOSS).all()
+    assert (expected_roughness(state, mask) == gauss_newton.GLOSS).all()

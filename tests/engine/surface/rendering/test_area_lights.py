@@ -5,19 +5,19 @@ import pytest
 
 from engine.geometry import fibonacci_sphere, tangents
 from engine.surface.reflectance.brdf import rows
-from engine.surface.rendering.area_lights import Near, cells_around
+from engine.surface.rendering.area_lights import AreaLights, cells_around
 from engine.surface.rendering.transport import direction_cells
 
 CELLS = 600
 RADIANCE = np.array([[[3.0, 2.0, 1.0]]], np.float32)
 
 
-def lamp(centre: tuple[float, float, float], radius: float = 0.06) -> Near:
-    return Near(np.array([[centre]]), np.array([radius]), RADIANCE, CELLS)
+def lamp(centre: tuple[float, float, float], radius: float = 0.06) -> AreaLights:
+    return AreaLights(np.array([[centre]]), np.array([radius]), RADIANCE, CELLS)
 
 
 def over_its_disc(
-    near: Near, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
+    near: AreaLights, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
 ):  # fmt: skip
     """(diffuse, specular) by brute force: rows without any widening for many rays to the lamp."""
     towards = near.centres[0, 0] - point
@@ -36,7 +36,7 @@ def over_its_disc(
 
 
 def answer(
-    near: Near, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
+    near: AreaLights, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
 ):  # fmt: skip
     seen = near.visible(point[None], None)
     both = near.each(point[None], view[None], normal[None, None], np.array([[roughness]]), seen, True, made)
@@ -78,7 +78,7 @@ def test_a_lamp_rises_above_the_horizon_bit_by_bit(sine: float):
 def test_no_highlight_is_brighter_than_the_lobe_is_high():
     rng = np.random.default_rng(3)
     centres = rng.normal(size=(300, 1, 3)) + [0.0, 0, 1]
-    near = Near(centres, np.array([0.08]), np.ones((300, 1, 3), np.float32), CELLS)
+    near = AreaLights(centres, np.array([0.08]), np.ones((300, 1, 3), np.float32), CELLS)
     point, view = np.array([[0.0, 0, 1]]), np.array([[0.0, 0, -1]])
     # Steep slopes and smooth paint: lamps that are half set, seen at a glance.
     tilt = rng.uniform(1.3, 1.6, 200)
@@ -135,7 +135,7 @@ def test_the_sum_over_lamps_is_theirs_one_by_one():
     rng = np.random.default_rng(1)
     centres, radiance = rng.normal(size=(5, 3, 3)) * 2, rng.uniform(0, 2, (5, 3, 3)).astype(np.float32)
     radiance[2, 1] = 0  # the room hides it there
-    near = Near(centres, np.array([0.05, 0.1, 0.2]), radiance, CELLS)
+    near = AreaLights(centres, np.array([0.05, 0.1, 0.2]), radiance, CELLS)
     points = rng.normal(size=(4, 3)) * 0.1
     normals = -fibonacci_sphere(8).reshape(4, 2, 3)
     views, rough = np.tile([0.0, 0, -1], (4, 1)), rng.uniform(0.3, 0.8, (4, 2))

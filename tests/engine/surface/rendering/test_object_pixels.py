@@ -13,23 +13,29 @@ from engine.errors import SurfaceError
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface.data.observations import observe
-from engine.surface.data.pyramid import doubled, finer, halved
+from engine.surface.data.pyramid import downsample, parent_index, upsample_estimate
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import BOUNDS, OR_NONE, SurfaceParams
-from engine.surface.passes import improve
-from engine.surface.rendering.area_lights import Near
-from engine.surface.rendering.object_pixels import depth_of, image, search, sight_of, subject
-from engine.surface.rendering.transport import (
-    Incident,
-    Lattice,
-    Responses,
-    Sight,
-    blocks,
-    direction_cells,
-    lattice_around,
-    predict,
+from engine.surface.passes import solve_and_expect_roughness
+from engine.surface.rendering.area_lights import AreaLights
+from engine.surface.rendering.object_pixels import (
+    depth_from_normals,
+    geometry_with_visibility,
+    image,
+    observe_object,
+    search_initial_normals,
 )
-from engine.surface.visibility.ray_visibility import occlusion
+from engine.surface.rendering.transport import (
+    IncidentLight,
+    LightTransport,
+    ProbeGrid,
+    SurfaceGeometry,
+    direction_cells,
+    pixel_blocks,
+    predict,
+    probe_grid_around,
+)
+from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera, Frames
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -46,7 +52,7 @@ def test_less_than_a_solve_needs_is_refused_as_it_is_asked(name: str, least: flo
         assert getattr(replace(params, **{name: 0}), name) == 0
 
 
-def light_of_lamps(rng: np.random.Generator, views: int, d: int) -> Incident:
+def light_of_lamps(rng: np.random.Generator, views: int, d: int) -> IncidentLight:
     """Every view sees a dim room and three soft lamps somewhere else."""
     directions = direction_cells(d)
     energy = np.full((1, d, views, 3), 0.2)
@@ -55,9 +61,9 @@ def light_of_lamps(rng: np.random.Generator, views: int, d: int) -> Incident:
             lamp = rng.normal(size=3)
             lamp /= np.linalg.norm(lamp)
             energy[0, :, n] += np.exp(20 * (directions @ lamp - 1))[:, None] * rng.uniform(2, 6, 3)
-    lattice = Lattice(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
+    lattice = ProbeGrid(np.array([0, 0, 1.0]), np.array([0, 0, 1.0]), (1, 1, 1))
     energy = (energy * 4 * np.pi / d).reshape(1, d, -1).astype(np.float32)
-    return Incident(lattice, directions, energy, Near.none(views, d))
+    return IncidentLight(lattice, directions, energy, AreaLights.none(views, d))
 
 
 def ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -69,15 +75,17 @@ def ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return mask, (points - centre) / radius, points
 
 
-def pictures_of_a_ball(rng: np.random.Generator, views: int, light: Incident) -> tuple[Frames, np.ndarray]:
+def pictures_of_a_ball(
+    rng: np.random.Generator, views: int, light: IncidentLight
+) -> tuple[Frames, np.ndarray]:
     """What the model itself says of a ball of one paint; and the ball's mask."""
     mask, normals, points = ball()
     count = int(mask.sum())
-    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
-    responses = Responses(light, np.zeros((count, 3 * views), np.float32), True, False, "cpu")
+    geometry = SurfaceGeometry(points[mask], -rays(CAMERA)[mask], None)
+    transport = LightTransport(light, np.zeros((count, 3 * views), np.float32), True, False, "cpu")
     flat = np.zeros((count, views, 3), np.float32)
     albedo, roughness = np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, 0.45)
-    for pixels, answer in predict(responses, sight, blocks(mask), normals[mask], albedo, roughness):
+    for pixels, answer in predict(transport, geometry, pixel_blocks(mask), normals[mask], albedo, roughness):
         flat[pixels] = answer
     radiance = np.zeros((views, 48, 64, 3), np.float32)
     radiance[:, mask] = flat.transpose(1, 0, 2)
@@ -90,18 +98,25 @@ PARAMS = SurfaceParams(directions=400, visibility=False, bounce=False, candidate
 
 @pytest.mark.parametrize("device", ["cpu", "meta-cpu"])
 def test_solver_undoes_its_own_pictures(device: str):
-    # For `improve` any torch device but "cpu" takes the torch path; torch's own CPU device runs it without a GPU.
+    # For `solve_and_expect_roughness` any torch device but "cpu" takes the torch path; torch's own CPU device runs it without a GPU.
     device = "cpu:0" if device == "meta-cpu" else "cpu"
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
-    who = subject(frames, mask, CAMERA, np.arange(24), PARAMS)
-    state = search(who, light, who.flat(0.5), PARAMS, Progress())
+    object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), PARAMS)
+    state = search_initial_normals(
+        object_pixels, light, object_pixels.geometry_at_distance(0.5), PARAMS, Progress()
+    )
     for _ in range(2):
-        sight = sight_of(
-            who, state, depth_of(who, state, 0.5, Progress()), light.directions, PARAMS, Progress()
+        geometry = geometry_with_visibility(
+            object_pixels,
+            state,
+            depth_from_normals(object_pixels, state, 0.5, Progress()),
+            light.directions,
+            PARAMS,
+            Progress(),
         )
-        state = improve(who, state, light, sight, PARAMS, device, Progress())
+        state = solve_and_expect_roughness(object_pixels, state, light, geometry, PARAMS, device, Progress())
     error = np.degrees(np.arccos(np.clip((state.normals * ball()[1][mask]).sum(-1), -1, 1)))
     assert np.median(error) < 0.2
     assert np.median(np.abs(state.albedo - [0.6, 0.4, 0.3])) < 0.01
@@ -115,10 +130,14 @@ def test_robust_weights_forgive_a_few_false_views(robust: bool):
     frames, mask = pictures_of_a_ball(rng, 24, light)
     frames.radiance[:3] *= 3.0  # as if something had shone into three views
     params = replace(PARAMS, directions=300, robust=robust)
-    who = subject(frames, mask, CAMERA, np.arange(24), params)
+    object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), params)
     truth = ball()[1][mask]
-    state = gauss_newton.begin(truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45))
-    state = improve(who, state, light, who.flat(0.5), params, "cpu", Progress())
+    state = gauss_newton.initial_estimate(
+        truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45)
+    )
+    state = solve_and_expect_roughness(
+        object_pixels, state, light, object_pixels.geometry_at_distance(0.5), params, "cpu", Progress()
+    )
     error = np.degrees(np.arccos(np.clip((state.normals * truth).sum(1), -1, 1)))
     assert (np.median(error) < 1) == robust
     assert (np.median(error) > 3) == (not robust)
@@ -128,14 +147,21 @@ def test_points_that_do_not_follow_the_depth_lie_in_a_plane_and_are_hidden_as_it
     rng = np.random.default_rng(6)
     light = light_of_lamps(rng, 8, 300)
     frames, mask = pictures_of_a_ball(rng, 8, light)
-    who = subject(frames, mask, CAMERA, np.arange(8), PARAMS)
+    object_pixels = observe_object(frames, mask, CAMERA, np.arange(8), PARAMS)
     _, normals, points = ball()
-    state = gauss_newton.begin(
+    state = gauss_newton.initial_estimate(
         normals[mask], np.full((len(normals[mask]), 3), 0.4), np.full(int(mask.sum()), 0.5)
     )
     depth = np.where(mask, points[..., 2], 0.0)
     follows, flat = (
-        sight_of(who, state, depth, light.directions, replace(SurfaceParams(), follow_depth=on), Progress())
+        geometry_with_visibility(
+            object_pixels,
+            state,
+            depth,
+            light.directions,
+            replace(SurfaceParams(), follow_depth=on),
+            Progress(),
+        )
         for on in (True, False)
     )
     np.testing.assert_allclose(follows.points, points[mask])
@@ -143,51 +169,51 @@ def test_points_that_do_not_follow_the_depth_lie_in_a_plane_and_are_hidden_as_it
     assert follows.cast_z is None
     np.testing.assert_allclose(flat.cast_z, depth[mask])
     np.testing.assert_allclose(flat.at(1.5).cast_z, 1.5 * depth[mask])
-    assert follows.occlusion is not None
-    assert flat.occlusion is not None
-    np.testing.assert_array_equal(follows.occlusion.direction, flat.occlusion.direction)
+    assert follows.visibility is not None
+    assert flat.visibility is not None
+    np.testing.assert_array_equal(follows.visibility.direction, flat.visibility.direction)
 
 
 def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_its_pixels():
     rng = np.random.default_rng(2)
     frames, mask = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 400))
-    fewer, small, camera = halved(frames, mask, CAMERA)
+    fewer, small, camera = downsample(frames, mask, CAMERA)
     assert fewer.radiance.shape == (8, 24, 32, 3)
     assert (camera.width, camera.fx) == (32, 30.0)
     inner = small & (mask[::2, ::2] & mask[1::2, ::2] & mask[::2, 1::2] & mask[1::2, 1::2])
     mean = frames.radiance.reshape(8, 24, 2, 32, 2, 3).mean((2, 4))
     np.testing.assert_allclose(fewer.radiance[:, inner], mean[:, inner], rtol=1e-5)
     where = np.stack(np.nonzero(small), 1).astype(float)
-    state = gauss_newton.begin(
+    state = gauss_newton.initial_estimate(
         np.tile([0.0, 0.0, -1.0], (len(where), 1)), where[:, [0, 1, 1]] / 64, where[:, 0] / 24
     )
     params, some = SurfaceParams(), np.arange(8)
-    half = subject(fewer, small, camera, some, params)
+    half = observe_object(fewer, small, camera, some, params)
     towards = direction_cells(200)
-    flat = half.flat(0.5)
+    flat = half.geometry_at_distance(0.5)
     ball = image(small, flat.points) - np.array([0, 0, 0.1])
-    hidden = occlusion(ball, image(small, -half.rays), small, towards, Progress())
-    known = Sight(flat.points, flat.views, hidden)
-    whole = subject(frames, mask, CAMERA, some, params)
+    hidden = trace_occlusion(ball, image(small, -half.rays), small, towards, Progress())
+    known = SurfaceGeometry(flat.points, flat.views, hidden)
+    whole = observe_object(frames, mask, CAMERA, some, params)
     made = np.stack([np.full(len(where), 0.5), np.arange(len(where)) % 2], 1)
     half = replace(half, material=made)
-    who, full, depth, sight = finer(whole, half, state, known, 0.5, Progress())
-    assert who.material is not None
-    np.testing.assert_array_equal(who.material, made[doubled(small, mask)])
-    assert sight.material is who.material
+    object_pixels, full, depth, geometry = upsample_estimate(whole, half, state, known, 0.5, Progress())
+    assert object_pixels.material is not None
+    np.testing.assert_array_equal(object_pixels.material, made[parent_index(small, mask)])
+    assert geometry.material is object_pixels.material
     row = np.nonzero(mask)[0]
     assert np.abs(full.roughness * 24 - row // 2).max() <= 1
-    np.testing.assert_allclose(sight.points[:, 2], depth[mask])
+    np.testing.assert_allclose(geometry.points[:, 2], depth[mask])
     assert depth[mask].mean() == pytest.approx(0.5, rel=1e-3)
     # What hides the room from a pixel of half the size does so from all four, and is one of what it was made of.
-    index, found = doubled(small, mask), sight.occlusion
+    index, found = parent_index(small, mask), geometry.visibility
     assert found is not None
     assert len(hidden.direction)
     for p in range(0, len(index), 7):
         of, own = slice(*hidden.start[index[p] : index[p] + 2]), slice(*found.start[p : p + 2])
         np.testing.assert_array_equal(found.direction[own], hidden.direction[of])
-        behind = found.source[own]
-        np.testing.assert_array_equal(np.where(behind >= 0, index[behind], -1), hidden.source[of])
+        behind = found.occluder[own]
+        np.testing.assert_array_equal(np.where(behind >= 0, index[behind], -1), hidden.occluder[of])
 
 
 def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
@@ -201,8 +227,8 @@ def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
     normals = np.zeros((48, 64, 3))
     normals[..., 2] = -1
     directions = direction_cells(500)
-    hidden = occlusion(points, normals, mask, directions, Progress())
-    share = hidden.share.reshape(48, 64)
+    hidden = trace_occlusion(points, normals, mask, directions, Progress())
+    share = hidden.hidden_share.reshape(48, 64)
     assert share[24, 33] > 0.03
     assert share[24, 60] < 0.3 * share[24, 33]
     assert share[24, 5] < 1e-3
@@ -221,7 +247,7 @@ def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
 def test_lattice_weights_sum_to_one_and_interpolate_log_depth_exactly():
     mask = np.zeros((48, 64), bool)
     mask[10:40, 20:50] = True
-    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
     points = lattice.points()
     for point in ([0.0, 0.0, 0.5], [0.02, -0.03, 0.45]):
         weights = lattice.weights(np.array(point)[None])[0]
@@ -231,11 +257,11 @@ def test_lattice_weights_sum_to_one_and_interpolate_log_depth_exactly():
 
 def test_blocks_cover_every_pixel_once():
     mask, _, _ = ball()
-    together = np.concatenate(blocks(mask))
+    together = np.concatenate(pixel_blocks(mask))
     np.testing.assert_array_equal(np.sort(together), np.arange(mask.sum()))
 
 
-def light_that_varies(lattice: Lattice, views: int, d: int) -> Incident:
+def light_that_varies(lattice: ProbeGrid, views: int, d: int) -> IncidentLight:
     """Every view sees a lamp of its own that stands near, where the probes see it each elsewhere."""
     directions = direction_cells(d)
     lamps = np.random.default_rng(3).normal(size=(views, 3)) * 0.3 + [0, 0, -0.4]
@@ -244,25 +270,25 @@ def light_that_varies(lattice: Lattice, views: int, d: int) -> Incident:
         for n, lamp in enumerate(lamps - point):
             far = np.linalg.norm(lamp)
             energy[k, :, n] = (np.exp(9 * (directions @ lamp / far - 1)) / far**2)[:, None] * [3, 2, 1]
-    return Incident(lattice, directions, energy.reshape(len(energy), d, -1), Near.none(views, d))
+    return IncidentLight(lattice, directions, energy.reshape(len(energy), d, -1), AreaLights.none(views, d))
 
 
 def test_every_pixel_of_a_block_answers_the_light_at_its_own_place():
     mask, normals, points = ball()
-    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
     light = light_that_varies(lattice, 5, 400)
-    sight = Sight(points[mask], -rays(CAMERA)[mask], None)
-    responses = Responses(light, np.zeros((int(mask.sum()), 15), np.float32), True, False, "cpu")
-    pixels = max(blocks(mask), key=len)
-    leaning, rough, _ = gauss_newton.variants(normals[mask][pixels], np.full(len(pixels), 0.3))
-    together = responses.block(sight, pixels)
-    assert 0 < len(together.ways) < len(lattice.points()) / 2
+    geometry = SurfaceGeometry(points[mask], -rays(CAMERA)[mask], None)
+    transport = LightTransport(light, np.zeros((int(mask.sum()), 15), np.float32), True, False, "cpu")
+    pixels = max(pixel_blocks(mask), key=len)
+    leaning, rough, _ = gauss_newton.perturbed(normals[mask][pixels], np.full(len(pixels), 0.3))
+    together = transport.block(geometry, pixels)
+    assert 0 < len(together.light_modes) < len(lattice.points()) / 2
 
     def sent(block, some) -> np.ndarray:
-        diffuse, specular = responses(block, leaning[some], rough[some])
+        diffuse, specular = transport(block, leaning[some], rough[some])
         return 0.5 * diffuse + specular
 
-    alone = np.concatenate([sent(responses.block(sight, pixels[[i]]), [i]) for i in range(len(pixels))])
+    alone = np.concatenate([sent(transport.block(geometry, pixels[[i]]), [i]) for i in range(len(pixels))])
     everyone = np.arange(len(pixels))
     off, by_the_mean = (
         np.abs(sent(block, everyone) / alone - 1) for block in (together, together.under(together.energy))
@@ -275,7 +301,7 @@ def test_every_pixel_of_a_block_answers_the_light_at_its_own_place():
 
 def test_pixels_at_one_place_share_one_light_and_no_ways_it_differs():
     mask, _, points = ball()
-    lattice = lattice_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
     light = light_that_varies(lattice, 2, 200)
     point = points[mask][:1]
     energy, ways, apart = light.among(np.repeat(point, 9, 0))

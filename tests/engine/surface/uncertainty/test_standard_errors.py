@@ -9,15 +9,15 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.results.metrics import NORMAL_BAND
 from engine.surface.optimize import gauss_newton
-from engine.surface.rendering.object_pixels import Subject, subject
-from engine.surface.rendering.transport import Incident, blocks
+from engine.surface.rendering.object_pixels import ObjectPixels, observe_object
+from engine.surface.rendering.transport import IncidentLight, pixel_blocks
 from engine.surface.uncertainty.standard_errors import (
-    Doubt,
-    confidence,
+    LightVariance,
     formal,
-    jackknifed,
+    grid_refinement_error,
+    jackknife,
+    standard_errors,
     unresolved,
-    unsettled,
 )
 from tests.engine.surface.rendering.test_object_pixels import (
     CAMERA,
@@ -30,12 +30,19 @@ from tests.engine.surface.rendering.test_object_pixels import (
 VIEWS = 48
 
 
-def at_the_truth(who: Subject, light: Incident, roughness: float):
+def at_the_truth(object_pixels: ObjectPixels, light: IncidentLight, roughness: float):
     """The ball's normals; its state there, spread measured; and what the solver asks besides a state."""
-    truth, count = ball()[1][who.mask], len(who.seen.eps)
-    under = who.responses(light, PARAMS, "cpu"), who.flat(0.5), blocks(who.mask), who.seen
-    state = gauss_newton.begin(truth, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, roughness))
-    return truth, gauss_newton.respread(state, *under), under
+    truth, count = ball()[1][object_pixels.mask], len(object_pixels.observations.eps)
+    under = (
+        object_pixels.light_transport(light, PARAMS, "cpu"),
+        object_pixels.geometry_at_distance(0.5),
+        pixel_blocks(object_pixels.mask),
+        object_pixels.observations,
+    )
+    state = gauss_newton.initial_estimate(
+        truth, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, roughness)
+    )
+    return truth, gauss_newton.update_residual_scale(state, *under), under
 
 
 def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -48,18 +55,21 @@ def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     # A map of its own for every pixel: one for all would make one draw of the whole ball.
     tilt = np.exp(0.08 * rng.normal(size=(VIEWS // together, *mask.shape)).repeat(together, 0))
     radiance = (frames.radiance * (off[:, None, None] * tilt)[..., None]).astype(np.float32)
-    who = subject(replace(frames, radiance=radiance), mask, CAMERA, np.arange(VIEWS), PARAMS)
-    truth, state, under = at_the_truth(who, light, 0.45)
+    object_pixels = observe_object(replace(frames, radiance=radiance), mask, CAMERA, np.arange(VIEWS), PARAMS)
+    truth, state, under = at_the_truth(object_pixels, light, 0.45)
     for _ in range(2):
-        state = gauss_newton.iterate(state, *under, 6, Progress())
-        state = gauss_newton.respread(state, *under)
+        state = gauss_newton.minimize(state, *under, 6, Progress())
+        state = gauss_newton.update_residual_scale(state, *under)
     error = np.arccos(np.clip((state.normals * truth).sum(1), -1, 1))
     variances = {
-        "formal": formal(state.system, state.spread),
-        "jackknife": jackknifed(state, *under, Progress())[1],
+        "formal": formal(state.hessian, state.residual_scale),
+        "jackknife": jackknife(state, *under, Progress())[1],
     }
     return {
-        name: (error, confidence(state, v, who.seen, under[1], np.zeros(len(v))).normal)
+        name: (
+            error,
+            standard_errors(state, v, object_pixels.observations, under[1], np.zeros(len(v))).normal,
+        )
         for name, v in variances.items()
     }
 
@@ -85,13 +95,13 @@ def test_stretches_sum_to_the_whole_system() -> None:
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
-    _, state, under = at_the_truth(subject(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
-    state = gauss_newton.iterate(state, *under, 1, Progress())
-    _, system, slope = gauss_newton.by_stretches(state, *under, 5, Progress())
+    _, state, under = at_the_truth(observe_object(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
+    state = gauss_newton.minimize(state, *under, 1, Progress())
+    _, system, slope = gauss_newton.hessians_by_view_group(state, *under, 5, Progress())
     # The kernel's own arithmetic is that of single precision.
-    system, slope = gauss_newton.reduced(system.sum(1), slope.sum(1))
-    np.testing.assert_allclose(system, state.system, rtol=1e-4, atol=1e-4 * np.abs(state.system).max())
-    np.testing.assert_allclose(slope, state.slope, rtol=1e-4, atol=1e-4 * np.abs(state.slope).max())
+    system, slope = gauss_newton.eliminate_last(system.sum(1), slope.sum(1))
+    np.testing.assert_allclose(system, state.hessian, rtol=1e-4, atol=1e-4 * np.abs(state.hessian).max())
+    np.testing.assert_allclose(slope, state.gradient, rtol=1e-4, atol=1e-4 * np.abs(state.gradient).max())
 
 
 def test_pixels_doubt_the_light_as_those_of_like_normals_do() -> None:
@@ -99,18 +109,18 @@ def test_pixels_doubt_the_light_as_those_of_like_normals_do() -> None:
     up, aside = np.array([0, 0, -1.0]), np.array([0, 0.8, -0.6])
     normals = np.concatenate([one + 0.01 * rng.normal(size=(20, 3)) for one in (up, aside)])
     variance = np.repeat([[1.0] * 6, [4.0] * 6], 20, axis=0)
-    told = Doubt(normals, variance).of(np.stack([up, aside, aside]))
+    told = LightVariance(normals, variance).of(np.stack([up, aside, aside]))
     np.testing.assert_allclose(told, np.repeat([[1.0] * 6, [4.0] * 6], [1, 2], axis=0))
-    few = Doubt(normals[:1], variance[:1]).of(np.stack([up, aside]))
+    few = LightVariance(normals[:1], variance[:1]).of(np.stack([up, aside]))
     np.testing.assert_allclose(few, 1)
 
 
 def test_what_has_come_a_long_way_is_told_as_unsure() -> None:
     normals = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8]])
-    before = gauss_newton.begin(normals, np.full((2, 3), 0.4), np.array([0.5, 0.3]))
-    turned = gauss_newton.tilt(normals, np.array([[0.0, 0.0], [0.0, 0.1]]))
-    after = gauss_newton.begin(turned, before.albedo * 1.2, before.roughness)
-    variance = unsettled(before, after)
+    before = gauss_newton.initial_estimate(normals, np.full((2, 3), 0.4), np.array([0.5, 0.3]))
+    turned = gauss_newton.rotate_normals(normals, np.array([[0.0, 0.0], [0.0, 0.1]]))
+    after = gauss_newton.initial_estimate(turned, before.albedo * 1.2, before.roughness)
+    variance = grid_refinement_error(before, after)
     assert variance[:, :2].sum(1) == pytest.approx([0, 0.1**2], rel=0.02, abs=1e-12)
     assert variance[:, 2:5] == pytest.approx(np.log(1.2) ** 2)
     assert not variance[:, 5].any()

@@ -6,9 +6,9 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface.rendering.transport import direction_cells
-from engine.surface.visibility.depth_mesh import LEAST, halves, skin, widths
+from engine.surface.visibility.depth_mesh import LEAST, depth_mesh, halves, widths
 from engine.surface.visibility.hidden_surfaces import faces_of
-from engine.surface.visibility.ray_visibility import occlusion
+from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -37,7 +37,7 @@ def test_a_front_is_as_wide_as_it_reaches_and_its_corners_too() -> None:
 
 def test_a_jump_that_is_less_than_the_front_is_deep_is_closed() -> None:
     points, _ = strip(0, 32, NEAR + 0.1)
-    mesh = skin(points, MASK)
+    mesh = depth_mesh(points, MASK)
     np.testing.assert_array_equal(mesh.triangles[: 2 * 47 * 63], halves(MASK))
     # Beyond those of the grid all hang from the picture's border.
     hanging = mesh.pixels[2 * 47 * 63 :]
@@ -53,7 +53,7 @@ def test_a_plane_however_steep_ends_nowhere() -> None:
     mask[:, 28:36] = True
     q = q / q[..., 2:]
     z = 0.6 * normal[2] / np.where(mask, q @ normal, normal[2])
-    mesh = skin(q * z[..., None], mask)
+    mesh = depth_mesh(q * z[..., None], mask)
     assert len(mesh.vertices) == mask.sum()
     assert not mesh.deep.any()
 
@@ -65,7 +65,7 @@ def test_a_wires_sides_end_half_as_far_back_as_it_is_wide(wide: int, wall: bool)
     mask = MASK.copy()
     if not wall:
         mask[10:, :30] = mask[10:, 30 + wide :] = False
-    mesh = skin(points, mask)
+    mesh = depth_mesh(points, mask)
     u = np.nonzero(mask)[1][mesh.pixels]
     sides = ((u >= 30) & (u < 30 + wide)).all(1) & (mesh.triangles >= mask.sum()).any(1)
     assert sides.sum() >= 2 * 47 * (2 if wide > 1 else 1)
@@ -80,7 +80,7 @@ def test_every_wall_looks_away_from_what_it_hangs_from() -> None:
     points, _ = strip(28, 34)
     mask = MASK.copy()
     mask[:6], mask[40:, :30] = False, False
-    mesh = skin(points, mask)
+    mesh = depth_mesh(points, mask)
     hanging = (mesh.triangles >= mask.sum()).any(1)
     faces, _ = faces_of(mesh.vertices, mesh.triangles)
     assert (faces[~hanging] @ [0, 0, 1] < 0).all()
@@ -101,7 +101,7 @@ def test_light_comes_in_behind_a_wire_but_not_behind_a_block() -> None:
     seen = {}
     for name, (first, last, far) in {"wire": (30, 33, FAR), "block": (22, 64, FAR)}.items():
         points, normals = strip(first, last, far)
-        found = occlusion(points, normals, MASK, CELLS, Progress())
+        found = trace_occlusion(points, normals, MASK, CELLS, Progress())
         seen[name] = way not in found.of(np.array([pixel]))[1]
     assert seen == {"wire": True, "block": False}
 
@@ -111,15 +111,15 @@ def test_the_back_of_a_wire_is_its_mirror_image_and_is_lit_as_a_wall_is() -> Non
     points, normals = strip(28, 34)
     albedo = np.where((np.arange(64) >= 28) & (np.arange(64) < 34), 0.7, 0.2)[None, :, None]
     albedo = np.broadcast_to(albedo, (48, 64, 3))[MASK]
-    found = occlusion(points, normals, MASK, CELLS, Progress(), albedo=albedo)
-    assert found.walls is not None
+    found = trace_occlusion(points, normals, MASK, CELLS, Progress(), albedo=albedo)
+    assert found.hidden_surfaces is not None
     _, directions, sources = found.of(np.array([24 * 64 + 26]))
     backs = sources - MASK.sum()
-    away = found.walls.normals[:, 2] > 0.9
+    away = found.hidden_surfaces.normals[:, 2] > 0.9
     met = backs[(backs >= 0)]
     met = met[away[met]]
     assert len(met) > 3
-    np.testing.assert_allclose(found.walls.albedo[met], 0.7)
-    z = found.walls.points[met, 2]
+    np.testing.assert_allclose(found.hidden_surfaces.albedo[met], 0.7)
+    z = found.hidden_surfaces.points[met, 2]
     assert ((z > NEAR) & (z < NEAR * (1 + 10 * PITCH))).all()
     assert (CELLS[directions] @ [0, 0, -1] > -0.5).all()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.geometry import rays
-from engine.surface.visibility.depth_mesh import skin
+from engine.surface.visibility.depth_mesh import depth_mesh
 from engine.surface.visibility.hidden_surfaces import BANDS, patches
 from tests.engine.surface.rendering.test_object_pixels import CAMERA, ball
 
@@ -21,7 +21,7 @@ def step() -> tuple[np.ndarray, np.ndarray]:
 
 
 def cut(points, normals, mask, albedo):
-    mesh = skin(points, mask)
+    mesh = depth_mesh(points, mask)
     return mesh.pixels, patches(mesh, normals[mask], albedo, mask)
 
 

@@ -6,7 +6,7 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface.rendering.transport import direction_cells
-from engine.surface.visibility.ray_visibility import occlusion
+from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -26,7 +26,7 @@ def test_a_ball_hides_nothing_from_itself_but_at_its_rim(noise_deg: float) -> No
     normals = normals + lean  # as solved: not quite those of the mesh
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     share = np.zeros(mask.shape)
-    share[mask] = occlusion(points, normals, mask, CELLS, Progress()).share
+    share[mask] = trace_occlusion(points, normals, mask, CELLS, Progress()).hidden_share
     inner = mask & (facing > 0.4)
     assert inner.sum() > 0.7 * mask.sum()
     assert share[inner].mean() < 1e-3
@@ -44,7 +44,7 @@ def test_a_plane_hides_nothing_from_itself_however_it_is_seen(slant_deg: float) 
     z = np.where(mask, 0.6 * normal[2] / np.where(mask, q @ normal, 1), 0.6)
     points = q * z[..., None]
     normals = np.broadcast_to(normal, q.shape).copy()
-    share = occlusion(points, normals, mask, CELLS, Progress()).share
+    share = trace_occlusion(points, normals, mask, CELLS, Progress()).hidden_share
     assert share.max() < 2e-3
 
 
@@ -67,10 +67,10 @@ def test_what_hides_is_seen_only_where_its_own_normal_looks_that_way() -> None:
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
     albedo = np.full((mask.sum(), 3), 0.5)
-    known = occlusion(points, normals, mask, CELLS, Progress(), albedo=albedo)
+    known = trace_occlusion(points, normals, mask, CELLS, Progress(), albedo=albedo)
     turned = normals.copy()
     turned[points[..., 0] > 0] = normals[points[..., 0] < 0][0]
-    doubted = occlusion(points, turned, mask, CELLS, Progress(), albedo=albedo)
+    doubted = trace_occlusion(points, turned, mask, CELLS, Progress(), albedo=albedo)
     for pixel in index[100, 21:30:2]:
         hidden = [one.of(np.array([pixel])) for one in (known, doubted)]
         np.testing.assert_array_equal(hidden[0][1], hidden[1][1])
@@ -84,7 +84,7 @@ def test_a_groove_hides_from_its_walls_what_the_other_wall_covers() -> None:
     """Two walls at right angles: of the sky over a strip of one the other hides (1 - s / sqrt(s^2 + l^2)) / 2."""
     points, normals, mask = groove()
     found = np.zeros(mask.shape)
-    found[mask] = occlusion(points, normals, mask, direction_cells(2000), Progress()).share
+    found[mask] = trace_occlusion(points, normals, mask, direction_cells(2000), Progress()).hidden_share
     row = found[100]
     x = np.abs(points[100, :, 0]) * np.sqrt(2)
     length = np.array([x[47], x[16]])  # of the right wall, and of the left
