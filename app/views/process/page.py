@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QAction, QFontDatabase, QUndoStack
+from PySide6.QtCore import QEvent, Qt, QTimer
+from PySide6.QtGui import QAction, QFontDatabase, QShowEvent, QUndoStack
 from PySide6.QtWidgets import (
     QFrame,
     QPlainTextEdit,
@@ -79,6 +79,20 @@ class ProcessPage(QWidget):
         else:
             self.model.refresh()
         self._show_plan()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._plan_again()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() is QEvent.Type.ActivationChange and self.isActiveWindow():
+            self._plan_again()
+
+    def _plan_again(self) -> None:
+        """Another page or the command line may have changed what is up to date."""
+        if self.model is not None and self._folder is not None and self.isVisible():
+            self.model.refresh()
 
     def _build(self) -> None:
         self.start = self._action(self.tr("Process"), "F5", self._process)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QCoreApplication, QEvent, Qt
 from pytestqt.qtbot import QtBot
 
 from app import processing
@@ -71,6 +71,26 @@ def test_the_column_shows_each_stage_and_chooses_the_first_to_run(page: ProcessP
     assert page.bar.run.isEnabled()
     assert not page.bar.cancel.isEnabled()
     assert not page.grab().isNull()
+
+
+def test_what_another_page_or_program_made_stale_is_told_as_soon_as_the_page_is_seen_again(
+    page: ProcessPage, questions: Questions, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page.hide()
+    questions.done = 1
+    assert page.bar.left.text() == "4 of 6 stages will run"
+    page.show()
+    until(qtbot, lambda: page.bar.left.text() == "5 of 6 stages will run")
+    questions.done = 6
+    page.hide()
+    page.show()
+    until(qtbot, lambda: page.bar.left.text() == "all done")
+    assert not page.bar.run.isEnabled()
+    questions.done = 3
+    monkeypatch.setattr(page, "isActiveWindow", lambda: True)
+    QCoreApplication.sendEvent(page, QEvent(QEvent.Type.ActivationChange))
+    until(qtbot, lambda: page.bar.left.text() == "3 of 6 stages will run")
+    assert page.bar.run.isEnabled()
 
 
 def test_a_gpu_that_is_found_stands_in_the_status_bar(
