@@ -26,14 +26,14 @@ def corners(
 
 
 def size(cam_from_world: Float[np.ndarray, "n 3 4"], object_depth: float | None) -> float:
-    """How long to draw the pyramids: told apart from their neighbours, and shorter than the way to the object."""
+    """How long to draw the pyramids: told apart from their neighbours, and a tenth of the way to the object, which they would hide."""
     if len(cam_from_world) == 0:
         return 1.0
     places = -np.einsum("nij,ni->nj", cam_from_world[:, :, :3], cam_from_world[:, :, 3])
     spread = float(np.linalg.norm(np.ptp(places, axis=0)))
     apart = spread / max(len(places) ** 0.5, 1.0)
     length = 0.6 * apart if apart > 0 else 0.25 * (object_depth or 1.0)
-    return min(length, 0.3 * object_depth) if object_depth else length
+    return min(length, 0.1 * object_depth) if object_depth else length
 
 
 def picked(

@@ -21,6 +21,7 @@ ELLIPSOIDS, MOVING_ELLIPSOIDS = 1500, 400
 SPARSE = (142, 150, 162)
 LEVELS = 2  # still, moving
 FLOOR = 72  # of what shines least; the ground is darker
+FAINT = 0.5  # of the ink against the background: lines of the cameras beside a surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,7 @@ class Parts:
         if "lamps" in shown and scene.lamps is not None and len(scene.lamps.radii):
             found["lamps"] = self._once("lamps", style.exposure_ev, lambda: self._lamps(style))
         if "cameras" in shown and scene.contents.poses:
-            found["cameras"] = self._once("cameras", style.line, lambda: self._cameras(style))
+            found["cameras"] = self._once("cameras", (style.line, style.bottom), lambda: self._cameras(style))
         if "axes" in shown:
             found["axes"] = self._once("axes", None, self._axes)
         if "grid" in shown:
@@ -186,7 +187,10 @@ class Parts:
         poses = np.array([pose for pose in contents.poses if pose]).reshape(-1, 3, 4)
         points = frusta.corners(poses, contents.aspect, contents.fov, contents.frustum)
         pairs = (np.array(frusta.EDGES) + 5 * np.arange(len(points))[:, None, None]).reshape(-1, 2)
-        return Lines(points.reshape(-1, 3), pairs, np.tile(np.array(style.line, np.uint8), (len(pairs), 1)))
+        # Dozens of cameras around an object must not hide it.
+        share = FAINT if self.scene.sheets else 1.0
+        colour = share * np.array(style.line) + (1 - share) * np.array(style.bottom)
+        return Lines(points.reshape(-1, 3), pairs, np.tile(colour.astype(np.uint8), (len(pairs), 1)))
 
     def _axes(self) -> Lines:
         length = self.scene.contents.room_radius / 8

@@ -35,13 +35,16 @@ def opened(before: Showing, contents: Contents, aspect: float) -> Showing:
         chosen = before.chosen if 0 <= before.chosen < len(contents.poses) else -1
         kept = replace(before, contents=contents, style=style, chosen=chosen)
         return at_home(kept, aspect) if before.home else kept
-    style = replace(before.style, surface="shaded", view=-1)
+    surface = "albedo" if "albedo" in contents.surfaces else "shaded"
+    style = replace(before.style, surface=surface, view=-1)
     return at_home(Showing(contents, before.eye, style), aspect)
 
 
 def at_home(showing: Showing, aspect: float) -> Showing:
-    """From a little above and aside: cameras and object, with the room around them."""
+    """At the object, as its camera saw it; without a surface from a little above and aside at the cameras, with the room around."""
     contents = showing.contents
+    if contents.object_depth > 0 and registered(contents):
+        return replace(framed(showing, OBJECT, aspect), home=True)
     azimuth, elevation = orbit.THREE_QUARTERS
     eye = Orbit(contents.centre, 1.0, azimuth, elevation, contents.up, contents.front)
     # Near enough to tell the cameras apart, and far enough that the room is a room.
@@ -50,15 +53,18 @@ def at_home(showing: Showing, aspect: float) -> Showing:
 
 
 def framed(showing: Showing, what: str, aspect: float) -> Showing:
-    """The whole room, or the object where the surface stands; seen from the same side as now."""
+    """The whole room, seen from the same side as now; or the object where the surface stands, from its camera's side: from all
+    others the shell that a camera saw shows its edge or its back."""
     contents = showing.contents
     if (
         what == OBJECT
         and contents.object_depth > 0
         and (pose := pose_of(contents, standing(showing))) is not None
     ):
-        x, y, z = (float(v) for v in pose[:, :3].T @ ([0.0, 0.0, contents.object_depth] - pose[:, 3]))
-        eye = orbit.fitted(showing.eye, (x, y, z), _OBJECT_SHARE * contents.object_depth, aspect)
+        begun = replace(showing.eye, up=contents.up, front=contents.front)
+        seen = orbit.through(begun, pose, contents.object_depth, orbit.FOV)
+        eye = orbit.fitted(seen, seen.target, _OBJECT_SHARE * contents.object_depth, aspect)
+        eye = replace(eye, roll=seen.roll)
     elif what == OBJECT:
         eye = orbit.fitted(showing.eye, contents.centre, contents.radius, aspect)
     else:

@@ -14,10 +14,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from PySide6.QtGui import QImage
 
-from app.viewer import orbit
 from app.views.capture.page import CapturePage
 from app.views.main_window import MainWindow
 from app.views.maps.page import MapsPage
@@ -30,7 +28,6 @@ from tests.end_to_end.windowed import until
 SIZE = 1240, 780
 MOST_BYTES = 250_000
 QUALITIES = (92, 88, 84, 80, 75, 70)
-NEARER = 1.7
 SETTLED_S = 1.0  # what is drawn in a thread, and fades and scrolls, has its time
 STUDIO = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roomlight" / "studio"
 
@@ -75,7 +72,7 @@ def pages(
     window.go_to_session(session)
     view = windowed.page(window, "view3d", View3dPage)
     windowed.scene_of(view)
-    closer(view)
+    view.banner.hide()
     yield "view3d", grabbed(window)
     maps = windowed.page(window, "maps", MapsPage)
     for layer in ("photograph", "normal", "albedo", "depth"):
@@ -104,17 +101,6 @@ def pages(
     yield "capture", grabbed(window)
     capture.does.end.trigger()
     windowed.finished(capture)
-
-
-def closer(view: View3dPage) -> None:
-    """Cameras and object fill the picture; the surface wears its own colours."""
-    view.banner.hide()
-    view.panel.surface_chosen.emit("albedo")
-    eye = orbit.aimed(view.state.eye, np.array(view.state.contents.centre))
-    view.canvas.eye_moved.emit(orbit.zoomed(eye, NEARER), False)
-    before = view.canvas.picture
-    until(lambda: view.canvas.picture is not before, "a nearer picture")
-    windowed.scene_of(view)
 
 
 def grabbed(window: MainWindow) -> QImage:

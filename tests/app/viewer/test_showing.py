@@ -19,12 +19,37 @@ def opened() -> Showing:
     return showing.opened(Showing(), CONTENTS, ASPECT)
 
 
-def test_a_new_session_is_seen_from_home(opened: Showing) -> None:
+def test_a_new_session_opens_at_its_object_as_its_camera_saw_it(opened: Showing) -> None:
     assert opened.home
-    assert opened.eye.target == CONTENTS.centre
-    assert opened.eye.up == CONTENTS.up
-    away = np.linalg.norm(orbit.eye(opened.eye) - CONTENTS.centre)
-    assert away > CONTENTS.radius
+    pose = showing.pose_of(CONTENTS, showing.standing(opened))
+    assert pose is not None
+    right, down, ahead = orbit.axes(opened.eye)
+    np.testing.assert_allclose([right, down, ahead], pose[:, :3], atol=1e-9)
+    np.testing.assert_allclose(
+        pose[:, :3] @ opened.eye.target + pose[:, 3], [0, 0, CONTENTS.object_depth], atol=1e-9
+    )
+
+
+def test_before_there_is_a_surface_a_session_is_seen_from_above_its_cameras() -> None:
+    bare = replace(CONTENTS, object_depth=0.0)
+    begun = showing.opened(Showing(), bare, ASPECT)
+    assert begun.home
+    assert begun.eye.target == bare.centre
+    assert begun.eye.up == bare.up
+    assert np.linalg.norm(orbit.eye(begun.eye) - bare.centre) > bare.radius
+    larger = replace(bare, radius=9.0, room_radius=20.0)
+    assert showing.opened(begun, larger, ASPECT).eye.distance > begun.eye.distance
+    arrived = showing.opened(begun, CONTENTS, ASPECT)
+    assert arrived.home
+    assert arrived.eye.target != begun.eye.target
+
+
+def test_a_surface_with_colours_is_first_seen_in_them() -> None:
+    assert (
+        showing.opened(Showing(), replace(CONTENTS, surfaces=("shaded",)), ASPECT).style.surface == "shaded"
+    )
+    coloured = replace(CONTENTS, surfaces=("shaded", "albedo"))
+    assert showing.opened(Showing(), coloured, ASPECT).style.surface == "albedo"
 
 
 def test_the_same_session_again_leaves_the_eye_alone(opened: Showing) -> None:
@@ -32,11 +57,6 @@ def test_the_same_session_again_leaves_the_eye_alone(opened: Showing) -> None:
     again = showing.opened(moved, replace(CONTENTS, triangles=7), ASPECT)
     assert again.eye == moved.eye
     assert (again.chosen, again.style, again.contents.triangles) == (2, moved.style, 7)
-
-
-def test_from_home_a_scene_that_grew_is_seen_from_its_new_home(opened: Showing) -> None:
-    larger = replace(CONTENTS, radius=9.0, room_radius=20.0)
-    assert showing.opened(opened, larger, ASPECT).eye.distance > opened.eye.distance
 
 
 def test_another_session_forgets_eye_and_choice_but_not_the_layers(opened: Showing) -> None:

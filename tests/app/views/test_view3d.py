@@ -331,6 +331,15 @@ def test_a_turn_goes_its_way_and_arrives(qtbot, open_page: View3dPage) -> None:
     shown(qtbot, open_page)
 
 
+def room_seen(qtbot, page: View3dPage) -> None:
+    """From so far away that every camera is in the picture."""
+    page.turn.milliseconds = 1
+    page._actions["everything"].trigger()
+    room = page.state.contents.room
+    qtbot.waitUntil(lambda: page.canvas._seen_from.target == pytest.approx(room), timeout=BOUND_MS)
+    shown(qtbot, page)
+
+
 def camera_pixel(page: View3dPage, view: int) -> QPoint:
     canvas = page.canvas
     flat = orbit.project(canvas._seen_from, canvas._pyramids[view], canvas.width(), canvas.height())
@@ -339,6 +348,7 @@ def camera_pixel(page: View3dPage, view: int) -> QPoint:
 
 
 def test_clicking_a_camera_asks_for_its_photograph(qtbot, open_page: View3dPage) -> None:
+    room_seen(qtbot, open_page)
     with qtbot.waitSignal(open_page.view_picked, timeout=BOUND_MS) as asked:
         qtbot.mouseClick(open_page.canvas, Qt.MouseButton.LeftButton, pos=camera_pixel(open_page, 1))
     assert asked.args == [1]
@@ -352,6 +362,7 @@ def test_clicking_a_camera_asks_for_its_photograph(qtbot, open_page: View3dPage)
 
 def test_the_photograph_is_offered_on_the_maps_page_too(qtbot, open_page: View3dPage, shell: Shell) -> None:
     open_page.use(shell)
+    room_seen(qtbot, open_page)
     qtbot.mouseClick(open_page.canvas, Qt.MouseButton.LeftButton, pos=camera_pixel(open_page, 1))
     assert shell.state.view.value == 1
     for ask in (
