@@ -13,6 +13,7 @@ from app.plan import told_seconds
 from app.state import State
 from app.views import icons, theme
 from app.views.bridge import Bridge
+from app.views.process.stages import title
 from app.work.queue import Board
 
 DISK_EVERY_S = 5.0
@@ -141,7 +142,8 @@ class StatusBar(QStatusBar):
             self._followed = None
             return
         status = active[0].status
-        parts = [status.name, status.stage]
+        stage = title(status.stage)
+        parts = [status.name, stage if stage.casefold() != status.name.casefold() else ""]
         if status.eta_s is not None and status.fraction < 1:
             parts.append(self.tr("{0} left").format(told_seconds(status.eta_s)))
         more = len(active) - 1 + len(waiting)

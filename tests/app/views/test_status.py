@@ -49,6 +49,15 @@ def test_devices_come_and_go(bar: StatusBar, shell: Shell) -> None:
     assert "turntable" not in bar.devices.accessibleDescription()
 
 
+def test_a_job_of_one_stage_is_named_once(bar: StatusBar, shell: Shell, qtbot: QtBot) -> None:
+    script = 'emit("stage", name="report", number=1, count=1); emit("progress", fraction=0.5)\n'
+    shell.board.enqueue(job(script + WILLING.split("\n", 2)[2], "Report"))
+    until(qtbot, lambda: bar.bar.value() == 500)
+    assert bar.job.text() == "Report"
+    shell.board.cancel_all()
+    until(qtbot, lambda: not bar.job.isVisibleTo(bar))
+
+
 def test_the_job_under_way_is_shown_with_how_many_follow(bar: StatusBar, shell: Shell, qtbot: QtBot) -> None:
     assert not bar.job.isVisibleTo(bar)
     script = (
@@ -59,7 +68,7 @@ def test_the_job_under_way_is_shown_with_how_many_follow(bar: StatusBar, shell: 
     shell.board.enqueue(run)
     shell.board.enqueue(job(WILLING, "bear"))
     until(qtbot, lambda: bar.bar.value() == 500)
-    assert bar.job.text() == "lion  light  +1 more"
+    assert bar.job.text() == "lion  Light  +1 more"
     assert bar.job.isVisibleTo(bar)
     with qtbot.waitSignal(bar.show_job):
         bar.job.click()
