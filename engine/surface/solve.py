@@ -28,7 +28,7 @@ from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.rendering.object_pixels import image, light_transport, photographed_radiance
 from engine.surface.schedule import run, schedule, without
 from engine.surface.tiled_solve import SolvedMaps, evaluate_result, solve_tiles
-from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved
+from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved_variance
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
 SPARE = 8
@@ -144,7 +144,7 @@ def solve(
     else:
         maps, depth = solve_tiles(whole, scene.fitted, take, found, moving, here, there, params, span)
         z = depth[whole.mask]
-    edges = unresolved(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
+    edges = unresolved_variance(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
     maps = replace(maps, stderr_normal=np.minimum(np.sqrt(maps.stderr_normal**2 + edges), np.pi / 2))
     material = of_pixels(found.object_pixels.material, take)
     surface = surface_of(mask, maps, z, params.model_error, material)

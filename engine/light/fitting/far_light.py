@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from engine.color import luminance
+from engine.light.clusters import clusters
 from engine.light.fitting.training_views import Photographs, camera_centres
 
 
@@ -80,9 +78,7 @@ def _rays(
 def _parts(points: Float[np.ndarray, "k 3"], gap: float) -> Int[np.ndarray, " k"]:
     """Which connected part each point belongs to: cells of the size `gap` that touch, also by corners, are one part."""
     cells, inside = np.unique(np.floor(points / gap).astype(np.int64), axis=0, return_inverse=True)
-    pairs = KDTree(cells).query_pairs(1.8, output_type="ndarray")  # sqrt(3) and a bit
-    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(cells),) * 2)
-    return connected_components(links, directed=False)[1][inside.ravel()]
+    return clusters(cells, 1.8)[inside.ravel()]  # sqrt(3) and a bit
 
 
 def _misfit(

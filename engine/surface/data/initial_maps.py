@@ -112,7 +112,7 @@ def estimate_from_maps(
     params: SurfaceParams,
     progress: Progress,
 ) -> gauss_newton.PixelEstimate:
-    """The maps as a first surface of the subject's pixels: all of the maps' mask, or `pyramid.downsample` ones."""
+    """The maps as a first surface of the object's pixels: all of the maps' mask, or `pyramid.downsample` ones."""
     if maps.mask.shape != object_pixels.mask.shape:
         maps = downsample(maps, object_pixels.mask)
     transport, parts = (

@@ -10,12 +10,11 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.cluster.vq import kmeans2
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from engine.color import luminance
 from engine.geometry import project, transform
+from engine.light.clusters import clusters
 from engine.light.fitting.training_views import pinhole_of
 from engine.types import Frames, Gaussians, Masks, Poses
 
@@ -83,10 +82,7 @@ def group_emitters(
     group = np.full(len(energy), -1)
     count = 0
     if len(bright):
-        scaled = gaussians.means[bright] / (NEAR * np.median(distance[bright]))
-        pairs = KDTree(scaled).query_pairs(1.0, output_type="ndarray")
-        links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(bright),) * 2)
-        _, cluster = connected_components(links, directed=False)
+        cluster = clusters(gaussians.means[bright] / (NEAR * np.median(distance[bright])), 1.0)
         carried = np.bincount(cluster, energy[bright])
         for lamp in np.argsort(-carried)[:LAMPS]:
             if carried[lamp] > 0.005 * energy.sum():

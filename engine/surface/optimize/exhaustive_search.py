@@ -27,7 +27,7 @@ def exhaustive_search(
     progress: Progress,
 ) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
     """(normals, albedo, roughness) of every pixel; `regions` share one light and one view direction. Each pixel is of the
-    sight's material."""
+    geometry's material."""
     count = len(geometry.points)
     normals, albedo = np.zeros((count, 3)), np.zeros((count, 3))
     roughness = np.zeros(count)

@@ -193,7 +193,7 @@ def minimize(
     progress: Progress,
     reset_scale: bool = False,
 ) -> PixelEstimate:
-    """Up to `passes` evaluations of every pixel with a damped step between them; ends on an accepted state.
+    """Up to `steps` evaluations of every pixel with a damped step between them; ends on an accepted state.
 
     A pixel whose next step would be less than `STEP_TOLERANCE` is left where it is. `reset_scale`: after an `update_residual_scale`,
     which costs nothing here.

@@ -94,7 +94,7 @@ def sample_pixels(
     views: Int[np.ndarray, " m"] | None = None,
     light: IncidentLight | None = None,
 ) -> PixelSample:
-    """What some pixels know, in all views or in some, given by their places among the subject's. The object stands at
+    """What some pixels know, in all views or in some, given by their places among the object's. The object stands at
     `distance` in `geometry`. Walls shine as under `light`, which has the same views."""
     seen = (
         object_pixels.observations

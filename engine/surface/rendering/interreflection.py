@@ -22,7 +22,7 @@ ONCE_MORE = 2
 def radiance_of_hidden_patches(
     geometry: SurfaceGeometry, light: IncidentLight, photographed: Float[np.ndarray, "q v"]
 ) -> Float[np.ndarray, "w v"]:
-    """Radiance (float32) of the sight's walls under a light, in all views of it; `photographed` as in `LightTransport`."""
+    """Radiance (float32) of the geometry's walls under a light, in all views of it; `photographed` as in `LightTransport`."""
     walls = geometry.visibility and geometry.visibility.hidden_surfaces
     if not walls:
         return np.zeros((0, photographed.shape[1]), np.float32)

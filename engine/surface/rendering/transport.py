@@ -301,20 +301,20 @@ class LightTransport:
         self.cell = np.float32(4 * np.pi / len(incident.directions))
 
     def check(self, geometry: SurfaceGeometry) -> None:
-        """Whether what throws light is what this sight knows.
+        """Whether what throws light is what this geometry knows.
 
         Raises:
-            ValueError: the sight knows other walls than were lit.
+            ValueError: the geometry knows other walls than were lit.
         """
         hides = geometry.visibility and geometry.visibility.hidden_surfaces
         if self.bounce and len(self.walls) != (len(hides.points) if hides else 0):
-            raise ValueError(f"{len(self.walls)} walls are lit, but not those that the sight knows")
+            raise ValueError(f"{len(self.walls)} walls are lit, but not those that the geometry knows")
 
     def block(self, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"]) -> Block:
         """What reaches a block of pixels.
 
         Raises:
-            ValueError: the sight knows other walls than were lit.
+            ValueError: the geometry knows other walls than were lit.
         """
         self.check(geometry)
         points = geometry.points[pixels]

@@ -5,7 +5,7 @@ independent, which those of neighbouring views and of the three channels are not
 the light. So the answer is also asked what it would be without each of a few stretches of the views (delete-a-group
 jackknife: Shao, Tu, "The Jackknife and Bootstrap", 1995, ch. 2), one Gauss-Newton step each. What is wrong
 alike in all views, neither can know: of the light `LightVariance` tells it, and of what is smaller than a pixel its neighbours
-(`unresolved`). Radians for normals.
+(`unresolved_variance`). Radians for normals.
 """
 
 from dataclasses import dataclass
@@ -131,7 +131,7 @@ def standard_errors(
     return StandardErrors(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)
 
 
-def unresolved(
+def unresolved_variance(
     normals: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], stderr: Float[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:
     """Variances of normals at pixel centres by edges that cross pixels, of which a pixel sees a mean.
@@ -143,11 +143,8 @@ def unresolved(
     """
     variance, steps = stderr.astype(np.float64) ** 2, np.zeros(mask.shape)
     for axis in (0, 1):
-
-        def along(values: np.ndarray, weights: list[int], axis: int = axis) -> np.ndarray:
-            return correlate1d(values, weights, axis, mode="constant")
-
-        inside = along(mask.astype(int), [1, 1, 1]) == 3
-        bend = (along(normals.astype(np.float64), [1, -2, 1]) ** 2).sum(-1) - along(variance, [1, 4, 1])
+        inside = correlate1d(mask.astype(int), [1, 1, 1], axis, mode="constant") == 3
+        second = correlate1d(normals.astype(np.float64), [1, -2, 1], axis, mode="constant")
+        bend = (second**2).sum(-1) - correlate1d(variance, [1, 4, 1], axis, mode="constant")
         steps += np.where(inside, bend, 0)
     return np.maximum(uniform_filter(steps, 3, mode="constant"), 0) / 4

@@ -17,7 +17,7 @@ from engine.surface.uncertainty.standard_errors import (
     grid_refinement_error,
     jackknife,
     standard_errors,
-    unresolved,
+    unresolved_variance,
 )
 from tests.engine.surface.rendering.test_object_pixels import (
     CAMERA,
@@ -145,7 +145,7 @@ def test_where_an_edge_crosses_pixels_their_centres_are_as_unsure_as_they_are_wr
         normals, mask = np.tile(row, (5, 1, 1)), np.ones((5, 7), bool)
         if turned:
             normals, mask = normals.transpose(1, 0, 2), mask.T
-        variance = unresolved(normals, mask, np.zeros(mask.shape))
+        variance = unresolved_variance(normals, mask, np.zeros(mask.shape))
         told.append(variance[3, 2] if turned else variance[2, 3])
         assert variance[0, 0] < 1e-12
     assert np.sqrt(np.mean(told)) == pytest.approx(np.sqrt((wrong**2).mean()), rel=0.05)
@@ -154,15 +154,15 @@ def test_where_an_edge_crosses_pixels_their_centres_are_as_unsure_as_they_are_wr
 def test_a_surface_that_bends_evenly_hides_nothing_between_its_pixels():
     bent = np.tile(tilted(np.linspace(0, 60, 61)), (9, 1, 1))  # a degree a pixel
     mask, still = np.ones(bent.shape[:2], bool), np.zeros(bent.shape[:2])
-    assert np.degrees(np.sqrt(unresolved(bent, mask, still))).max() < 0.01
+    assert np.degrees(np.sqrt(unresolved_variance(bent, mask, still))).max() < 0.01
     noisy = tilted(np.linspace(0, 60, 61) + np.random.default_rng(0).normal(0, 2, (9, 61)))
-    known = unresolved(noisy, mask, np.full(mask.shape, np.radians(2)))
+    known = unresolved_variance(noisy, mask, np.full(mask.shape, np.radians(2)))
     assert np.degrees(np.sqrt(known.mean())) < 2
-    assert unresolved(noisy, mask, np.full(mask.shape, np.radians(9))).max() == 0
+    assert unresolved_variance(noisy, mask, np.full(mask.shape, np.radians(9))).max() == 0
 
 
 def test_nothing_is_told_across_the_rim():
     step = np.tile(tilted(np.repeat([0.0, 40.0], 5)), (5, 1, 1))
     mask = np.ones(step.shape[:2], bool)
     mask[:, 5:] = False
-    assert unresolved(np.where(mask[..., None], step, 0), mask, np.zeros(mask.shape)).max() == 0
+    assert unresolved_variance(np.where(mask[..., None], step, 0), mask, np.zeros(mask.shape)).max() == 0
