@@ -41,7 +41,7 @@ from hardware.virtual.studio import shoot
 from hardware.virtual.studio import truth as studio_truth
 from hardware.virtual.studio.objects import Body
 
-VERSION = 2  # raise when a kept bound would be another
+VERSION = 3  # raise when a kept bound would be another
 PIXELS = 400  # about so many are asked
 PARAMS = SurfaceParams(directions=1024)
 PROBES = (2, 2, 2)
@@ -66,7 +66,7 @@ def bounded(
             return on
         _keep(found, place)
     with np.load(place) as kept:
-        return replace(on, bound=Bound(kept["chosen"], kept["normal_deg"]))
+        return replace(on, bound=Bound(kept["chosen"], kept["normal_deg"], kept["blur_deg"]))
 
 
 def of_set(
@@ -100,7 +100,7 @@ def of_set(
     )
     chosen = np.zeros_like(mask)
     chosen[mask] = np.arange(len(angle)) % every == 0
-    return Bound(chosen, angle[::every])
+    return Bound(chosen, angle[::every], blur(built.body, mask)[chosen])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +131,17 @@ class Known:
             radiance, jacobian = derivatives(responses, geometry, pixels, true)
             usable = self.object_pixels.observations.weight[pixels].reshape(radiance.shape) > 0
             yield np.degrees(expected_angle(information(radiance, jacobian * usable[..., None], scatter)))
+
+
+def blur(body: Body, mask: Bool[np.ndarray, "h w"], finer: int = 4) -> Float[np.ndarray, "h w"]:
+    """Degrees between the true normal at each pixel's centre and the mean of those at `finer` x `finer` places in it; of the
+    object alone. A photograph shows such a mean, so no photograph tells the former."""
+    height, width = mask.shape
+    centre = studio_truth.maps(body, width, height)["normal"]
+    places_in = studio_truth.maps(body, width * finer, height * finer)["normal"]
+    mean = places_in.reshape(height, finer, width, finer, 3).sum((1, 3))
+    cosine = (mean * centre).sum(-1) / np.maximum(np.linalg.norm(mean, axis=-1), 1e-12)
+    return np.where(mask, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0)
 
 
 def known_of(
@@ -183,5 +194,7 @@ def _material(body: Body, mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "p
 def _keep(found: Bound, place: Path) -> None:
     partial = place.with_name(f".{place.stem}.{os.getpid()}.npz")
     with sessions.told(place):
-        np.savez_compressed(partial, chosen=found.chosen, normal_deg=found.normal_deg)
+        np.savez_compressed(
+            partial, chosen=found.chosen, normal_deg=found.normal_deg, blur_deg=found.blur_deg
+        )
         partial.rename(place)

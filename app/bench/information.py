@@ -29,11 +29,14 @@ class Bound:
 
     chosen: Bool[np.ndarray, "h w"]
     normal_deg: Float[np.ndarray, " k"]  # mean angle to the true normal
+    blur_deg: Float[np.ndarray, " k"]  # between the truth, at the pixel's centre, and its mean over the pixel
 
-    def over(self, mask: Bool[np.ndarray, "h w"]) -> float:
-        """The mean over the chosen ones of some pixels, degrees; NaN where they are too few."""
-        found = self.normal_deg[mask[self.chosen]]
-        return float(found.mean()) if len(found) >= LEAST else float("nan")
+    def over(self, mask: Bool[np.ndarray, "h w"]) -> tuple[float, float]:
+        """The means of both over the chosen ones of some pixels, degrees; NaN where they are too few."""
+        among = mask[self.chosen]
+        if among.sum() < LEAST:
+            return float("nan"), float("nan")
+        return float(self.normal_deg[among].mean()), float(self.blur_deg[among].mean())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from app.bench.scores import Scored, by_method
 
 ALIKE = ("command", "size", "inputs", "seed")
 """What records must have in common to be of one table."""
-UNSURE = ("seconds", "rendered", "in_band", "bound", "to_bound", "depth_within", "depth_between")
+UNSURE = ("seconds", "rendered", "in_band", "bound", "to_bound", "blur", "depth_within", "depth_between")
 """What of a row may be unknown; older records do not name all of it."""
 
 

@@ -65,6 +65,9 @@ class Scored:
     thing: str = ""  # the object; rows of older records do not say it
     bound: float = math.nan  # least mean error of normals that the photographs allow, degrees; NaN: not known
     to_bound: float = math.nan  # error of normals over it
+    blur: float = (
+        math.nan
+    )  # mean angle between normals at pixel centres and their means over a pixel, degrees
     depth_within: float = math.nan  # of the parts of the true depth (`depth`), pixel widths
     depth_between: float = math.nan
 
@@ -81,7 +84,7 @@ def score(rows: Sequence[Row]) -> list[Scored]:
             f"{rows[0].set.name}: no pixel of the truth was answered by every row; nothing to compare"
         )
     on = rows[0].set
-    bound = math.nan if on.bound is None else on.bound.over(common)
+    bound, blur = (math.nan, math.nan) if on.bound is None else on.bound.over(common)
     camera, truth = on.stored.poses.camera, on.truth
     part = depth.parts_of(truth.depth, truth.normal, truth.mask, camera)
     scored = []
@@ -97,7 +100,7 @@ def score(rows: Sequence[Row]) -> list[Scored]:
                 row.set.name, row.method.key, row.method.title, row.method.kind, values, row.seconds,
                 row.extrapolated, int(common.sum()), (row.run,), row.rendered,
                 found.normal_in_band if stated else math.nan, on.thing, bound, found.normal_mean_deg / bound,
-                deep.within, deep.between,
+                blur, deep.within, deep.between,
             )
         )  # fmt: skip
     return scored
@@ -118,6 +121,7 @@ def mean(scored: Sequence[Scored], name: str = "mean") -> Scored:
         in_band=statistics.fmean(s.in_band for s in scored),
         bound=statistics.fmean(s.bound for s in scored),
         to_bound=statistics.fmean(s.to_bound for s in scored),
+        blur=statistics.fmean(s.blur for s in scored),
         depth_within=statistics.fmean(s.depth_within for s in scored),
         depth_between=_known_mean([s.depth_between for s in scored]),
     )
@@ -192,6 +196,7 @@ def as_metrics(scored: Sequence[Scored], few: bool = False) -> list[Metric]:
             found.append(Metric(f"{at}/in_band", one.in_band, "share of pixels, ideally 0.95", "higher"))
         for name, value, unit in (
             ("bound", one.bound, "deg"), ("normal_to_bound", one.to_bound, "bounds"),
+            ("pixel_blur", one.blur, "deg"),
             ("depth_within", one.depth_within, "pixel widths"), ("depth_between", one.depth_between, "pixel widths"),
         ):  # fmt: skip
             if not math.isnan(value):

@@ -22,18 +22,28 @@ def by_object(scored: Sequence[Scored]) -> str:
 
 def by_set(scored: Sequence[Scored]) -> str:
     """Sets as rows, and their mean: the least error of normals that the photographs allow; of each method its own, how many
-    times that it is, and depth within and between parts."""
+    times that it is, and depth within and between parts. Beside the bound, what the pixels' size takes from the truth."""
     methods = by_method(scored)
     heads = ("Normal ↓", "x bound ↓", "depth within px ↓", "between ↓")
     lines = [
-        ["set", "bound deg", *(f"{group[0].title}: {head}" for group in methods.values() for head in heads)]
+        [
+            "set",
+            "bound deg",
+            "pixel blur deg",
+            *(f"{group[0].title}: {head}" for group in methods.values() for head in heads),
+        ]
     ]
     rows = [[one for one in scored if one.set == name] for name in dict.fromkeys(one.set for one in scored)]
     for row in [*rows, *([means(scored)] if len(rows) > 1 else [])]:
         found = {one.method: one for one in row}
         cells = [_of_set(found[key]) if key in found else ["-"] * len(heads) for key in methods]
         lines.append(
-            [row[0].set, _known(row[0].bound, 3), *(cell for cells_of in cells for cell in cells_of)]
+            [
+                row[0].set,
+                _known(row[0].bound, 3),
+                _known(row[0].blur, 2),
+                *(cell for cells_of in cells for cell in cells_of),
+            ]
         )
     return markdown(lines)
 
@@ -106,6 +116,10 @@ def notes(scored: Sequence[Scored]) -> str:
     if any(not math.isnan(one.bound) for one in scored):
         said.append(
             "bound: the least mean error that each pixel's photographs allow an unbiased estimate for itself"
+        )
+    if any(not math.isnan(one.blur) for one in scored):
+        said.append(
+            "pixel blur: mean angle between the truth, at pixel centres, and its mean over a pixel, which photographs show"
         )
     if any(not math.isnan(one.depth_within) for one in scored):
         said.append(

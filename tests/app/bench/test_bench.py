@@ -368,7 +368,7 @@ def test_a_record_from_before_there_were_bounds_is_still_a_table(
     now = capsys.readouterr().out
     record = json.loads((tmp_path / "m.json").read_text())
     for row in [row for held in record["rows"].values() for row in held]:
-        for key in ("thing", "bound", "to_bound", "depth_within", "depth_between"):
+        for key in ("thing", "bound", "to_bound", "blur", "depth_within", "depth_between"):
             del row[key]
     (tmp_path / "m.json").write_text(json.dumps(record))
     assert main(["bench", "table", "--from", str(tmp_path / "m.json")]) == 0

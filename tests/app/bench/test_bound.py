@@ -24,7 +24,10 @@ from engine.surface.rendering.transport import pixel_blocks
 from engine.types import Frames, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot, tracer
+from hardware.virtual.studio import truth as studio_truth
+from hardware.virtual.studio.objects import Body
 from hardware.virtual.studio.order import RENDER_NOISE
+from hardware.virtual.studio.solids import Solid
 from tests.app.bench.synthetic import a_set, stored
 from tests.app.test_studio import cheap
 
@@ -109,7 +112,7 @@ def test_fewer_photographs_allow_less_and_a_sensor_takes_its_share(made) -> None
         found = bound.of_set(on, ROOM, THING, size, 0, "cpu", count, Progress())
         assert found.normal_deg.shape == (int(found.chosen.sum()),)
         assert not (found.chosen & ~on.truth.mask).any()
-        means[files, count] = found.over(on.truth.mask)
+        means[files, count], _ = found.over(on.truth.mask)
     assert 0.05 < means["linear", None] < means["linear", 8] < 90
     assert means["linear", None] < means["raw", None]
 
@@ -123,13 +126,13 @@ def test_a_bound_is_worked_out_once_and_kept_beside_its_set(
 
     def of_set(on, room, thing, size, seed, device, count, progress) -> Bound:
         asked.append(count)
-        return Bound(mask, np.full(int(mask.sum()), 0.25))
+        return Bound(mask, *np.full((2, int(mask.sum())), [[0.25], [0.5]]))
 
     monkeypatch.setattr(bound, "of_set", of_set)
     for count in (None, None, 8, 8):
         kept = bound.bounded(on, ROOM, THING, SMALL, 0, "cpu", count).bound
         assert kept is not None
-        assert kept.over(mask) == 0.25
+        assert kept.over(mask) == (0.25, 0.5)
     monkeypatch.setattr(bound, "VERSION", 99)
     bound.bounded(on, ROOM, THING, SMALL, 0, "cpu")
     assert asked == [None, 8, None]
@@ -150,8 +153,25 @@ def test_where_no_rays_are_followed_a_set_has_no_bound_and_that_is_said(
 def test_a_mean_is_over_the_pixels_that_were_compared_if_they_are_enough() -> None:
     chosen = np.zeros((20, 20), bool)
     chosen[::2] = True
-    known = Bound(chosen, np.repeat([1.0, 3.0], 100))
+    known = Bound(chosen, np.repeat([1.0, 3.0], 100), np.repeat([0.5, 0.0], 100))
     upper = np.arange(20)[:, None] < 10
-    assert known.over(np.ones((20, 20), bool)) == 2.0
-    assert known.over(np.broadcast_to(upper, (20, 20))) == 1.0
-    assert np.isnan(known.over(chosen & (np.arange(20) < 2)))
+    assert known.over(np.ones((20, 20), bool)) == (2.0, 0.25)
+    assert known.over(np.broadcast_to(upper, (20, 20))) == (1.0, 0.5)
+    assert np.isnan(known.over(chosen & (np.arange(20) < 2))).all()
+
+
+def test_a_ridge_within_a_pixel_is_told_as_its_blur() -> None:
+    # Two planes' normals meet a quarter of a pixel into column 8, so that its mean holds a quarter of the left one's.
+    width, height, depth = 16, 12, 1.0
+    focal = studio_truth.camera(width, height)["fx"]
+    edge, far = (8.25 - width / 2) / focal * depth, 1.0
+    tilt = np.radians(20.0)
+    corners = np.array([[x, y, depth] for x in (-far, edge, edge, far) for y in (-far, far)])
+    normals = np.array([[side * np.sin(tilt), 0, -np.cos(tilt)] for side in (-1, -1, -1, -1, 1, 1, 1, 1)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [4, 5, 6], [5, 7, 6]])
+    solid = Solid(corners, normals, faces)
+    body = Body("ridge", solid, np.full((8, 3), 0.5), np.full(8, 0.5))
+    found = bound.blur(body, np.ones((height, width), bool))
+    expected = 20.0 - np.degrees(np.arctan(0.5 * np.tan(tilt)))
+    np.testing.assert_allclose(found[:, 8], expected, atol=1e-3)
+    assert np.abs(np.delete(found, 8, 1)).max() < 0.05

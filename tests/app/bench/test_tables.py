@@ -45,9 +45,9 @@ def test_objects_are_averaged_over_rooms_and_then_over_all():
 
 def test_every_set_is_told_with_its_bound_and_errors_as_a_ratio_to_it():
     rows = [
-        replace(scored("bust", "draft", 0.9, 1.0, room="grey-white-room"), thing="bust", bound=0.3, to_bound=3.0,
+        replace(scored("bust", "draft", 0.9, 1.0, room="grey-white-room"), thing="bust", bound=0.3, to_bound=3.0, blur=1.5,
                 depth_within=0.25, depth_between=1.5),
-        replace(scored("cow", "draft", 1.0, 1.0, room="grey-white-room"), thing="cow", bound=0.5, to_bound=2.0,
+        replace(scored("cow", "draft", 1.0, 1.0, room="grey-white-room"), thing="cow", bound=0.5, to_bound=2.0, blur=0.5,
                 depth_within=0.75),
         scored("blob", "fine", 1.0, 1.0),
     ]  # fmt: skip
@@ -55,15 +55,16 @@ def test_every_set_is_told_with_its_bound_and_errors_as_a_ratio_to_it():
     assert cells(text, "grey-white-room-bust") == [
         "grey-white-room-bust",
         "0.300",
+        "1.50",
         "0.90",
         "3.00",
         "0.25",
         "1.50",
         *4 * "-",
     ]
-    assert cells(text, "grey-white-room-cow")[1:6] == ["0.500", "1.00", "2.00", "0.75", "-"]
-    assert cells(text, "study-blob")[1:] == ["-", *4 * "-", "1.00", "-", "-", "-"]
-    assert cells(tables.by_set(rows[:2]), "mean")[1:] == ["0.400", "0.95", "2.50", "0.50", "1.50"]
+    assert cells(text, "grey-white-room-cow")[1:7] == ["0.500", "0.50", "1.00", "2.00", "0.75", "-"]
+    assert cells(text, "study-blob")[1:] == ["-", "-", *4 * "-", "1.00", "-", "-", "-"]
+    assert cells(tables.by_set(rows[:2]), "mean")[1:] == ["0.400", "1.00", "0.95", "2.50", "0.50", "1.50"]
     assert cells(tables.by_switch(rows[:1]), "ours, draft")[6] == "3.00"
     assert "each pixel's photographs allow" in tables.notes(rows)
     assert [one.set for one in scores.object_means(rows[:2])] == ["mean-bust", "mean-cow"]
@@ -186,12 +187,12 @@ def test_every_row_is_compared_over_the_pixels_that_all_answered():
 def test_a_scores_bound_is_that_of_the_pixels_compared():
     true = leaning(0).mask
     left = np.arange(true.shape[1]) < true.shape[1] // 2
-    known = Bound(true, np.where(left, 1.0, 3.0)[np.nonzero(true)[1]])
+    known = Bound(true, np.where(left, 1.0, 3.0)[np.nonzero(true)[1]], np.full(int(true.sum()), 0.5))
     (whole,) = scores.score([replace(row(3.0), set=replace(a_set(), bound=known))])
     assert whole.to_bound == pytest.approx(whole.values["normal"] / whole.bound)
     assert 1 < whole.bound < 3
     (half,) = scores.score([replace(row(3.0, true & left), set=replace(a_set(), bound=known))])
-    assert half.bound == 1.0
+    assert (half.bound, half.blur) == (1.0, 0.5)
     assert half.depth_within == pytest.approx(0, abs=1e-6)
     assert np.isnan(scores.score([row(3.0)])[0].bound)
 
