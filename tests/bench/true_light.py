@@ -1,6 +1,6 @@
 """Prints how near our solver comes to what its photographs allow, when the studio's own light is given: one row per set.
 
-    python -m tests.bench.true_light FOLDER [--rooms study,lamps] [--objects blob] [--one-in 6] [--json FILE]
+    python -m tests.bench.true_light FOLDER [--rooms study lamps] [--objects blob] [--object-size M] [--noise .03] [--one-in 6] [--json FILE]
 
 FOLDER holds sets as `roomlight bench` makes them (size small, true poses and masks); missing ones are made. The light
 is the studio's (`true_incident`), the object's distance the true one, nothing of the light is refined; from there on it
@@ -29,7 +29,6 @@ from jaxtyping import Float, Int
 from app import cores, places
 from app.bench import choices, sets
 from app.bench.bound import Known, known_of
-from app.bench.choices import built_in
 from app.bench.information import Scatter
 from app.bench.markdown import markdown, shown
 from app.bench.sizes import OBJECTS, ROOMS, SIZES
@@ -52,6 +51,7 @@ from engine.surface.rendering.transport import SurfaceGeometry, pixel_blocks
 from engine.surface.schedule import run, schedule
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot
+from hardware.virtual.studio.order import Order
 
 SIZE = SIZES["small"]
 PROBES = (3, 3, 3)
@@ -120,18 +120,19 @@ class Furnished:
 def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     cores.prepare()
-    rooms, things = (tuple(filter(None, names.split(","))) for names in (args.rooms, args.objects))
+    size = replace(SIZE, noise=args.noise)
     rows = []
     try:
-        chosen = choices.rooms(rooms), choices.objects(things, None, 0)
+        chosen = choices.rooms(args.rooms), choices.objects(args.objects, None, 0, args.object_size)
         params = SurfaceParams(
             directions=args.directions, rounds=ROUNDS, held_out=0, relight=False, model_error=args.model_error
         )
         for room in chosen[0]:
             for thing in chosen[1]:
-                one = sets.ready(args.folder, room, thing, SIZE, SIZE.views, 0, "cpu")
+                one = sets.ready(args.folder, room, thing, size, size.views, 0, "cpu")
                 with sets.job(one.name) as progress:
-                    given = made_ready(one, params, progress.part(0, 0.2))
+                    order = sets.order_of(room, thing, size, size.views, 0, "cpu")
+                    given = made_ready(one, order, params, progress.part(0, 0.2))
                     row = score(one.name, given, params, args.one_in, progress.part(0.2, 0.3))
                     if args.one_in == 1:
                         row = solved(row, given, params, progress.part(0.3, 1))
@@ -147,13 +148,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def made_ready(one: sets.Set, params: SurfaceParams, progress: Progress) -> Furnished:
+def made_ready(one: sets.Set, order: Order, params: SurfaceParams, progress: Progress) -> Furnished:
     """A set under the studio's light; the truth's poses are its poses.
 
     Raises:
         StudioError: Mitsuba has no vectorised variant here.
     """
-    order = sets.order_of(built_in(one.room), built_in(one.thing), SIZE, SIZE.views, 0, "cpu")
     studio = shoot.build(order, places.cache() / "studio", progress.part(0, 0.3).step)
     known = known_of(one, studio, np.arange(SIZE.views), params, PROBES, progress.part(0.3, 1))
     picture = Picture(one.stored.frames, known.object_pixels.mask, one.stored.poses.camera)
@@ -284,8 +284,12 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="true_light", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--rooms", default=",".join(ROOMS))
-    parser.add_argument("--objects", default=",".join(OBJECTS))
+    parser.add_argument("--rooms", nargs="+", default=ROOMS, metavar="NAME|SCENE")
+    parser.add_argument("--objects", nargs="+", default=OBJECTS, metavar="NAME|MESH")
+    parser.add_argument("--object-size", type=float, metavar="M", help="of meshes")
+    parser.add_argument(
+        "--noise", type=float, default=SIZE.noise, help="of the path tracer, in the photographs"
+    )
     parser.add_argument("--directions", type=int, default=1024)
     parser.add_argument("--model-error", type=float, default=SurfaceParams().model_error)
     parser.add_argument("--one-in", type=int, default=1, help="see above; 1: all, and solve")
