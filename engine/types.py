@@ -9,7 +9,7 @@ unit vectors pointing away from the surface; a normal that faces the camera has 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, Int16, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,12 +158,20 @@ class Surface:
     material: Float[np.ndarray, "h w 2"] | None = (
         None  # Disney's specular level, metalness; None: 0.5, 0 everywhere
     )
+    # 1: the largest part of the depth that no jump divides, 2: the next, ...; 0: a part too small to be told, or off the mask.
+    # How far parts stand behind one another is not determined. None: not known.
+    part: Int16[np.ndarray, "h w"] | None = None
 
 
 def material_of(surface: Surface) -> Float[np.ndarray, "h w 2"]:
     """Specular level and metalness of every pixel, zero outside the mask; float32."""
     made = np.array([0.5, 0.0]) if surface.material is None else surface.material
     return np.where(surface.mask[..., None], made, 0).astype(np.float32)
+
+
+def part_of(surface: Surface) -> Int16[np.ndarray, "h w"]:
+    """The part of the depth that every pixel belongs to; zero where it is not known."""
+    return np.zeros(surface.mask.shape, np.int16) if surface.part is None else surface.part
 
 
 @dataclass(frozen=True, slots=True, eq=False)

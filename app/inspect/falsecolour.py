@@ -12,7 +12,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped, UInt8
+from jaxtyping import Bool, Float, Int16, Shaped, UInt8
 
 from engine.io.png import srgb
 
@@ -131,6 +131,13 @@ def flags(bits: UInt8[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> UInt
     for bit, _, text in FLAGS:
         lookup[bit] = _rgb(text)
     return _bgra(lookup[bits], mask)
+
+
+def parts(numbers: Int16[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 4"]:
+    """One colour a part of the depth, those that are too small to be told grey."""
+    lookup = np.array([UNFLAGGED, *(_rgb(text) for _, _, text in FLAGS)], np.uint8)
+    place = np.where(numbers > 0, (numbers - 1) % len(FLAGS) + 1, 0)
+    return _bgra(lookup[place], mask)
 
 
 def told_flags(bits: int) -> str:

@@ -20,7 +20,7 @@ from engine.errors import SessionError
 from engine.io.formats.arrays import UNREADABLE
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
-from engine.types import Frames, Poses, Renders, Surface, material_of
+from engine.types import Frames, Poses, Renders, Surface, material_of, part_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
 RADIANCE_UNIT = QT_TRANSLATE_NOOP("maps", "session radiance")
@@ -69,6 +69,7 @@ LAYERS = {
             "viridis",
         ),
         Layer("depth", QT_TRANSLATE_NOOP("maps", "Depth"), "", "cividis"),
+        Layer("part", QT_TRANSLATE_NOOP("maps", "Parts of the depth"), ""),
         Layer(
             "stderr_normal",
             QT_TRANSLATE_NOOP("maps", "Standard error: normal"),
@@ -243,6 +244,8 @@ def picture(maps: Maps, look: Look) -> Picture | None:
         )
     elif look.layer == "flags":
         drawn, note = falsecolour.flags(s.flags, mask), ""
+    elif look.layer == "part":
+        drawn, note = falsecolour.parts(part_of(s), mask), PARTS_NOTE
     elif look.layer == "mask":
         drawn, note = falsecolour.plain(mask), f"{int(mask.sum())} px"
     else:
@@ -270,6 +273,7 @@ def _light(maps: Maps, look: Look) -> Picture | None:
     return Picture(falsecolour.halves(drawn), None, note)
 
 
+PARTS_NOTE = QT_TRANSLATE_NOOP("maps", "how far parts stand behind one another is not determined")
 FRAME_NOTES: Mapping[str, str] = {
     "opengl": QT_TRANSLATE_NOOP("maps", "OpenGL: red right, green up, blue to the viewer"),
     "directx": QT_TRANSLATE_NOOP("maps", "DirectX: red right, green down, blue to the viewer"),

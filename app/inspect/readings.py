@@ -8,7 +8,7 @@ from jaxtyping import Float
 from app.inspect import falsecolour
 from app.inspect.falsecolour import MINUS
 from app.inspect.maps import RADIANCE_UNIT, Maps, photograph
-from engine.types import Surface
+from engine.types import Surface, part_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +50,19 @@ def under(maps: Maps, x: int, y: int, view: int, normal_frame: str) -> tuple[Rea
         ),
         Reading("Albedo", " ".join(f"{v:.3f}" for v in s.albedo[y, x]), "R G B", f"{float(s.stderr_albedo[y, x]):.2g}"),
         Reading("Roughness", f"{float(s.roughness[y, x]):.3f}", _material(s, x, y), f"{float(s.stderr_roughness[y, x]):.2g}"),
-        Reading("Depth", f"{depth:.5g}" if depth > 0 else "unknown", maps.unit if depth > 0 else ""),
+        Reading("Depth", f"{depth:.5g}" if depth > 0 else "unknown", _depth_unit(maps, x, y) if depth > 0 else ""),
         Reading("Misfit", f"{100 * float(s.residual[y, x]):.2g}", "%"),
         Reading("Flags", falsecolour.told_flags(int(s.flags[y, x]))),
     ]  # fmt: skip
     return tuple(readings)
+
+
+def _depth_unit(maps: Maps, x: int, y: int) -> str:
+    """With the part of the depth where it has several."""
+    part = part_of(maps.surface)
+    if part.max() < 2:
+        return maps.unit
+    return f"{maps.unit}, " + (f"part {part[y, x]} of {part.max()}" if part[y, x] else "a small part")
 
 
 def _material(s: Surface, x: int, y: int) -> str:

@@ -24,7 +24,7 @@ from engine.io.poses.pose_files import write_colmap, write_transforms
 from engine.light.gaussians.gaussians import to_3dgs
 from engine.progress import Progress
 from engine.results import lamps_json, preview_images
-from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface, material_of
+from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface, material_of, part_of
 from engine.validation import MORE, check
 
 INDEX = "export.json"
@@ -260,6 +260,7 @@ def _write_maps(path: Path, surface: Surface, camera: Camera, unit: str) -> None
         "specular.Y": level,
         "metalness.Y": metalness,
         "depth.Z": surface.depth,
+        "part.Y": part_of(surface),
         "mask.Y": surface.mask,
         "stderr.normal_deg": np.degrees(surface.stderr_normal),
         "stderr.albedo": surface.stderr_albedo,
@@ -270,6 +271,8 @@ def _write_maps(path: Path, surface: Surface, camera: Camera, unit: str) -> None
     attributes = {
         "frame": FRAME,
         "unit.depth": unit,
+        "part": "1 the largest part of the depth that no jump divides, 2 the next, ..., 0 too small to be told; how far parts stand"
+        " behind one another is not determined",
         "unit.stderr.normal_deg": "degree",
         "colour": "albedo: linear Rec.709, 0..1",
         "roughness": "alpha = roughness^2 (GGX)",

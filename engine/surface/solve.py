@@ -17,6 +17,7 @@ from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.pyramid import parent_index
 from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
+from engine.surface.depth.normal_integration import integrate_parts
 from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
@@ -66,6 +67,9 @@ class SurfaceReport:
     rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
+    depth_parts: tuple[
+        float, ...
+    ] = ()  # shares of the pixels of the depth's parts (`Surface.part`), the largest first
 
 
 def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.ndarray, " f"], tuple[int, ...]]:
@@ -128,7 +132,7 @@ def solve(
     seen = photographed_radiance(found.picture.frames, found.picture.mask, kept_out)
     there = light_transport(seen, found.validation, found.geometry, params, "cpu")
     moving = still_moving(found)
-    span = progress.part(alone, 1)
+    span = progress.part(alone, 0.98)
     if solved_at_once:
         maps = evaluate_result(
             found.object_pixels,
@@ -147,11 +151,15 @@ def solve(
     edges = unresolved_variance(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
     maps = replace(maps, stderr_normal=np.minimum(np.sqrt(maps.stderr_normal**2 + edges), np.pi / 2))
     material = of_pixels(found.object_pixels.material, take)
-    surface = surface_of(mask, maps, z, params.model_error, material)
+    integrated = integrate_parts(
+        poses.camera, image(mask, maps.normals), mask, found.distance.value, progress.part(0.98, 1)
+    )
+    surface = replace(surface_of(mask, maps, z, params.model_error, material), part=integrated.part)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
     error = rerendering_error(frames, kept_out, pictures, mask)
     report = report_of(scene, found, maps, material, kept_out, error)
+    report = replace(report, depth_parts=integrated.shares)
     return surface, Renders(kept_out, pictures), emitters_of(found), report
 
 

@@ -30,10 +30,10 @@ PARAMS = {
 def surface() -> Surface:
     """The ball, matt."""
     made = ball(CAMERA)
-    arrays = {
-        name: np.asarray(getattr(made, name), np.float32) for name in Surface.__slots__ if name != "material"
-    }
-    return Surface(**{**arrays, "mask": made.mask, "flags": made.flags, "material": made.material})
+    as_they_are = {name: getattr(made, name) for name in ("mask", "flags", "material", "part")}
+    return Surface(
+        **{name: np.asarray(getattr(made, name), np.float32) for name in Surface.__slots__} | as_they_are
+    )
 
 
 def room() -> tuple[Gaussians, Lamps]:

@@ -155,6 +155,7 @@ PLAIN = 4.0
 without any object 1."""
 DRIFTED = 0.05
 """A view's factor from which on it is told: in rooms whose light is right the largest of 48 is .02 or .03."""
+MOST_PARTS = 4  # of the depth that are told with their shares
 UNSEEN = 0.05
 """Share of the light from where no photograph looked, from which on the normals' errors are more than they say: 0.56 of it
 left 5 degrees where 2.3 were stated."""
@@ -229,6 +230,15 @@ def cautions(c: Contents) -> tuple[str, ...]:
             f"{100 * unseen:.0f} % of the light that the surface was solved under comes from where no photograph looked:"
             " as bright as the object's shading made it. Normals are less certain than they say. Turn camera and object"
             " about a second axis as well, or add views that look up and down."
+        )
+    parts = _facts(c, "surface").get("depth_parts")
+    if isinstance(parts, list | tuple) and len(parts) > 1:
+        shares = ", ".join(f"{100 * share:.0f} %" for share in parts[:MOST_PARTS])
+        more = len(parts) - MOST_PARTS
+        shares += f" and {more} smaller" if more > 0 else ""
+        lines.append(
+            f"Jumps divide the depth into {len(parts)} parts ({shares} of the pixels). The shape of each is measured; how far"
+            " they stand behind one another is not determined: mesh and depth map draw them together. `maps.exr` holds the parts."
         )
     drift = _facts(c, "surface").get("exposure_drift")
     if isinstance(drift, list | tuple) and drift and max(map(abs, drift)) > np.log1p(DRIFTED):

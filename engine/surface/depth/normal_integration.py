@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Int16, Shaped
 from scipy.sparse.csgraph import connected_components
 from scipy.special import expit
 
@@ -39,7 +39,9 @@ class IntegrationConfig:
     inlier_px: float = 0.04  # an edge that the depth misses by so much counts .98,
     outlier_px: float = 3.8  # and by so much .02
     agreement_px: float = 0.05  # edges of a border agree on its offset that lie so close to it
-    continuous_share: float = 0.5  # of a border that must agree, else it is a jump
+    continuous_px: float = 0.1  # a border is a jump unless edges that lie so close
+    continuous_share: float = 0.5  # are such a share of it
+    least_share: float = 0.01  # of the pixels: smaller parts are not told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +49,14 @@ class IntegratedDepth:
     """What normals tell of depth."""
 
     depth: Float[np.ndarray, "h w"]  # along z, scene units; 0 off the mask
-    part: Int[np.ndarray, "h w"]  # which part, without a jump inside, a pixel belongs to; -1 off the mask
+    part: Int16[
+        np.ndarray, "h w"
+    ]  # that no jump divides, 1 the largest; 0: too small to be told, or off the mask
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Of the pixels, part by part."""
+        return tuple(map(float, np.bincount(self.part[self.part > 0])[1:] / np.count_nonzero(self.depth)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,8 +91,8 @@ class _Borders:
 
     one: Int[np.ndarray, " k"]
     other: Int[np.ndarray, " k"]
-    share: Float[np.ndarray, " k"]  # of the border's edges that agree with the depth
-    evidence: Float[np.ndarray, " k"]  # for joining the two: that share times the edges' number
+    continuous: Float[np.ndarray, " k"]  # share of the border's edges that nearly agree with the depth
+    evidence: Float[np.ndarray, " k"]  # for joining the two: the share of those that agree times their number
 
 
 def integrate_normals(
@@ -132,7 +141,7 @@ def integrate_parts(
         progress.step(1 - 0.5 * np.log(count) / np.log(first_count), doing)
         log_depth = _aligned(edges, log_depth, component, count, config)
         borders = _borders(edges, log_depth, component, count, config)
-        open_ = borders.share >= (config.continuous_share if parts is None else 0)
+        open_ = borders.continuous >= (config.continuous_share if parts is None else 0)
         if not open_.any():
             parts, open_ = component, np.ones_like(open_)
         best = np.zeros(count)
@@ -143,9 +152,15 @@ def integrate_parts(
         count, merged = _joined(borders.one[chosen], borders.other[chosen], count)
         component = merged[component]
         edges = edges.some(component[edges.a] != component[edges.b])
-    return IntegratedDepth(
-        _scaled(mask, log_depth, mean_depth), _image(mask, component if parts is None else parts, -1)
-    )
+    parts = _numbered(component if parts is None else parts, config.least_share)
+    return IntegratedDepth(_scaled(mask, log_depth, mean_depth), _image(mask, parts, 0))
+
+
+def _numbered(component: Int[np.ndarray, " p"], least_share: float) -> Int16[np.ndarray, " p"]:
+    """Components by size, the largest 1; 0 where one is too small."""
+    size = np.bincount(component)
+    rank = np.argsort(np.argsort(-size, kind="stable"))
+    return np.where(size >= least_share * len(component), rank + 1, 0).astype(np.int16)[component]
 
 
 def _continuous(
@@ -291,7 +306,10 @@ def _borders(
 ) -> _Borders:
     one, other = np.sort([component[edges.a], component[edges.b]], axis=0)
     pair, border = np.unique(one * count + other, return_inverse=True)
-    left = edges.focal * edges.missed(log_depth) / config.agreement_px
-    agreeing, length = np.bincount(border, np.exp(-0.5 * left**2)), np.bincount(border)
-    share = agreeing / length
-    return _Borders(pair // count, pair % count, share, np.maximum(share * agreeing, 1e-300))
+    left, length = edges.focal * edges.missed(log_depth), np.bincount(border)
+    agreeing, continuous = (
+        np.bincount(border, np.exp(-0.5 * (left / within) ** 2))
+        for within in (config.agreement_px, config.continuous_px)
+    )
+    evidence = np.maximum(agreeing / length * agreeing, 1e-300)
+    return _Borders(pair // count, pair % count, continuous / length, evidence)

@@ -66,6 +66,13 @@ def test_the_signed_scale_is_pale_at_zero_and_dark_at_both_ends() -> None:
     assert high[0] > high[2]
 
 
+def test_parts_have_a_colour_each_and_small_ones_none() -> None:
+    picture = falsecolour.parts(np.array([[0, 1, 2, 5, 6]], np.int16), np.array([[True] * 4 + [False]]))
+    assert len({tuple(pixel) for pixel in picture[0, :4]}) == 4
+    assert tuple(picture[0, 0, :3]) == falsecolour.UNFLAGGED
+    assert picture[0, 4, 3] == 0
+
+
 def test_flags_have_a_colour_each_and_another_together() -> None:
     picture = falsecolour.flags(np.array([[0, 1, 2, 4, 8, 16, 3, 24]], np.uint8), np.ones((1, 8), bool))
     assert len({rgba(picture, 0, i) for i in range(7)}) == 7

@@ -99,6 +99,20 @@ def test_values_carry_units_and_standard_errors(shown: Maps) -> None:
     )
 
 
+def test_a_depth_of_several_parts_says_in_which_one_a_pixel_is(shown: Maps) -> None:
+    part = np.where(shown.surface.mask, 2, 0).astype(np.int16)
+    part[MIDDLE[1], MIDDLE[0]] = 1
+    split = replace(shown, surface=replace(shown.surface, part=part))
+    assert under(split, MIDDLE)["Depth"].unit == "scene units, part 1 of 2"
+    small = replace(split, surface=replace(split.surface, part=np.where(part == 1, 0, part).astype(np.int16)))
+    assert under(small, MIDDLE)["Depth"].unit == "scene units, a small part"
+    picture = maps.picture(split, Look("part", 0))
+    assert picture is not None
+    assert "not determined" in picture.note
+    colours = picture.levels[0][shown.surface.mask]
+    assert len(np.unique(colours, axis=0)) == 2
+
+
 def test_maps_of_errors_are_in_the_unit_their_legend_says(shown: Maps) -> None:
     assert maps.values(shown, "stderr_normal")[MIDDLE[1], MIDDLE[0]] == pytest.approx(np.degrees(0.02))
     assert maps.scale_of(shown, "stderr_normal").unit == "degrees"

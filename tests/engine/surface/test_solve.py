@@ -138,3 +138,6 @@ def test_the_fewest_views_that_are_allowed_are_solved():
     surface, renders, *_, report = solve(*eight.given, params, "cpu", 0, Progress())
     assert (report.fitted_views, renders.views) == (8, ())
     assert np.degrees(np.median(angle_between(surface.normal[surface.mask], eight.normals))) < 3
+    assert surface.part is not None
+    assert (surface.part[surface.mask] == 1).mean() == report.depth_parts[0] > 0.9
+    assert not surface.part[~surface.mask].any()

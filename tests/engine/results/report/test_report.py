@@ -159,6 +159,24 @@ def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
     assert ("outline hardly stands out from the room (3.2; 4 is plain)" in lines) == (score < 4)
 
 
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        ((0.97,), None),
+        ((0.64, 0.33), "into 2 parts (64 %, 33 % of the pixels)"),
+        (
+            (0.4, 0.2, 0.1, 0.08, 0.05, 0.02),
+            "into 6 parts (40 %, 20 %, 10 %, 8 % and 2 smaller of the pixels)",
+        ),
+    ],
+)
+def test_parts_of_the_depth_that_no_shading_joins_are_told(parts: tuple[float, ...], told: str | None):
+    stage = StageRun("surface", 9.0, "cpu", {}, {"depth_parts": parts})
+    lines = " ".join(cautions(replace(full(), stages=(stage,))))
+    assert ("how far they stand behind one another is not determined" in lines) == (told is not None)
+    assert told is None or told in lines
+
+
 @pytest.mark.parametrize("share", [0.56, 0.01])
 def test_light_that_only_the_shading_told_is_warned_of(share: float):
     stage = StageRun("surface", 9.0, "cpu", {}, {"unseen_light": share})

@@ -59,7 +59,7 @@ def test_the_crease_between_two_planes_is_exact():
     )
     found = integrated(normals, SQUARE)
     assert off(found.depth, z, SQUARE).max() < 1e-9
-    assert not found.part[SQUARE].any()
+    assert (found.part[SQUARE] == 1).all()
 
 
 def test_a_sphere_comes_back_within_a_tenth_of_a_pixel():
@@ -82,11 +82,12 @@ def test_what_a_jump_separates_are_two_parts_right_in_themselves():
     found = integrated(normals, SQUARE)
     sides = SQUARE & ball, SQUARE & ~ball
     largest = [np.bincount(found.part[side]).argmax() for side in sides]
-    assert largest[0] != largest[1]
+    assert largest == [2, 1]
+    assert found.shares[:2] == tuple((found.part == k).sum() / SQUARE.sum() for k in (1, 2))
     for side, part in zip(sides, largest, strict=True):
         assert (found.part[side] == part).mean() > 0.9
         assert off(found.depth, z, side & (found.part == part)).mean() * CAMERA.fx < 0.2
-    assert (found.part[~SQUARE] == -1).all()
+    assert not found.part[~SQUARE].any()
 
 
 def test_a_step_does_not_bend_what_lies_on_its_two_sides() -> None:
@@ -125,7 +126,7 @@ def test_a_pixel_alone_is_as_far_as_it_is_said_to_be(size):
     normals, _ = plane((0, 0, -1), -1)
     found = integrated(normals, mask, 2.0)
     np.testing.assert_allclose(found.depth[mask], 2.0)
-    assert (found.part[mask] == 0).all()
+    assert (found.part[mask] == 1).all()
 
 
 def test_each_island_keeps_its_own_mean_and_is_a_part():
@@ -136,7 +137,7 @@ def test_each_island_keeps_its_own_mean_and_is_a_part():
     for island in (np.s_[10:50, 10:50], np.s_[60:110, 80:150], np.s_[2:3, 3:4]):
         assert found.depth[island].mean() == pytest.approx(2.0, rel=1e-9)
         assert np.ptp(found.part[island]) == 0
-    assert found.part.max() == 2
+    assert [found.part[place] for place in ((60, 80), (10, 10), (2, 3))] == [1, 2, 0]  # the last is too small
 
 
 def test_pixels_that_touch_at_a_corner_hang_together():
