@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
 from app import results
 from app.bench.record import BenchError
@@ -30,6 +31,16 @@ class Stored:
     def inputs(self) -> tuple[Frames, Masks, Poses, Gaussians, Lamps]:
         """What every solver takes first."""
         return self.frames, self.masks, self.poses, self.gaussians, self.lamps
+
+    def views(self, index: Int[np.ndarray, " k"]) -> "Stored":
+        """The same of some photographs; the light stays that of all."""
+        placed, seen = self.poses.cam_from_world[index], self.poses.registered[index]
+        return replace(
+            self,
+            frames=self.frames.views(index),
+            masks=Masks(self.masks.object, self.masks.background[index]),
+            poses=replace(self.poses, cam_from_world=placed, registered=seen),
+        )
 
 
 def load(session: Path) -> Stored:
@@ -60,14 +71,7 @@ def evenly(count: int, of: int) -> list[int]:
 
 def fewer_views(stored: Stored, count: int) -> Stored:
     """Only `count` photographs of the object, evenly spread; the light stays that of all."""
-    chosen = np.array(evenly(count, len(stored.frames.names)))
-    poses = stored.poses
-    return replace(
-        stored,
-        frames=stored.frames.views(chosen),
-        masks=Masks(stored.masks.object, stored.masks.background[chosen]),
-        poses=replace(poses, cam_from_world=poses.cam_from_world[chosen], registered=poses.registered[chosen]),
-    )  # fmt: skip
+    return stored.views(np.array(evenly(count, len(stored.frames.names))))
 
 
 def fewer_pixels(stored: Stored, count: int) -> Stored:
