@@ -70,6 +70,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_settings(process)
     process.add_argument("--until", metavar="STAGE", help="stop after this stage")
     process.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+    process.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit code 3 where the result is not good (see the line quality:)",
+    )
     process.set_defaults(run=commands.run_process)
 
     plan = add("plan", help="say which stages would run and why; changes nothing")
@@ -194,6 +199,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         ("ablation", "the same with one part of the solver taken away after the other; a chart"),
         ("chart", "error against seconds: PNG, SVG, CSV"),
         ("scaling", "seconds and memory against views, pixels, Gaussians and directions; a chart"),
+        ("stress", "good sets made worse step by step: where it breaks, and whether it knows; a heat map"),
     ):
         order = add(name, help=text)
         size = order.add_mutually_exclusive_group()
@@ -231,7 +237,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
         order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
         order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
-        if name != "scaling":
+        if name not in ("scaling", "stress"):
             order.add_argument(
                 "--methods",
                 type=_names,
@@ -248,10 +254,16 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
                 "--from", dest="records", type=Path, nargs="+", metavar="RECORD",
                 help="measure nothing: the table of these records of --json, each of other rooms or objects",
             )  # fmt: skip
-        if name == "ablation":
+        if name in ("ablation", "stress"):
+            order.add_argument("--preset", choices=PRESETS, default="standard", help="of our solver")
+        if name == "stress":
             order.add_argument(
-                "--preset", choices=PRESETS, default="standard", help="of which parts are taken away"
+                "--dials", type=_names, default=(), metavar="NAME,NAME", help="only these; all if left out"
             )
+            order.add_argument(
+                "--steps", type=int, nargs="+", choices=range(1, 6), default=[1, 2, 3, 4, 5], metavar="N",
+                help="from 1, harmless, to 5, hopeless",
+            )  # fmt: skip
         if name in ("table", "chart"):
             order.add_argument(
                 "--maps",
@@ -263,7 +275,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             order.add_argument(
                 "--maps-frame", choices=("opengl", "opencv"), default="opengl", help="axes of their normals"
             )
-        if name in ("chart", "ablation", "scaling"):
+        if name in ("chart", "ablation", "scaling", "stress"):
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
 
 

@@ -4,11 +4,18 @@ import json
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from app import terminal
 from engine.pipeline import settings as asked
+
+if TYPE_CHECKING:
+    from engine.results.quality import Quality
+
+DOUBTED = 3
+"""Exit code of `process --strict` where the result is not good."""
 
 
 def run_import(args: Namespace) -> int:
@@ -47,8 +54,8 @@ def run_plan(args: Namespace) -> int:
 
 
 def run_process(args: Namespace) -> int:
-    process(args.session, args.preset, args.seed, args.set, args.until, args.device, args.solver)
-    return 0
+    verdict = process(args.session, args.preset, args.seed, args.set, args.until, args.device, args.solver)
+    return DOUBTED if args.strict and verdict is not None and not verdict.good else 0
 
 
 def process(
@@ -59,8 +66,11 @@ def process(
     until: str | None = None,
     device: str = "auto",
     solver: str | None = None,
-) -> None:
-    """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options."""
+) -> "Quality | None":
+    """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options.
+
+    Returns the verdict of the result; None where there is no surface, or not one of our solver.
+    """
     from engine.io import session
     from engine.pipeline import run, stage_table, stages
 
@@ -78,13 +88,17 @@ def process(
             cancelled,
         )
         steps = run.process(opened, rows, changed, device, until, watcher)
-    ran = [step.stage.name for step in steps if not step.done]
+    ran, verdict = [step.stage.name for step in steps if not step.done], None
     if any(step.stage.name == "surface" for step in steps):
         from app import results
 
+        verdict = results.quality(folder)
         for line in results.cautions(folder):
             print(f"careful: {line}")
+        if verdict is not None:
+            print(f"quality: {verdict}")
     print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
+    return verdict
 
 
 def run_simulate(args: Namespace) -> int:

@@ -12,6 +12,7 @@ from typing import Any
 from app.parameters import MEANINGS, Meaning
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
+from engine.results.quality import Quality
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,7 @@ class Plan:
 
     settings: Settings
     rows: tuple[Row, ...]
+    quality: Quality | None = None  # of the result that is up to date
 
     def parameter(self, name: str) -> Parameter | None:
         return next((p for row in self.rows for p in row.parameters if p.name == name), None)
@@ -67,7 +69,8 @@ def read_plan(content: Mapping[str, Any]) -> Plan:
         )
         for stage in content["stages"]
     )
-    return Plan(asked.from_toml(content["settings"]), rows)
+    verdict = content.get("quality")
+    return Plan(asked.from_toml(content["settings"]), rows, None if verdict is None else Quality(**verdict))
 
 
 def _parameter(entry: Mapping[str, Any]) -> Parameter:

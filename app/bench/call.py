@@ -68,7 +68,9 @@ class Call:
         size, seed, device = self.size, self.args.seed, self.device
         on = sets.ready(self.folder, room, thing, size, size.views, seed, device, count)
         return (
-            on if self.args.what == "scaling" else bound.bounded(on, room, thing, size, seed, device, count)
+            on
+            if self.args.what in ("scaling", "stress")
+            else bound.bounded(on, room, thing, size, seed, device, count)
         )
 
     def least(self, usual: int) -> int:

@@ -29,6 +29,10 @@ from app.bench.estimated import Estimated
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
 from app.bench.sizes import SIZES, Size
+from app.bench.stress import chart as stress_chart
+from app.bench.stress import dials as stress_dials
+from app.bench.stress import scores as stress_scores
+from app.bench.stress.measure import CLEAN, measure
 from engine.io.session import nearest_existing
 
 
@@ -166,6 +170,23 @@ def scale(call: Call) -> list[Metric]:
     return metrics
 
 
+def stressed(call: Call) -> list[Metric]:
+    dials = stress_dials.chosen(call.args.dials)
+    runs = [
+        measure(on, dial, step, call.args.preset, call.device, call.args.seed, call.folder, call.args.fresh)
+        for on in call.sets()
+        for dial, step in [(CLEAN, 0), *((dial, step) for dial in dials for step in call.args.steps)]
+    ]
+    found = stress_scores.score(runs)
+    print(
+        f"{stress_scores.table(runs)}\n\nR refused, w told, S failed and not told\n\n{stress_scores.summary(found)}\n"
+    )
+    caption = f"{', '.join(dict.fromkeys(one.set for one in runs))}; {call.size.told()}; {call.args.preset}"
+    for path in stress_chart.write(runs, call.args.out, caption):
+        print(path)
+    return stress_scores.as_metrics(runs, found)
+
+
 def _caption(call: Call, scored: Sequence[Scored]) -> str:
     """What a chart of these is of."""
     caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
@@ -252,5 +273,5 @@ def _judge(measured: Record, baseline: Record) -> int:
 
 
 WHAT: dict[str, Callable[[Call], list[Metric]]] = {
-    "table": table, "views": views, "ablation": ablation, "chart": draw, "scaling": scale,
+    "table": table, "views": views, "ablation": ablation, "chart": draw, "scaling": scale, "stress": stressed,
 }  # fmt: skip

@@ -14,12 +14,14 @@ from jaxtyping import Bool, Float, UInt8
 from app.inspect import falsecolour
 from app.inspect.falsecolour import Scale
 from app.inspect.runs import Run
+from app.quality import quality_of
 from app.words import QT_TRANSLATE_NOOP
 from engine.color import relative_error
 from engine.errors import SessionError
 from engine.io.formats.arrays import UNREADABLE
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
+from engine.results.quality import Quality
 from engine.types import Frames, Poses, Renders, Surface, material_of, part_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
@@ -117,6 +119,7 @@ class Maps:
     unit_factor: float  # from scene units to it
     white: float  # radiance to show as white at 0 EV, the same for all views
     rerendered: Path = field(default=Path())  # where re-renderings of further views lie, one file each
+    quality: Quality | None = None  # None: of another solver
 
     @property
     def held_out(self) -> tuple[int, ...]:
@@ -161,7 +164,10 @@ def load(run: Run) -> Maps:
     registered = np.ones(count, bool) if poses is None else poses.registered
     unit, factor = unit_of(None if poses is None else poses.scale)
     white = 1.0 if frames is None else _white(frames, surface.mask)
-    return Maps(run, surface, names, frames, renders, registered, unit, factor, white, rerendered_folder(run))
+    verdict = quality_of({stage: run.folder(stage) for stage in ("light", "surface")})
+    return Maps(
+        run, surface, names, frames, renders, registered, unit, factor, white, rerendered_folder(run), verdict
+    )
 
 
 def unit_of(scale: str | None) -> tuple[str, float]:

@@ -129,6 +129,7 @@ def _sheet(ours: Palette) -> str:
     QLabel#title {{ font-size: 18pt; font-weight: 600; }}
     QLabel#heading {{ font-size: 11pt; font-weight: 600; }}
     QLabel#dim {{ color: {ours.dim}; }}
+    QLabel[grade="doubted"] {{ color: {ours.warn}; }}
     QFrame#panel {{ background: {ours.panel}; border: none; }}
     QFrame#card {{ background: {ours.panel}; border: 1px solid {ours.line}; border-radius: 6px; }}
     QFrame#card[selected="true"] {{ border: 1px solid {ours.accent}; }}

@@ -57,6 +57,7 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
 
     Question: session; settings (as params.toml; None: what it holds); keep (write them there first).
     """
+    from app.quality import quality_of
     from engine.io import session as sessions
     from engine.pipeline import settings as asked
     from engine.pipeline import stage_table, stages
@@ -70,9 +71,11 @@ def plan(content: Mapping[str, Any]) -> dict[str, Any]:
     if content.get("keep") and asked.to_toml(settings) != written:
         sessions.write_params(session, asked.to_toml(settings))
     defaults = {step.stage.name: _defaults(step.stage, settings.preset) for step in steps}
+    verdict = quality_of({step.stage.name: step.folder for step in steps if step.done})
     return {
         "settings": asked.to_toml(settings),
         "notes": list(settings.notes),
+        "quality": None if verdict is None else dataclasses.asdict(verdict),
         "stages": [
             {
                 "name": step.stage.name,

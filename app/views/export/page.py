@@ -29,9 +29,11 @@ from app.views import theme
 from app.views.bridge import Bridge
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
+from app.views.verdict import Verdict
 from app.work.enquiries import Answer
 from app.work.jobs import Job, JobState, JobStatus
 from engine.errors import ExportError
+from engine.results.quality import Quality
 
 KEY = Qt.ItemDataRole.UserRole
 
@@ -63,6 +65,7 @@ class ExportPage(QWidget):
         self.state.setText(self.tr("looking…") if folder is not None else self.tr("No session is open"))
         self._show()
         if folder is None or self._shell is None:
+            self.verdict.show_quality(None)
             return
         self._newest += 1
         take, number = self._bridge.queued(self._take), self._newest
@@ -72,10 +75,11 @@ class ExportPage(QWidget):
         super().showEvent(event)
         self.show_session(self._folder)
 
-    def _take(self, number: int, export: Export | None, why: str) -> None:
+    def _take(self, number: int, export: Export | None, why: str, quality: Quality | None) -> None:
         if number != self._newest:
             return
         self._export = export
+        self.verdict.show_quality(quality)
         self.state.setText(why)
         if export is not None:
             self.greens[export.green].setChecked(True)
@@ -173,7 +177,9 @@ class ExportPage(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(10)
+        self.verdict = Verdict()
         layout.addLayout(top)
+        layout.addWidget(self.verdict)
         layout.addWidget(self.table, 1)
         layout.addLayout(greens)
         layout.addLayout(bottom)
@@ -268,20 +274,23 @@ class ExportPage(QWidget):
                 item.setForeground(column, dim)
 
 
-def _found(answer: Answer) -> tuple[Export | None, str]:
-    """The session's finished export, or why there is none; in the reader thread, it reads the disk."""
+def _found(answer: Answer) -> tuple[Export | None, str, Quality | None]:
+    """The session's finished export, or why there is none, and what it is worth; in the reader thread, it reads the disk."""
     translate = QCoreApplication.translate
     if answer.content is None:
-        return None, answer.trouble.what if answer.trouble is not None else ""
-    row = next(row for row in read_plan(answer.content).rows if row.name == "export")
+        return None, answer.trouble.what if answer.trouble is not None else "", None
+    plan = read_plan(answer.content)
+    row = next(row for row in plan.rows if row.name == "export")
     if not row.done:
-        return None, translate(
-            "ExportPage", "The results are not there, or older than the settings: process first."
+        return (
+            None,
+            translate("ExportPage", "The results are not there, or older than the settings: process first."),
+            plan.quality,
         )
     try:
-        return exports.read(Path(row.folder)), ""
+        return exports.read(Path(row.folder)), "", plan.quality
     except ExportError as error:
-        return None, str(error)
+        return None, str(error), plan.quality
 
 
 def _line(entry: Format) -> QTreeWidgetItem:

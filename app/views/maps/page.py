@@ -29,6 +29,7 @@ from app.views.maps.swipe import MapsSwipe
 from app.views.pages import Shell, tell
 from app.views.pictures.viewport import Viewport
 from app.views.readout import Readout
+from app.views.verdict import Verdict
 from app.words import sentence
 
 
@@ -61,7 +62,9 @@ class MapsPage(QWidget):
         column = QVBoxLayout(self.body)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(2)
+        self.verdict = Verdict()
         column.addWidget(self.bar)
+        column.addWidget(self.verdict)
         column.addWidget(self.stack, 1)
         column.addWidget(self.readout)
         layout = QVBoxLayout(self)
@@ -193,6 +196,7 @@ class MapsPage(QWidget):
 
     def _show_maps(self, loaded: Maps | None) -> None:
         self._maps = loaded
+        self.verdict.show_quality(None if loaded is None else loaded.quality)
         if loaded is not None:
             mask = loaded.surface.mask
             self.viewport.show(mask.shape[1], mask.shape[0], maps.object_box(loaded))

@@ -25,6 +25,7 @@ from app.views.process.queue import QueuePanel
 from app.views.process.settings_edit import SettingsEdit
 from app.views.process.stages import StageColumn, title
 from app.views.trouble import show_trouble
+from app.views.verdict import Verdict
 from app.work.enquiries import Answer
 from app.work.jobs import JobState
 from engine.pipeline.settings import Settings
@@ -137,7 +138,9 @@ class ProcessPage(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
+        self.verdict = Verdict()
         layout.addWidget(self.bar)
+        layout.addWidget(self.verdict)
         layout.addWidget(self.across, 1)
         self._show_plan()
 
@@ -158,6 +161,7 @@ class ProcessPage(QWidget):
         plan = self.model.plan.value if self.model is not None else None
         self.bar.show_session(self._folder)
         self.bar.show_settings(plan.settings if plan is not None else None)
+        self.verdict.show_quality(plan.quality if plan is not None else None)
         self._show_job()
         self._show_parameters()
 

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from engine.geometry import rays
 from engine.hdr.merge import HdrReport
 from engine.io.ground_truth import Truth
+from engine.results.quality import quality
 from engine.results.report import distance, embedded_images, html_page, maps, path_drawing
 from engine.types import Gaussians, Grounds, Panorama, Poses, Renders, Surface
 
@@ -59,6 +60,7 @@ def html(contents: Contents) -> str:
     """The page."""
     sections = [
         _head(contents),
+        _verdict(contents),
         maps.maps(contents.photograph, contents.surface, _unit(contents.poses)),
         maps.confidence(contents.surface),
         _care(contents),
@@ -100,6 +102,17 @@ def _head(c: Contents) -> str:
         f"<h1>{escape(c.title)}</h1><p class=lead>Shape and reflectance from the light of the room ·"
         f" {escape(c.when)}</p><div class=numbers>{cells}</div>"
     )
+
+
+def _verdict(c: Contents) -> str:
+    """Whether the result can be trusted, before anything that it shows."""
+    facts = {run.name: run.facts for run in c.stages}
+    if "held_out_error" not in facts.get("surface", {}):
+        return ""
+    found = quality(facts)
+    kind = "verdict" if found.good else "verdict doubted"
+    text = f"{escape(found.reason)} {escape(found.remedy)}"
+    return f'<p class="{kind}"><b>Quality: {escape(found.grade)}</b><br>{text}</p>'
 
 
 def _light(c: Contents) -> str:

@@ -52,6 +52,8 @@ th,td { text-align:left; padding:.28rem 1.1rem .28rem 0; border-bottom:1px solid
 th { font-weight:600; color:var(--soft); } td.n,th.n { text-align:right; white-space:nowrap; }
 td { overflow-wrap:anywhere; }
 .time { height:.7rem; background:var(--accent); border-radius:2px; min-width:2px; }
+.verdict { padding:.7rem 1.1rem; margin:.8rem 0; border-left:4px solid var(--accent); }
+.verdict.doubted { border-color:var(--warn); background:var(--warn-page); border-radius:8px; }
 ul.care { padding:.8rem 1.1rem .8rem 2rem; margin:.8rem 0; background:var(--warn-page); border-radius:8px; }
 ul.care li { margin:.2rem 0; } ul.care li::marker { color:var(--warn); }
 details { margin:.35rem 0; } summary { cursor:pointer; font-weight:500; }

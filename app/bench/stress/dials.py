@@ -5,13 +5,14 @@ capture. Nothing is rendered again: what only another rendering would show (a la
 The truth is not touched, so that errors stay those of the same pixels.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
+from app.bench.record import BenchError
 from app.bench.stored import Stored, fewer_views
 from engine.geometry import rays
 from engine.segmentation.segment import SegmentParams, from_object
@@ -146,7 +147,8 @@ def _slipped(stored: Stored, px: float, rng: Rng) -> Stored:
     shift = px * np.sin(angle), px * np.cos(angle), 0
     near = ndimage.binary_dilation(stored.masks.object, iterations=int(np.ceil(px)) + 1)
     for picture in radiance[len(radiance) // 2 :]:
-        picture[near] = ndimage.shift(picture, shift, order=1, mode="nearest")[near]
+        moved = np.asarray(ndimage.shift(picture, shift, order=1, mode="nearest"))
+        picture[near] = moved[near]
     return _taken(stored, radiance)
 
 
@@ -177,3 +179,15 @@ DIALS: Mapping[str, Dial] = {
     "slipped": Dial("slip of the object half-way, px", (0.3, 0.6, 1.0, 2.0, 3.0), _slipped),
     "blurred": Dial("defocus, px", (0.4, 0.8, 1.2, 2.0, 3.0), _blurred),
 }
+
+
+def chosen(names: Sequence[str]) -> tuple[str, ...]:
+    """These dials, all if none is named.
+
+    Raises:
+        BenchError: there is none of such a name.
+    """
+    for name in names:
+        if name not in DIALS:
+            raise BenchError(f"--dials: there is none called {name!r}; choose of {', '.join(DIALS)}")
+    return tuple(name for name in DIALS if not names or name in names)

@@ -1,0 +1,1 @@
+"""Where the method breaks, and whether it knows: good sets made worse step by step."""

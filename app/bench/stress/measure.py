@@ -1,0 +1,100 @@
+"""One worse capture through the light and the surface: what came out, and what the verdict said of it."""
+
+import contextlib
+import hashlib
+import json
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app import places
+from app.bench import record
+from app.bench.rows import params_of
+from app.bench.sets import Set, job
+from app.bench.stress.dials import DIALS
+from engine.errors import RoomlightError
+from engine.light.fitting import fit as light_fit
+from engine.pipeline import artifacts
+from engine.pipeline.stages import canonical
+from engine.progress import Progress
+from engine.results import metrics
+from engine.results.quality import quality
+from engine.surface.solve import solve
+
+CLEAN = "clean"
+"""The dial of the set as it is, at step 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stressed:
+    """One run. NaN where the capture was refused."""
+
+    set: str
+    dial: str
+    step: int
+    amount: float
+    refused: str  # why; empty where it was solved
+    normal_deg: float = math.nan  # mean error
+    stated_deg: float = math.nan  # mean standard error
+    in_band: float = math.nan  # share of normals within their stated 95 %
+    albedo_db: float = math.nan
+    roughness: float = math.nan  # mean absolute error
+    solved: float = math.nan  # share of the true mask that was answered
+    seconds: float = math.nan
+    grade: str = ""
+    doubt: float = math.nan
+    reason: str = ""
+
+
+def measure(
+    on: Set, dial: str, step: int, preset: str, device: str, seed: int, folder: Path, fresh: bool
+) -> Stressed:
+    """A dial of `DIALS` turned to a step, or `CLEAN` at 0; kept in `folder` for the next call."""
+    facts = [on.stored.fingerprint, dial, step, preset, device, seed, record.engine_digest()]
+    path = folder / "stress" / f"{hashlib.sha256(canonical(facts).encode()).hexdigest()[:16]}.json"
+    if path.exists() and not fresh:
+        with contextlib.suppress(ValueError, TypeError):  # damaged: measured again
+            return Stressed(**artifacts.revive(json.loads(path.read_text()), dict[str, Any]))
+    amount = DIALS[dial].amounts[step - 1] if step else 0.0
+    with job(f"{on.name} {dial} {step}") as progress:
+        try:
+            found = _solved(on, dial, step, amount, preset, device, seed, progress)
+        except RoomlightError as refusal:
+            found = Stressed(on.name, dial, step, amount, str(refusal))
+    places.keep(path, json.dumps(artifacts.plain(asdict(found))))
+    return found
+
+
+def _solved(
+    on: Set, dial: str, step: int, amount: float, preset: str, device: str, seed: int, progress: Progress
+) -> Stressed:
+    given = DIALS[dial].at(on.stored, step, seed) if step else on.stored
+    frames, masks, poses = given.frames, given.masks, given.poses
+    begun = time.perf_counter()
+    gaussians, lamps, light = light_fit.fit(
+        frames, masks, poses, light_fit.LightParams(), seed, progress.part(0, 0.5)
+    )
+    surface, *_, report = solve(
+        frames, masks, poses, gaussians, lamps, params_of(preset), device, seed, progress.part(0.5, 1)
+    )
+    seconds = time.perf_counter() - begun
+    scored = metrics.evaluate(surface, on.truth)
+    verdict = quality({"light": artifacts.plain(light), "surface": artifacts.plain(report)})
+    answered = surface.mask & on.truth.mask
+    return Stressed(
+        on.name, dial, step, amount, "",
+        normal_deg=scored.normal_mean_deg,
+        stated_deg=float(np.degrees(surface.stderr_normal[answered].mean())),
+        in_band=scored.normal_in_band,
+        albedo_db=scored.albedo_psnr_db,
+        roughness=scored.roughness_mae,
+        solved=float(answered.sum() / on.truth.mask.sum()),
+        seconds=seconds,
+        grade=verdict.grade,
+        doubt=verdict.doubt,
+        reason=verdict.reason,
+    )  # fmt: skip

@@ -1,0 +1,120 @@
+"""What stressed runs say of the method and of its verdict.
+
+A run failed where its normals' mean error is above twice that of the clean set and above 3 degrees; it was told where the capture
+was refused or the verdict is not good; it failed silently where it failed and was not told.
+"""
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.bench.markdown import markdown, shown
+from app.bench.record import Metric
+from app.bench.stress.dials import DIALS
+from app.bench.stress.measure import CLEAN, Stressed
+from engine.results.quality import GOOD
+
+TIMES, LEAST_DEG = 2.0, 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Of some runs; NaN where none is of the kind."""
+
+    runs: int
+    failed: int  # among them those that were refused
+    silent: float  # share of the runs that failed and were not told
+    false_alarms: float  # share of the clean sets that were told
+    auroc: float  # of the verdict's doubt, for telling failed from others
+    in_band: float  # mean share of normals within their stated 95 %, of runs that were not told
+
+
+def told(one: Stressed) -> bool:
+    """Refused, or warned of."""
+    return bool(one.refused) or one.grade != GOOD
+
+
+def failed(one: Stressed, clean: Stressed) -> bool:
+    """A run that was refused failed too, and was told."""
+    return bool(one.refused) or one.normal_deg > max(TIMES * clean.normal_deg, LEAST_DEG)
+
+
+def score(runs: Sequence[Stressed]) -> Score:
+    """Of all runs, each beside the clean one of its set."""
+    clean = {one.set: one for one in runs if one.dial == CLEAN}
+    worse = [one for one in runs if one.dial != CLEAN]
+    wrong = [failed(one, clean[one.set]) for one in worse]
+    silent = [one for one, off in zip(worse, wrong, strict=True) if off and not told(one)]
+    solved = [(one.doubt, off) for one, off in zip(worse, wrong, strict=True) if not one.refused]
+    solved += [(one.doubt, False) for one in clean.values()]
+    trusted = [one.in_band for one in runs if not told(one)]
+    return Score(
+        len(worse),
+        sum(wrong),
+        len(silent) / len(worse) if worse else math.nan,
+        sum(told(one) for one in clean.values()) / len(clean),
+        auroc(solved),
+        statistics.fmean(trusted) if trusted else math.nan,
+    )
+
+
+def auroc(doubts: Sequence[tuple[float, bool]]) -> float:
+    """The chance that a failed run is doubted more than another; NaN without one of either."""
+    bad, good = ([doubt for doubt, off in doubts if off == kind] for kind in (True, False))
+    if not bad or not good:
+        return math.nan
+    wins = sum((b > g) + 0.5 * (b == g) for b in bad for g in good)
+    return wins / (len(bad) * len(good))
+
+
+def table(runs: Sequence[Stressed]) -> str:
+    """A dial as a row, its steps as columns: the mean over the sets of the error over the clean one's, and what was told."""
+    clean = {one.set: one for one in runs if one.dial == CLEAN}
+    steps = sorted({one.step for one in runs if one.dial != CLEAN})
+    lines = [["normals' error over the clean set's", *(f"step {step}" for step in steps)]]
+    for dial in dict.fromkeys(one.dial for one in runs if one.dial != CLEAN):
+        cells = [cell([one for one in runs if (one.dial, one.step) == (dial, step)], clean) for step in steps]
+        lines.append([DIALS[dial].title, *cells])
+    return markdown(lines)
+
+
+def cell(runs: Sequence[Stressed], clean: dict[str, Stressed]) -> str:
+    """The mean ratio; R where all were refused, w where all that failed were told, S where one was silent."""
+    if not runs:
+        return "-"
+    solved = [one.normal_deg / clean[one.set].normal_deg for one in runs if not one.refused]
+    if not solved:
+        return "R"
+    wrong = [one for one in runs if failed(one, clean[one.set])]
+    mark = " S" if any(not told(one) for one in wrong) else " w" if any(map(told, runs)) else ""
+    return shown(statistics.fmean(solved), 2) + mark
+
+
+def summary(found: Score) -> str:
+    """In one sentence each."""
+    return (
+        f"{found.runs} worse captures, {found.failed} of them failed or were refused; silent failures"
+        f" {_percent(found.silent)}, false alarms {_percent(found.false_alarms)}, AUROC {found.auroc:.3f};"
+        f" in band where nothing was told {_percent(found.in_band)}"
+    )
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
+
+
+def as_metrics(runs: Sequence[Stressed], found: Score) -> list[Metric]:
+    """Every run's error, and the scores; scores alone are gated."""
+    metrics = [
+        Metric(f"{one.set}/{one.dial}/{one.step}/normal", one.normal_deg, "deg", "lower")
+        for one in runs
+        if not one.refused
+    ]
+    for name, value, direction, tolerance in (
+        ("silent_failures", found.silent, "lower", 0.05), ("false_alarms", found.false_alarms, "lower", 0.05),
+        ("auroc", found.auroc, "higher", 0.05),
+    ):  # fmt: skip
+        if not math.isnan(value):
+            metrics.append(Metric(f"stress/{name}", value, "share", direction, tolerance))
+    return metrics
