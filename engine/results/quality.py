@@ -23,11 +23,11 @@ BAD_FROM = 2.0
 class Sign:
     """One number that tells of wrong results."""
 
-    reason: str  # with `{value}`
+    reason: str  # with `{}` for what is measured
     remedy: str
     measure: Callable[[Facts], float]  # NaN: not known
     limit: float
-    scale: float = 1.0  # from what is measured to what is told
+    told: Callable[[float], str] = "{:.2g}".format
 
     def doubt(self, facts: Facts) -> float:
         """The number over its limit; 0 where it is not known."""
@@ -60,10 +60,8 @@ def quality(facts: Facts) -> Quality:
     sign, doubt = SIGNS[most], doubts[most]
     if doubt < 1:
         return Quality(GOOD, doubt, "nothing that the stages measured of themselves speaks against it.", "")
-    value = f"{sign.scale * sign.measure(facts):.2g}"
-    return Quality(
-        BAD if doubt >= BAD_FROM else DOUBTFUL, doubt, sign.reason.format(value=value), sign.remedy
-    )
+    reason = sign.reason.format(sign.told(sign.measure(facts)))
+    return Quality(BAD if doubt >= BAD_FROM else DOUBTFUL, doubt, reason, sign.remedy)
 
 
 def _number(stage: str, name: str) -> Callable[[Facts], float]:
@@ -76,9 +74,8 @@ def _number(stage: str, name: str) -> Callable[[Facts], float]:
     return measure
 
 
-def _views(facts: Facts) -> float:
-    """Larger where they are fewer."""
-    return 1 / max(_number("surface", "fitted_views")(facts), 1)
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %"
 
 
 def _exposure_drift(facts: Facts) -> float:
@@ -87,4 +84,35 @@ def _exposure_drift(facts: Facts) -> float:
     return float(np.std(drift)) if drift else math.nan
 
 
-SIGNS: tuple[Sign, ...] = ()
+SIGNS = (
+    Sign(
+        "half of the normals have a standard error of {} degrees or more.",
+        "Add views that turn about a second axis, and views that show more of the room.",
+        _number("surface", "stderr_normal_deg"), 8.0,
+    ),
+    Sign(
+        "views that were kept out, rendered again, are {} off.",
+        "Look at the mask, whether the object moved on its mount, and at the exposures; add views.",
+        _number("surface", "held_out_error"), 0.11, _share,
+    ),
+    Sign(
+        "no one surface and light explains the object's pixels: they differ by {} times the expected error.",
+        "Look at the mask, whether the object moved on its mount, and at the poses.",
+        _number("surface", "residual"), 5.0,
+    ),
+    Sign(
+        "the light fitted from the backgrounds does not foretell a background that was kept out: logarithms differ by {}.",
+        "Check poses and focal length, and whether lamps or people moved while the photographs were taken; add views.",
+        _number("light", "heldout_log_l1"), 0.35,
+    ),
+    Sign(
+        "the light of the views differs by {} from view to view.",
+        "Fix exposure and white balance, and keep lamps and curtains as they are.",
+        _exposure_drift, 0.07, _share,
+    ),
+    Sign(
+        "{} of the light comes from where no photograph looked.",
+        "Turn camera and object about a second axis as well, or add views that look up and down.",
+        _number("surface", "unseen_light"), 0.25, _share,
+    ),
+)  # fmt: skip

@@ -14,8 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
+from app import commands
 from app.cli import main
 from engine.io import session as sessions
+from engine.results.quality import DOUBTFUL, GOOD, Quality
 from tests.app.calls import ROOT, command, digest, refused
 from tests.engine import folders
 from tests.engine.folders import write_exr
@@ -323,3 +325,13 @@ def test_the_demo_never_writes_over_something_else(
     (tmp_path / "out" / "session" / "thesis.txt").write_text("years of work")
     assert "holds something else" in refused(capsys, "demo", "--to", tmp_path / "out")
     assert (tmp_path / "out" / "session" / "thesis.txt").read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    ("grade", "strict", "code"), [(DOUBTFUL, True, 3), (DOUBTFUL, False, 0), (GOOD, True, 0)]
+)
+def test_a_strict_process_of_a_doubted_result_ends_with_3(
+    monkeypatch: pytest.MonkeyPatch, grade: str, strict: bool, code: int
+) -> None:
+    monkeypatch.setattr(commands, "process", lambda *asked: Quality(grade, 1.0, "why.", "what to do."))
+    assert main(["process", "lion.session", *(["--strict"] if strict else [])]) == code

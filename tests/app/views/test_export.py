@@ -15,6 +15,7 @@ from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
 from app.work.enquiries import Answer
 from app.work.jobs import Job
+from engine.results.quality import GOOD, Quality
 from tests.app.plans import Questions, content
 from tests.app.views.conftest import until
 from tests.app.work.children import job
@@ -169,3 +170,10 @@ def test_the_report_is_written_and_opened(
     page.report.click()
     until(qtbot, lambda: opened)
     assert opened[0].toLocalFile() == "/s/report.html"
+
+
+def test_the_verdict_of_what_would_be_exported_is_told(page: ExportPage) -> None:
+    page._take(page._newest, None, "", Quality(GOOD, 0.4, "nothing speaks against it.", ""))
+    assert page.verdict.text() == "<b>Quality: good.</b> Nothing speaks against it."
+    page.show_session(None)
+    assert page.verdict.isHidden()

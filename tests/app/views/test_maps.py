@@ -354,3 +354,17 @@ def test_a_child_that_ends_at_once_leaves_the_button(page: MapsPage, qtbot: QtBo
     page.swipe.begin()
     until(qtbot, lambda: not page.swipe.errand.busy)
     assert page.swipe.errand.start.isVisible()
+
+
+def test_the_verdict_of_the_run_stands_over_its_maps(page: MapsPage, qtbot: QtBot, tmp_path: Path) -> None:
+    session = furnace.finished(tmp_path / "lion.session")
+    (report,) = session.glob("stages/surface/*/report.json")
+    content = json.loads(report.read_text())
+    content["values"] |= {"held_out_error": 0.5}
+    report.write_text(json.dumps(content))
+    shown(page, session, qtbot)
+    assert page.verdict.isVisible()
+    assert "not to be trusted" in page.verdict.text()
+    assert "50 % off" in page.verdict.text()
+    page.show_session(None)
+    assert page.verdict.isHidden()

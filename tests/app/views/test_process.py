@@ -1,6 +1,7 @@
 """The Process page shows the plan and the run, and every edit of it is kept, shown and can be undone."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from app.views.process.page import ProcessPage
 from app.views.process.stages import told
 from app.views.trouble import TroubleDialog
 from app.work.jobs import Job, JobState
+from engine.results.quality import DOUBTFUL, Quality
 from tests.app.plans import Questions
 from tests.app.views.conftest import make_session, until
 from tests.app.work.children import WILLING, job
@@ -272,3 +274,18 @@ def test_undo_ends_at_the_session(page: ProcessPage, qtbot: QtBot, tmp_path: Pat
     number(page, "hdr.long_edge_px").setValue(512)
     page.show_session(make_session(tmp_path / "bear.session"))
     assert page.undo_stack.count() == 0
+
+
+def test_the_verdict_of_the_result_stands_over_the_stages_and_goes_with_it(page: ProcessPage) -> None:
+    assert page.model is not None
+    plan = page.model.plan.value
+    assert plan is not None
+    assert page.verdict.isHidden()
+    doubted = Quality(DOUBTFUL, 1.4, "half of the normals are off.", "Add <views>.")
+    page.model.plan.set(replace(plan, quality=doubted))
+    page._show_plan()
+    assert page.verdict.isVisible()
+    assert page.verdict.text() == "<b>Quality: doubtful.</b> Half of the normals are off. Add &lt;views&gt;."
+    page.model.plan.set(replace(plan, quality=None))
+    page._show_plan()
+    assert page.verdict.isHidden()

@@ -1,0 +1,66 @@
+"""The verdict is that of the sign that says most; what is not known says nothing."""
+
+import math
+
+import numpy as np
+import pytest
+
+from engine.results.quality import BAD, DOUBTFUL, GOOD, SIGNS, quality
+
+FINE = {
+    "light": {"heldout_log_l1": 0.1},
+    "surface": {
+        "stderr_normal_deg": 2.0, "held_out_error": 0.05, "residual": 2.0, "unseen_light": 0.02,
+        "exposure_drift": [0.01, -0.01, 0.02, 0.0],
+    },
+}  # fmt: skip
+
+
+def facts(**changes: object) -> dict[str, dict[str, object]]:
+    found: dict[str, dict[str, object]] = {stage: dict(values) for stage, values in FINE.items()}
+    for name, value in changes.items():
+        found["light" if name == "heldout_log_l1" else "surface"][name] = value
+    return found
+
+
+def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
+    found = quality(FINE)
+    assert (found.grade, found.good) == (GOOD, True)
+    assert 0 < found.doubt < 1
+    assert str(found).startswith("good: nothing that the stages measured")
+
+
+@pytest.mark.parametrize(
+    ("name", "doubted", "wrong", "words"),
+    [
+        ("stderr_normal_deg", 10.0, 20.0, "a standard error of 10 degrees"),
+        ("held_out_error", 0.15, 0.4, "rendered again, are 15 % off"),
+        ("residual", 7.0, 12.0, "differ by 7 times the expected error"),
+        ("heldout_log_l1", 0.5, 0.9, "logarithms differ by 0.5"),
+        ("exposure_drift", [0.1, -0.1], [0.3, -0.3], "differs by 10 % from view to view"),
+        ("unseen_light", 0.3, 0.6, "30 % of the light comes from where no photograph looked"),
+    ],
+)
+def test_each_sign_is_told_with_its_number_and_what_to_do(name, doubted, wrong, words):
+    found = quality(facts(**{name: doubted}))
+    assert found.grade == DOUBTFUL
+    assert not found.good
+    assert words in found.reason
+    assert found.remedy.endswith(".")
+    assert quality(facts(**{name: wrong})).grade == BAD
+
+
+def test_the_worst_sign_speaks():
+    assert "standard error" in quality(facts(stderr_normal_deg=30.0, residual=6.0)).reason
+    assert "one surface and light" in quality(facts(stderr_normal_deg=9.0, residual=30.0)).reason
+
+
+def test_what_is_not_known_says_nothing_and_what_is_infinite_says_all():
+    assert quality({"surface": {"held_out_error": 0.05}}).good
+    assert quality(facts(residual="NaN", exposure_drift=[])).good
+    found = quality(facts(residual=math.inf))
+    assert (found.grade, found.doubt) == (BAD, np.inf)
+
+
+def test_every_limit_is_above_what_good_sets_have():
+    assert all(sign.doubt(FINE) < 0.8 for sign in SIGNS)
