@@ -238,7 +238,9 @@ def _solved(
     """Every pixel as of a material; with one pass its misfit as begun."""
     of, light = witness
     count = len(begun.cost)
-    begun = replace(begun, cost=np.full(count, np.inf), lm_lambda=np.full(count, gauss_newton.LAMBDA_INITIAL))
+    begun = replace(
+        begun, cost=np.full(count, np.inf), lm_lambda=np.full(count, gauss_newton.CONFIG.lambda_initial)
+    )
     geometry = replace(of.geometry, material=material)
     return gauss_newton.minimize(
         begun, of.light_transport(light), geometry, of.regions, of.observations, passes, progress

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.surface.data.observations import Observations, shifted_neighbours
-from engine.surface.optimize.gauss_newton import GLOSS, LAMBDA_INITIAL, PixelEstimate, minimize, where
+from engine.surface.optimize.gauss_newton import CONFIG, PixelEstimate, minimize, where
 from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
 
 REACH = 0.2
@@ -50,7 +50,7 @@ def apply_roughness_prior(
         state,
         roughness=np.where(surprised, mean, state.roughness),
         cost=np.full(len(mean), np.inf),
-        lm_lambda=np.full(len(mean), LAMBDA_INITIAL),
+        lm_lambda=np.full(len(mean), CONFIG.lambda_initial),
     )
     other = minimize(other, transport, geometry, few, observations, passes, progress)
     return where(surprised & (other.cost < state.cost), other, state)
@@ -77,7 +77,7 @@ def expected_roughness(
     reach = REACH * np.sqrt(count) * np.sqrt((np.arange(ASKED) + 0.5) / ASKED)
     steps = np.rint(np.stack([reach * np.sin(turn), reach * np.cos(turn)], 1)).astype(int)
     steps = np.unique(steps[(steps != 0).any(1)], axis=0)
-    answer = np.tile(np.asarray(GLOSS), (count, 1))
+    answer = np.tile(np.asarray(CONFIG.roughness_prior), (count, 1))
     if not len(steps):  # a handful of pixels has no neighbourhood
         return answer
     others = shifted_neighbours(mask, steps)

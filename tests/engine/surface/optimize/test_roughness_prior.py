@@ -53,7 +53,7 @@ def test_what_looks_like_nothing_else_expects_what_is_expected_of_anything():
     albedo = state.albedo.copy()
     albedo[100] = [0.9, 0.01, 0.9]
     np.testing.assert_array_equal(
-        expected_roughness(replace(state, albedo=albedo), MASK)[100], gauss_newton.GLOSS
+        expected_roughness(replace(state, albedo=albedo), MASK)[100], gauss_newton.CONFIG.roughness_prior
     )
 
 
@@ -122,4 +122,4 @@ def test_a_handful_of_pixels_expects_what_is_expected_of_anything(count: int):
     state = gauss_newton.initial_estimate(
         np.tile([0.0, 0.0, -1.0], (count, 1)), np.full((count, 3), 0.5), np.full(count, 0.2)
     )
-    assert (expected_roughness(state, mask) == gauss_newton.GLOSS).all()
+    assert (expected_roughness(state, mask) == gauss_newton.CONFIG.roughness_prior).all()
