@@ -33,22 +33,17 @@ class DistanceSearchConfig:
     shutters was recorded with a three-hundredth of its light, and from so far away no gain finds the way either.
     """
 
-    normal_candidates: int = 150
+    candidates: int = 150  # normals, searched
     gauss_newton_steps: int = 3
     calibration_rounds: int = 3
-    unseen_levels: tuple[float, ...] = (
-        1.0,
-        5.0,
-    )  # of what no photograph shows at first, in its surroundings'
+    unseen_levels: tuple[float, ...] = (1.0, 5.0)  # of what no photograph shows, over its surroundings'
     searches: int = 4  # more of normals, under the best gains so far, where there is any of it, as long as
     worthwhile: float = 0.98  # the misfit falls to so many times what it was
     splits: int = 8  # of what no photograph shows, at most, where it is bright;
     searches_per_split: int = 3  # of normals, at most, likewise
     lamp_factors: tuple[float, ...] = (10.0, 100.0, 1000.0)  # tried of clipped lamps: over what is expected,
     lamp_layers: int = 3  # at every so many-th layer
-    directions: int = (
-        512  # in the coarse phases at most: twice as many find the same, and take half as long again
-    )
+    directions: int = 512  # at most: twice as many find the same surface and take half as long again
     nearest: float = 0.05  # reach of the search, in sizes of the room
     farthest: float = 0.8
     layers: int = 9  # distances tried
@@ -204,12 +199,7 @@ def _calibrated_from_scratch(
         sample.geometry_at(begun.distance),
     )
     start = exhaustive_search(
-        transport,
-        geometry,
-        sample.observations,
-        sample.regions,
-        config.normal_candidates,
-        progress.part(0, 0.4),
+        transport, geometry, sample.observations, sample.regions, config.candidates, progress.part(0, 0.4)
     )
     rounds = config.calibration_rounds if params.relight else 0
     return calibrate(
