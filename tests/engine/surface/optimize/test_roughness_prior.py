@@ -106,7 +106,7 @@ def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, mon
     gone = gauss_newton.initial_estimate(normals, truth.albedo, roughness)
     gone = gauss_newton.minimize(gauss_newton.update_residual_scale(gone, *under), *under, 1, Progress())
     told = np.column_stack([truth.roughness, np.full(len(roughness), 0.1)])
-    monkeypatch.setattr(roughness_prior, "expected_roughness", lambda state, mask, material: told)
+    monkeypatch.setattr(roughness_prior, "expected_roughness", lambda *_: told)
     found = apply_roughness_prior(gone, *under, MASK, 8, Progress())
     assert (found.cost <= with_roughness_prior(gone, told).cost + 1e-9).all()
     assert np.abs(found.roughness - truth.roughness)[lost].max() < 0.05
