@@ -28,7 +28,7 @@ from jaxtyping import Float, Int
 from engine.color import luminance
 from engine.parallel import abreast
 from engine.progress import Progress
-from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN
+from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, KNOWN, UNSEEN, EmitterGroupsConfig
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.pixel_sample import PixelSample
@@ -108,7 +108,7 @@ def split_groups(
     most = config.unseen_per_view * grouped_light.incident.energy.shape[2] // 3
     more = most - int(grouped_light.unseen.sum())
     ranked = np.argsort(np.where(grouped_light.unseen, -light, 0), kind="stable")[
-        : max(0, more) // (INTO - 1)
+        : max(0, more) // (EmitterGroupsConfig().parts - 1)
     ]
     group = grouped_light.patches.split(
         ranked[light[ranked] * grouped_light.unseen[ranked] > config.split_share * light.sum()]
