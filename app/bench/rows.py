@@ -20,7 +20,7 @@ from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams, scaled, title
-from engine.surface.lighting.probe_density import MOST_CELLS
+from engine.surface.lighting.probe_density import ProbeDensityConfig
 from engine.surface.params import SurfaceParams
 from engine.surface.solve import solve
 from engine.types import Surface
@@ -225,6 +225,9 @@ def switch_rows(preset: str) -> tuple[Method, ...]:
             "far_light", "w/o near light: one probe, lamps far away",
             replace(usual, probes_across=1, probes_deep=1), unlit_by_lamps,
         ),
-        without("half_directions", "half the directions that gloss asks for", directions=MOST_CELLS // 2),
+        without(
+            "half_directions", "half the directions that gloss asks for",
+            directions=ProbeDensityConfig().most_directions // 2,
+        ),
         without("one_round", "one round on all pixels, however they move", rounds=1),
     )  # fmt: skip

@@ -13,14 +13,14 @@ from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams
+from engine.surface import passes
 from engine.surface.data import initial_maps
 from engine.surface.data.observations import evenly_spaced
-from engine.surface.lighting.distance_search import DIRECTIONS, Distance, coarse_distance_search
+from engine.surface.lighting.distance_search import CONFIG, Distance, coarse_distance_search
 from engine.surface.lighting.emitter_groups import UNSEEN
 from engine.surface.lighting.room_light import RoomLight, gather_incident_light
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import TIGHT
 from engine.surface.rendering.object_pixels import depth_from_normals, observe_object, search_initial_normals
 from engine.surface.rendering.transport import probe_grid_around
 from engine.types import Frames
@@ -74,13 +74,14 @@ def begin(
         state = gauss_newton.initial_estimate(maps.normals, albedo, roughness)
     else:
         z = distance.value
-        lattice = probe_grid_around(who.camera, mask, (z / TIGHT, z * TIGHT), (2, 2, 2))
+        margin = passes.CONFIG.tight_margin
+        lattice = probe_grid_around(who.camera, mask, (z / margin, z * margin), (2, 2, 2))
         gain = np.ones((len(room.kind), 3))
         if begun is not None:
             unseen = room.kind == UNSEEN
             gain[unseen] = begun.gain[:-1][unseen]
         light = gather_incident_light(
-            lattice, room.with_gains(gain), room.poses.cam_from_world[views], DIRECTIONS, ours.probe_face_px,
+            lattice, room.with_gains(gain), room.poses.cam_from_world[views], CONFIG.directions, ours.probe_face_px,
             progress.part(0.5, 0.7),
         )  # fmt: skip
         state = search_initial_normals(who, light, who.geometry_at_distance(z), ours, progress.part(0.7, 0.9))

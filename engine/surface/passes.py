@@ -4,7 +4,7 @@ A pass reads the `Scene`, which never changes, and an `Estimate`; `schedule.py` 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,7 +14,6 @@ from engine.surface.data import initial_maps
 from engine.surface.data.scene import Scene
 from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import (
-    CALIBRATION_PIXELS,
     coarse_directions,
     coarse_distance_search,
 )
@@ -53,20 +52,28 @@ from engine.types import Emitters
 
 Pass = Callable[[Scene, Estimate, Progress], Estimate]
 
-WIDE, TIGHT, MOVED = 1.3, 1.1, 1.04
-"""The probes reach so many times nearer and farther than the object: as long as its distance is a guess, and then.
-Between their layers the light fades over instead of moving, so that wide ones make parallax look weak: the
-objects of two near rooms came out 4 and 6 % too near in them, 2.5 and 1.4 % in tight ones. An object that has moved
-by MOVED gets others."""
-AROUND, OUTLIERS = 1.03, (0.5, 99.5)
-"""As soon as there is a depth the probes reach so many times nearer and farther than it, and not for the sake of what the
-rim says beyond these percentiles of it."""
-ACROSS = 2
-"""Probes along each image axis of the wide lattice; the tight one has as many as the fine phase."""
-OUTSHONE = 5.0
-"""A clipped lamp that the distance search found so many times brighter than expected keeps that, and normals are sought anew."""
-ROUNDS, STEPS = 4, 2
-"""Of calibrating the light: how often, and Gauss-Newton steps of the pixels each time."""
+
+@dataclass(frozen=True, slots=True)
+class PassesConfig:
+    """Margins: so many times nearer and farther than the object the probes reach.
+
+    Between their layers the light fades over instead of moving, so that wide ones make parallax look weak: the objects of two
+    near rooms came out 4 and 6 % too near in them, 2.5 and 1.4 % in tight ones.
+    """
+
+    wide_margin: float = 1.3  # as long as the distance is a guess,
+    tight_margin: float = 1.1  # and then,
+    depth_margin: float = 1.03  # and as soon as there is a depth; for this,
+    depth_percentiles: tuple[float, float] = (0.5, 99.5)  # beyond which the rim may say anything
+    moved: float = 1.04  # an object that has moved so many times nearer or farther gets others
+    wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
+    surprising_gain: float = 5.0  # over the expected, from which a clipped lamp keeps what the search found
+    calibration_pixels: int = 600  # that calibrate the light,
+    calibration_rounds: int = 4  # so often,
+    gauss_newton_steps: int = 2  # with so many steps of the pixels each time
+
+
+CONFIG = PassesConfig()
 
 
 def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -94,15 +101,17 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     params, picture, distance = scene.params, scene.picture, now.distance.value
     face_px, directions = params.probe_face_px, coarse_directions(params)
     if now.depth is None:
-        margin = WIDE if params.object_distance <= 0 else TIGHT
+        margin = CONFIG.wide_margin if params.object_distance <= 0 else CONFIG.tight_margin
         near_far = distance / margin, distance * margin
-        wide = probe_grid_around(picture.camera, picture.mask, near_far, (ACROSS, ACROSS, 2))
+        wide = probe_grid_around(
+            picture.camera, picture.mask, near_far, (CONFIG.wide_probes, CONFIG.wide_probes, 2)
+        )
         parts = gather_grouped_light(wide, now.room_light, now.views, directions, face_px, progress)
         setting = prior_light(parts, distance)
         surprising = parts.unseen
         if now.first_light_parameters is not None:
             surprising = surprising | parts.clipped & (
-                now.first_light_parameters.gain > OUTSHONE * setting.gain
+                now.first_light_parameters.gain > CONFIG.surprising_gain * setting.gain
             ).any(1)
             setting = replace(
                 setting, gain=np.where(surprising[:, None], now.first_light_parameters.gain, setting.gain)
@@ -112,7 +121,7 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     if now.probe_distance and not outside_probes(distance, now.probe_distance):
         return now
     nearest, farthest = depth_range(now.geometry.points[:, 2])
-    near_far = min(nearest, distance / TIGHT), max(farthest, distance * TIGHT)
+    near_far = min(nearest, distance / CONFIG.tight_margin), max(farthest, distance * CONFIG.tight_margin)
     there, span = scene.cam_from_world(now.views), progress.part(0, 0.1)
     tight = choose_probe_grid(
         picture.camera, picture.mask, near_far, now.room_light.emitters, there, params, span
@@ -300,8 +309,8 @@ def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> 
         now.known_state.part(chosen),
         free,
         params.relight,
-        ROUNDS,
-        STEPS,
+        CONFIG.calibration_rounds,
+        CONFIG.gauss_newton_steps,
         progress,
     )
     return replace(now.with_light_parameters(setting), calibration_pixels=(sample, voted))
@@ -320,8 +329,8 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
         sample,
         voting,
         params.relight,
-        ROUNDS // 2,
-        STEPS,
+        CONFIG.calibration_rounds // 2,
+        CONFIG.gauss_newton_steps,
         progress,
     )
     stderr = setting.distance_stderr * setting.distance
@@ -331,8 +340,8 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
 
 def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], PixelSample]:
     return calibration_pixels(
-        now.object_pixels, now.geometry, now.distance.value, CALIBRATION_PIXELS, scene.params, scene.seed, spread=now.known_state.residual_scale,
-        light=now.incident,
+        now.object_pixels, now.geometry, now.distance.value, CONFIG.calibration_pixels, scene.params, scene.seed,
+        spread=now.known_state.residual_scale, light=now.incident,
     )  # fmt: skip
 
 
@@ -341,7 +350,7 @@ def estimate_light_variance(scene: Scene, now: Estimate, progress: Progress) -> 
     if not scene.params.relight or now.calibration_pixels is None:
         return now
     object_pixels, light = now.object_pixels, now.incident
-    some = random_subset(interior(object_pixels), CALIBRATION_PIXELS, scene.seed + 1)
+    some = random_subset(interior(object_pixels), CONFIG.calibration_pixels, scene.seed + 1)
     others = (
         sample_pixels(object_pixels, now.geometry, now.distance.value, some, scene.params, light=light),
         now.known_state.part(some),
@@ -420,10 +429,10 @@ def emitters_of(now: Estimate) -> Emitters:
 
 def depth_range(z: Float[np.ndarray, " p"]) -> tuple[float, float]:
     """z of the first and the last layer of probes around points so far away."""
-    nearest, farthest = np.percentile(z, OUTLIERS)
-    return float(nearest / AROUND), float(farthest * AROUND)
+    nearest, farthest = np.percentile(z, CONFIG.depth_percentiles)
+    return float(nearest / CONFIG.depth_margin), float(farthest * CONFIG.depth_margin)
 
 
 def outside_probes(distance: float, middle: float) -> bool:
     """Whether an object has moved too far from where its probes were put."""
-    return not 1 / MOVED < distance / middle < MOVED
+    return not 1 / CONFIG.moved < distance / middle < CONFIG.moved

@@ -18,7 +18,7 @@ from engine.surface.data.scene import Picture
 from engine.surface.depth.normal_integration import integrate_normals
 from engine.surface.estimate import Estimate
 from engine.surface.optimize.gauss_newton import PixelEstimate, initial_estimate, minimize
-from engine.surface.optimize.spatial_regularization import SWEEPS, regularize_spatially
+from engine.surface.optimize.spatial_regularization import RegularizationConfig, regularize_spatially
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.interreflection import hidden_light_fraction
@@ -33,7 +33,7 @@ from engine.surface.uncertainty.standard_errors import (
 
 TILE = 8 * BLOCK
 """Pixels along a tile's side: its photographs in 150 views take 60 MB."""
-HALO = SWEEPS + 2
+HALO = RegularizationConfig().sweeps + 2
 """Pixels around a tile that are solved with it and then left to its neighbours: so far does a neighbour's word carry."""
 
 

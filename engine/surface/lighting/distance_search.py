@@ -26,31 +26,32 @@ from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels
 from engine.surface.rendering.transport import probe_grid_around
 
-CANDIDATES = 150
-PASSES = 3
-ROUNDS = 3
-LEVELS = (1.0, 5.0)
-"""How bright what no photograph shows is at first, in units of its surroundings: normals that are sought under too dark a
-ceiling all look up to it, and no gain leads away from there."""
-AGAIN, FALLEN = 4, 0.98
-"""Where there is any, normals are sought so often once more under the best gains so far, as long as the misfit falls so far."""
-FINER, LOOKED = 8, 3
-"""What no photograph shows is divided so often at most where it is bright, and after each time normals are sought so often at
-most, as long as the misfit falls so far."""
-BRIGHTER, EVERY = (10.0, 100.0, 1000.0), 3
-"""How many times brighter than expected clipped lamps are tried, at every so many-th layer: a chink in the shutters was
-recorded with a three-hundredth of its light, and from so far away no gain finds the way."""
-DIRECTIONS = 512
-"""Of the light in the coarse phases at most: with twice as many they find the same surface and take half as long again; it is the
-fine phase that a highlight asks for more."""
-NEAREST, FARTHEST, LAYERS = 0.05, 0.8, 9
-"""Reach of the search, in units of the room's size, and the distances tried."""
-LOOKS = 12
-"""Views that serve, at most; the curve is the same in twice as many."""
-CALIBRATION_PIXELS = 600
-"""Pixels that calibrate the light; half of them serve here."""
+
+@dataclass(frozen=True, slots=True)
+class DistanceSearchConfig:
+    """Normals that are sought under too dark a ceiling all look up to it, and no gain leads away from there. A chink in the
+    shutters was recorded with a three-hundredth of its light, and from so far away no gain finds the way either.
+    """
+
+    candidates: int = 150  # normals, searched
+    gauss_newton_steps: int = 3
+    calibration_rounds: int = 3
+    unseen_levels: tuple[float, ...] = (1.0, 5.0)  # of what no photograph shows, over its surroundings'
+    searches: int = 4  # more of normals, under the best gains so far, where there is any of it, as long as
+    worthwhile: float = 0.98  # the misfit falls to so many times what it was
+    splits: int = 8  # of what no photograph shows, at most, where it is bright;
+    searches_per_split: int = 3  # of normals, at most, likewise
+    lamp_factors: tuple[float, ...] = (10.0, 100.0, 1000.0)  # tried of clipped lamps: over what is expected,
+    lamp_layers: int = 3  # at every so many-th layer
+    directions: int = 512  # at most: twice as many find the same surface and take half as long again
+    nearest: float = 0.05  # reach of the search, in sizes of the room
+    farthest: float = 0.8
+    layers: int = 9  # distances tried
+    views: int = 12  # that serve, at most; the curve is the same in twice as many
+    pixels: int = 300
 
 
+CONFIG = DistanceSearchConfig()
 _misfit = attrgetter("cost")
 
 
@@ -75,38 +76,46 @@ def coarse_distance_search(
     params: SurfaceParams,
     seed: int,
     progress: Progress,
+    config: DistanceSearchConfig = CONFIG,
 ) -> tuple[LightParameters, RoomLight, tuple[float, ...], tuple[float, ...]]:
     """The object's distance to a fifth or so unless it is given, with the light that suits it; the room in as many parts as
     that took; and the curve: distances tried and their misfits."""
-    every = evenly_spaced(np.arange(len(views)), min(LOOKS, len(views) // 2))
-    near_far, layers = (NEAREST * room.size(), FARTHEST * room.size()), LAYERS
+    every = evenly_spaced(np.arange(len(views)), min(config.views, len(views) // 2))
+    size, layers = room.size(), config.layers
+    near_far = config.nearest * size, config.farthest * size
     if params.object_distance > 0:
         near_far, layers = (params.object_distance, params.object_distance), 1
     lattice = probe_grid_around(object_pixels.camera, object_pixels.mask, near_far, (1, 1, layers))
     face_px, span = params.probe_face_px, progress.part(0, 0.5)
-    parts = gather_grouped_light(lattice, room, views[every], coarse_directions(params), face_px, span)
+    parts = gather_grouped_light(
+        lattice, room, views[every], coarse_directions(params, config), face_px, span
+    )
     # Flat and shadowless, pixels misfit by more than any drift.
     parts = replace(parts, exposure_sigma=0.0, lamp_offset_sigma=0.0)
     _, sample = calibration_pixels(
         object_pixels,
         object_pixels.geometry_at_distance(1.0),
         1.0,
-        CALIBRATION_PIXELS // 2,
+        config.pixels,
         params,
         seed,
         every,
     )
-    found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1))
+    found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1), config)
     return found, room.with_patches_split(parts.patches), tried, misfits
 
 
-def coarse_directions(params: SurfaceParams) -> int:
+def coarse_directions(params: SurfaceParams, config: DistanceSearchConfig = CONFIG) -> int:
     """Of the light in the coarse phases."""
-    return min(DIRECTIONS, params.directions or DIRECTIONS)
+    return min(config.directions, params.directions or config.directions)
 
 
 def find_distance(
-    grouped_light: GroupedLight, sample: PixelSample, params: SurfaceParams, progress: Progress
+    grouped_light: GroupedLight,
+    sample: PixelSample,
+    params: SurfaceParams,
+    progress: Progress,
+    config: DistanceSearchConfig = CONFIG,
 ) -> tuple[LightParameters, GroupedLight, tuple[float, ...], tuple[float, ...]]:
     """The best of the lattice's layers, with the light that suits it; the light by as many parts as that took; and the
     curve: distances and their misfits.
@@ -116,38 +125,39 @@ def find_distance(
     that suits it better. Clipped lamps are made brighter as long as that does.
     """
     layers = grouped_light.incident.probe_grid.depths()
-    levels = LEVELS if grouped_light.unseen.any() and params.relight else (1.0,)
-    brighter = BRIGHTER if grouped_light.clipped.any() and params.relight else ()
-    again = AGAIN if len(levels) > 1 else 0
+    levels = config.unseen_levels if grouped_light.unseen.any() and params.relight else (1.0,)
+    brighter = config.lamp_factors if grouped_light.clipped.any() and params.relight else ()
+    again = config.searches if len(levels) > 1 else 0
     first, then = progress.part(0, 0.5 if again else 1), progress.part(0.5, 1)
-    turns = iter(first.parts(len(levels) + len(brighter) + (AGAIN if brighter else again)))
+    turns = iter(first.parts(len(levels) + len(brighter) + (config.searches if brighter else again)))
 
     def looked(begun: Sequence[LightParameters]) -> list[LightParameters]:
         spans = next(turns).parts(len(begun))
         return [
-            _calibrated_from_scratch(one, grouped_light, sample, params, span)
+            _calibrated_from_scratch(one, grouped_light, sample, params, span, config)
             for one, span in zip(begun, spans, strict=True)
         ]
 
     best: list[LightParameters] = []
     for level in levels:
         best = _better(best, looked([prior_light(grouped_light, float(z), level) for z in layers]))
-    some_layers = slice(min(EVERY // 2, len(layers) - 1), None, EVERY)
+    step = config.lamp_layers
+    some_layers = slice(min(step // 2, len(layers) - 1), None, step)
     for factor in brighter:
         some = best[some_layers]
         least = min(some, key=_misfit)
         tried = looked([_brighter_lamps(least, grouped_light, factor, one.distance) for one in some])
-        if min(map(_misfit, tried)) > FALLEN * least.cost:
+        if min(map(_misfit, tried)) > config.worthwhile * least.cost:
             break
-        best[some_layers], again = _better(some, tried), AGAIN
+        best[some_layers], again = _better(some, tried), config.searches
     for _ in range(again):
         least = min(best, key=_misfit)
         best = _better(best, looked([replace(least, distance=float(z)) for z in layers]))
-        if _misfit(min(best, key=_misfit)) > FALLEN * least.cost:
+        if _misfit(min(best, key=_misfit)) > config.worthwhile * least.cost:
             break
     least = min(best, key=_misfit)
     if len(levels) > 1:
-        least, grouped_light = _finer(least, grouped_light, sample, params, then)
+        least, grouped_light = _finer(least, grouped_light, sample, params, then, config)
     return least, grouped_light, tuple(map(float, layers)), tuple(map(_misfit, best))
 
 
@@ -157,16 +167,17 @@ def _finer(
     sample: PixelSample,
     params: SurfaceParams,
     progress: Progress,
+    config: DistanceSearchConfig,
 ) -> tuple[LightParameters, GroupedLight]:
     """The light with what no photograph shows divided where it is bright, and so on, as long as that suits the object better."""
-    spans = iter(progress.parts(FINER * LOOKED))
-    for _ in range(FINER):
+    spans = iter(progress.parts(config.splits * config.searches_per_split))
+    for _ in range(config.splits):
         if (made := split_groups(grouped_light, least)) is None:
             break
         finer, begun = made
-        for _ in range(LOOKED):
-            found = _calibrated_from_scratch(begun, finer, sample, params, next(spans))
-            if found.cost > FALLEN * least.cost:
+        for _ in range(config.searches_per_split):
+            found = _calibrated_from_scratch(begun, finer, sample, params, next(spans), config)
+            if found.cost > config.worthwhile * least.cost:
                 break
             grouped_light, least, begun = finer, found, found
         if grouped_light is not finer:
@@ -180,6 +191,7 @@ def _calibrated_from_scratch(
     sample: PixelSample,
     params: SurfaceParams,
     progress: Progress,
+    config: DistanceSearchConfig,
 ) -> LightParameters:
     """The light that suits normals which are sought from nothing under it as it is begun."""
     transport, geometry = (
@@ -187,9 +199,9 @@ def _calibrated_from_scratch(
         sample.geometry_at(begun.distance),
     )
     start = exhaustive_search(
-        transport, geometry, sample.observations, sample.regions, CANDIDATES, progress.part(0, 0.4)
+        transport, geometry, sample.observations, sample.regions, config.candidates, progress.part(0, 0.4)
     )
-    rounds = ROUNDS if params.relight else 0
+    rounds = config.calibration_rounds if params.relight else 0
     return calibrate(
         begun,
         grouped_light,
@@ -198,7 +210,7 @@ def _calibrated_from_scratch(
         False,
         params.relight,
         rounds,
-        PASSES,
+        config.gauss_newton_steps,
         progress.part(0.4, 1),
     )[0]
 

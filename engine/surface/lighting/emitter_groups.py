@@ -18,22 +18,25 @@ from engine.light.clusters import clusters
 from engine.light.fitting.training_views import pinhole_of
 from engine.types import Frames, Gaussians, Masks, Poses
 
-LAMPS = 8
-"""At most so many bright clusters get a gain of their own."""
-BRIGHT = 8.0
-"""A Gaussian is bright if its luminance exceeds the room's mean radiance this many times."""
-NEAR = 0.15
-"""Bright Gaussians closer than this share of their distance to the object belong to one lamp."""
-
 KNOWN, CLIPPED, UNSEEN, FILLED = 0, 1, 2, 3
 """What the background says of a group's brightness: what it is; the least it is; nothing, and something stands there to
 be asked; nothing, between what it does show."""
-UNSEEN_EACH = 0.18
-"""Solid angle of a group that no photograph shows, steradians, before any is divided: a cap of 14 degrees."""
-INTO = 3
-"""How many a group is divided into, if it has so many patches."""
-CLIPPED_SHARE = 0.25
-"""A group is clipped if so much of its light is, in the views that look its way; others may hide it."""
+
+
+@dataclass(frozen=True, slots=True)
+class EmitterGroupsConfig:
+    """What is a lamp, and in how many parts the rest comes."""
+
+    lamps: int = 8  # bright clusters, at most, that get a gain of their own
+    bright: float = 8.0  # a Gaussian is whose luminance exceeds the room's mean radiance so many times
+    lamp_share: float = 0.005  # of all light, from which on a cluster is a lamp
+    near_share: float = 0.15  # of their distance to the object, within which bright Gaussians are one lamp
+    unseen_sr: float = 0.18  # of a group that no photograph shows, before any is divided: a cap of 14 degrees
+    parts: int = 3  # that such a group is divided into, if it has so many patches
+    clipped_share: float = 0.25  # of a group's light, in the views that look its way: others may hide it
+
+
+CONFIG = EmitterGroupsConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +49,7 @@ class EnvironmentPatches:
 
     def extent(self, groups: int) -> Float[np.ndarray, " g"]:
         """The share that every group has of the solid angle of a whole one, at most 1; 1 of all other groups."""
-        share = np.bincount(self.group, minlength=groups) * self.solid / UNSEEN_EACH
+        share = np.bincount(self.group, minlength=groups) * self.solid / CONFIG.unseen_sr
         return np.where(share > 0, np.minimum(share, 1), 1)
 
     def split(self, which: Int[np.ndarray, " d"]) -> Int[np.ndarray, " q"]:
@@ -55,7 +58,7 @@ class EnvironmentPatches:
         for one in which:
             (here,) = np.nonzero(self.group == one)
             if len(here) > 1:
-                part = _parts(self.towards[here], min(INTO, len(here)))
+                part = _parts(self.towards[here], min(CONFIG.parts, len(here)))
                 group[here] = np.where(part > 0, group.max() + part, one)
         return group
 
@@ -69,7 +72,11 @@ def _parts(towards: Float[np.ndarray, "k 3"], count: int) -> Int[np.ndarray, " k
 
 
 def group_emitters(
-    gaussians: Gaussians, centre: Float[np.ndarray, " 3"], rest: int, seed: int
+    gaussians: Gaussians,
+    centre: Float[np.ndarray, " 3"],
+    rest: int,
+    seed: int,
+    config: EmitterGroupsConfig = CONFIG,
 ) -> Int[np.ndarray, " k"]:
     """A group number for every Gaussian, as seen from `centre` (where the object is, on average)."""
     away = gaussians.means - centre
@@ -78,14 +85,14 @@ def group_emitters(
     area = np.sort(gaussians.scales, axis=1)[:, 1:].prod(1)
     solid = np.minimum(area / distance**2, 1.0) * (1 - np.exp(-gaussians.density))
     energy = level * solid
-    bright = np.nonzero(level > BRIGHT * energy.sum() / max(solid.sum(), 1e-30))[0]
+    bright = np.nonzero(level > config.bright * energy.sum() / max(solid.sum(), 1e-30))[0]
     group = np.full(len(energy), -1)
     count = 0
     if len(bright):
-        cluster = clusters(gaussians.means[bright] / (NEAR * np.median(distance[bright])), 1.0)
+        cluster = clusters(gaussians.means[bright] / (config.near_share * np.median(distance[bright])), 1.0)
         carried = np.bincount(cluster, energy[bright])
-        for lamp in np.argsort(-carried)[:LAMPS]:
-            if carried[lamp] > 0.005 * energy.sum():
+        for lamp in np.argsort(-carried)[: config.lamps]:
+            if carried[lamp] > config.lamp_share * energy.sum():
                 group[bright[cluster == lamp]] = count
                 count += 1
     others = np.nonzero(group < 0)[0]
@@ -104,6 +111,7 @@ def clipped_groups(
     frames: Frames,
     masks: Masks,
     poses: Poses,
+    config: EmitterGroupsConfig = CONFIG,
 ) -> Bool[np.ndarray, " g"]:
     """Groups most of whose light was photographed clipped: the background gives a lower bound only."""
     count = int(group.max()) + 1
@@ -119,7 +127,7 @@ def clipped_groups(
     energy *= 1 - np.exp(-gaussians.density)
     share = np.bincount(group, energy * cut / np.maximum(seen, 1), minlength=count)
     known = np.bincount(group, energy * (seen > 0), minlength=count)
-    return share > CLIPPED_SHARE * np.maximum(known, 1e-30)
+    return share > config.clipped_share * np.maximum(known, 1e-30)
 
 
 def _pixels_of(camera, cam_from_world, points, width, height):
@@ -165,7 +173,7 @@ def group_patches(
         return np.zeros(0, int)
     towards = patches.means - centre
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    count = max(1, round(4 * np.pi * len(towards) / sphere / UNSEEN_EACH))
+    count = max(1, round(4 * np.pi * len(towards) / sphere / CONFIG.unseen_sr))
     return np.unique(kmeans2(towards, count, rng=seed, minit="++")[1], return_inverse=True)[1]
 
 

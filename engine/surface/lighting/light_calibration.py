@@ -28,50 +28,42 @@ from jaxtyping import Float, Int
 from engine.color import luminance
 from engine.parallel import abreast
 from engine.progress import Progress
-from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, INTO, KNOWN, UNSEEN
+from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, KNOWN, UNSEEN, EmitterGroupsConfig
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.pixel_sample import PixelSample
 from engine.surface.rendering.transport import LightTransport
 
-TOTAL = 0.001
-"""How well the background fixes the sum of the light that is neither clipped nor unseen, per channel (relative): as good as wholly. As
-fitted it is right to 0.3-0.8 %; given 1 %, the pixels, whose model errors are alike, made it 1-2 % too bright and
-the object a hundredth too far away and too dark."""
-CORRELATED = 10.0
-"""Observations that share one model error; each pixel counts as so many times fewer than it has."""
-BRIGHTER = (0.7, 2.0)
-"""Mean and spread of the log gain of a clipped lamp: likely twice as bright as it could be recorded, and wide
-enough that a room of clipped lamps is not pulled towards dim lamps and bright paint."""
-GUESSED = (0.0, 1.5)
-"""The same of a part of the room that no view shows: a lamp may hang there, or none. Of a part of such a part it counts as much less
-as that is smaller: dividing the unseen says nothing about it."""
-BRIGHT = 0.005
-"""Share of all light from which on a part that no view shows is divided."""
-PER_VIEW = 8
-"""So many parts that no view shows there may be for each view: of a matt object one tells nine numbers about its light."""
-CERTAIN = (0.0, 1e-3)
-"""The same of what was filled in between: it keeps its level."""
-EVEN = 1e-4
-"""How well the mean of the views' log exposures is zero."""
-ASIDE = 0.003
-"""Step in a lamp's direction for its derivative, radians."""
-FARTHEST_ASIDE = 0.02
-"""Longest step of it: a sharp highlight's flank ends there."""
-NUDGE = 0.02
-"""Step in log distance for its derivative."""
-LONGEST = 0.4
-"""Longest step of one log gain or of log distance."""
-TRUSTED = 0.8
-"""Share of the pixels that vote on a comparison: those in a shadow nobody foresaw misfit everywhere."""
-STRIDE, FARTHEST = 0.03, 4
-"""Of `calibrate_with_distance`: steps of log distance, and how many of them it goes at most."""
-FREE, FIXED = 1e-6, 1e12
-"""Weights of the prior on an unknown that anything may move, and on one that nothing may."""
-AT_REST = 1e-3
-"""Of `_change`, below which a setting stands: the background's sum is known no better."""
-SPREAD = 3.0
-"""One residual spread for every pixel, so that misfits compare."""
+
+@dataclass(frozen=True, slots=True)
+class CalibrationConfig:
+    """Beliefs are mean and spread of a log gain; steps are of logs where no unit is named.
+
+    The background's sum is right to 0.3-0.8 % as fitted; given 1 %, the pixels, whose model errors are alike, made it 1-2 % too
+    bright and the object a hundredth too far away and too dark. A clipped lamp is likely twice as bright as it could be recorded;
+    the spread is wide enough that a room of clipped lamps is not pulled towards dim lamps and bright paint.
+    """
+
+    total_sigma: float = 0.001  # relative, per channel, of the sum of the light neither clipped nor unseen
+    correlated: float = 10.0  # observations that share one model error: a pixel has so many times fewer
+    clipped_belief: tuple[float, float] = (0.7, 2.0)  # of a clipped lamp
+    unseen_belief: tuple[float, float] = (0.0, 1.5)  # of what no view shows: a lamp may hang there, or none;
+    # of a part of it less, as that is smaller: dividing the unseen says nothing about it
+    filled_belief: tuple[float, float] = (0.0, 1e-3)  # of what was filled in between: it keeps its level
+    split_share: float = 0.005  # of all light, from which on a part that no view shows is divided
+    unseen_per_view: int = 8  # such parts, at most: of a matt object nine numbers tell about its light
+    exposure_mean_sigma: float = 1e-4  # how well the mean of the views' log exposures is zero
+    lamp_step_rad: float = 0.003  # in a lamp's direction, for its derivative
+    max_lamp_step_rad: float = 0.02  # a sharp highlight's flank ends there
+    distance_step: float = 0.02  # for its derivative
+    max_step: float = 0.4  # of one gain or of distance
+    trusted_share: float = 0.8  # of the pixels: those in a shadow nobody foresaw misfit everywhere
+    search_step: float = 0.03  # of distance, in `calibrate_with_distance`
+    search_steps: int = 4  # it goes at most
+    free_weight: float = 1e-6  # of the prior on an unknown that anything may move,
+    fixed_weight: float = 1e12  # and on one that nothing may
+    settled: float = 1e-3  # a setting that `_change` less stands: the background's sum is known no better
+    residual_scale: float = 3.0  # one for every pixel, so that misfits compare
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,10 +78,15 @@ class LightParameters:
     lamp_offset: Float[np.ndarray, "l 2"]  # radians across, of each lamp
 
 
-def prior_light(grouped_light: GroupedLight, distance: float, unseen: float = 1.0) -> LightParameters:
+def prior_light(
+    grouped_light: GroupedLight,
+    distance: float,
+    unseen: float = 1.0,
+    config: CalibrationConfig = CalibrationConfig(),
+) -> LightParameters:
     """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
     shows so many times brighter than its surroundings."""
-    gain = np.exp(_light_prior(grouped_light)[0])[:, None].repeat(3, 1)
+    gain = np.exp(_light_prior(grouped_light, config)[0])[:, None].repeat(3, 1)
     gain[grouped_light.unseen] = unseen
     still = (
         np.zeros(grouped_light.incident.energy.shape[2] // 3),
@@ -99,19 +96,22 @@ def prior_light(grouped_light: GroupedLight, distance: float, unseen: float = 1.
 
 
 def split_groups(
-    grouped_light: GroupedLight, light_parameters: LightParameters
+    grouped_light: GroupedLight,
+    light_parameters: LightParameters,
+    config: CalibrationConfig = CalibrationConfig(),
 ) -> tuple[GroupedLight, LightParameters] | None:
     """The same light with the brightest parts that no view shows each in several; None if none is bright, or the views cannot
     tell more parts apart."""
     if grouped_light.patches is None or grouped_light.patch is None:
         return None
     light = luminance(grouped_light.levels() * light_parameters.gain)
-    more = PER_VIEW * grouped_light.incident.energy.shape[2] // 3 - int(grouped_light.unseen.sum())
+    most = config.unseen_per_view * grouped_light.incident.energy.shape[2] // 3
+    more = most - int(grouped_light.unseen.sum())
     ranked = np.argsort(np.where(grouped_light.unseen, -light, 0), kind="stable")[
-        : max(0, more) // (INTO - 1)
+        : max(0, more) // (EmitterGroupsConfig().parts - 1)
     ]
     group = grouped_light.patches.split(
-        ranked[light[ranked] * grouped_light.unseen[ranked] > BRIGHT * light.sum()]
+        ranked[light[ranked] * grouped_light.unseen[ranked] > config.split_share * light.sum()]
     )
     end = int(grouped_light.patches.group.max()) + 1
     added = int(group.max()) + 1 - end
@@ -145,6 +145,7 @@ def calibrate(
     rounds: int,
     passes: int,
     progress: Progress,
+    config: CalibrationConfig = CalibrationConfig(),
 ) -> tuple[LightParameters, gauss_newton.PixelEstimate]:
     """`rounds` times the pixels under the setting, then the setting under the pixels; the best one wins."""
     best = replace(light_parameters, cost=float("inf")), state
@@ -160,11 +161,13 @@ def calibrate(
         state = gauss_newton.minimize(
             state, transport, geometry, sample.regions, even.observations, passes, span, reset_scale=True
         )
-        fresh, misfit = _step(light_parameters, grouped_light, sample, state, free_distance, free_light)
+        fresh, misfit = _step(
+            light_parameters, grouped_light, sample, state, free_distance, free_light, config
+        )
         if misfit < best[0].cost:
             best = replace(light_parameters, distance_stderr=fresh.distance_stderr, cost=misfit), state
         moved, light_parameters = _change(grouped_light, light_parameters, fresh), fresh
-        if moved < AT_REST:
+        if moved < config.settled:
             break
         span.step(1.0, "refining the light")
     return best
@@ -193,6 +196,7 @@ def calibrate_with_distance(
     rounds: int,
     passes: int,
     progress: Progress,
+    config: CalibrationConfig = CalibrationConfig(),
 ) -> LightParameters:
     """The distance at which the light that suits it best misfits least: the middle of a parabola through three.
 
@@ -203,11 +207,15 @@ def calibrate_with_distance(
     tried: dict[int, LightParameters] = {}
 
     def at(shift: float) -> LightParameters:
-        begun = replace(light_parameters, distance=light_parameters.distance * float(np.exp(shift * STRIDE)))
-        return calibrate(begun, grouped_light, sample, state, False, free_light, rounds, passes, progress)[0]
+        begun = replace(
+            light_parameters, distance=light_parameters.distance * float(np.exp(shift * config.search_step))
+        )
+        return calibrate(
+            begun, grouped_light, sample, state, False, free_light, rounds, passes, progress, config
+        )[0]
 
     lowest = 0
-    for _ in range(FARTHEST):
+    for _ in range(config.search_steps):
         for k in (lowest - 1, lowest, lowest + 1):
             if k not in tried:
                 tried[k] = at(float(k))
@@ -223,12 +231,17 @@ def calibrate_with_distance(
     if bend <= 0:
         return replace(tried[lowest], distance_stderr=float("inf"))
     found = at(lowest + 0.5 * (left - right) / bend)
-    return replace(found, distance_stderr=STRIDE * float(np.sqrt(2 / bend)))
+    return replace(found, distance_stderr=config.search_step * float(np.sqrt(2 / bend)))
 
 
-def _light_prior(grouped_light: GroupedLight) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def _light_prior(
+    grouped_light: GroupedLight, config: CalibrationConfig
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and spread of every group's log gain."""
-    beliefs = {KNOWN: (0.0, grouped_light.gain_sigma), CLIPPED: BRIGHTER, UNSEEN: GUESSED, FILLED: CERTAIN}
+    beliefs = {
+        KNOWN: (0.0, grouped_light.gain_sigma), CLIPPED: config.clipped_belief, UNSEEN: config.unseen_belief,
+        FILLED: config.filled_belief,
+    }  # fmt: skip
     mean, spread = np.array([beliefs[int(kind)] for kind in grouped_light.kind]).T
     if grouped_light.patches is not None:
         spread = spread / np.sqrt(grouped_light.patches.extent(len(spread)))
@@ -250,7 +263,7 @@ def _unknowns(setting, parts):
     )
 
 
-def _system(setting, parts, sample, state):
+def _system(setting, parts, sample, state, config):
     """What the pixels say about the light, their own unknowns eliminated: system, slope, the misfit of each pixel, and how its
     own unknowns follow the light's (p 6 u)."""
     count, views = len(setting.gain), len(setting.exposure_offset)
@@ -265,14 +278,15 @@ def _system(setting, parts, sample, state):
     others = np.r_[0 : lamps.start, lamps.stop : count]
     near = transport.incident.area_lights
     lean = [
-        parts.lamps_moved(setting.lamp_offset + ASIDE * way).under(setting.gain[lamps]) for way in np.eye(2)
+        parts.lamps_moved(setting.lamp_offset + config.lamp_step_rad * way).under(setting.gain[lamps])
+        for way in np.eye(2)
     ]
 
     def tell(pixels: Int[np.ndarray, " _"]) -> tuple[Float[np.ndarray, "u u"], Float[np.ndarray, " u"]]:
         block = transport.block(geometry, pixels)
         points, here = block.points, block.points.mean(0)
         each = parts.at(here, setting.gain)[others]
-        further = parts.at(here * np.exp(NUDGE), setting.gain).sum(0)
+        further = parts.at(here * np.exp(config.distance_step), setting.gain).sum(0)
         total = each.sum(0)
         n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
         variants, rough, inward = gauss_newton.perturbed(n, r)
@@ -285,21 +299,22 @@ def _system(setting, parts, sample, state):
         base, own = gauss_newton.jacobian(diffuse, specular, a, inward, seen.eps[pixels])
         e = np.log((seen.radiance[pixels] + eps) / base)
         weight = seen.weight[pixels]
-        width = (seen.cauchy * SPREAD) ** 2
-        misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (SPREAD**2 * CORRELATED)
+        alike = config.residual_scale
+        width = (seen.cauchy * alike) ** 2
+        misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (alike**2 * config.correlated)
         width = (seen.cauchy * state.residual_scale[pixels][:, None]) ** 2
-        weight = (
-            weight / (1 + weight * e * e / width) / (state.residual_scale[pixels][:, None] ** 2 * CORRELATED)
-        )
-        lights = np.concatenate([each, (further - total)[None] / NUDGE]).transpose(1, 0, 2)
+        weight = weight / (1 + weight * e * e / width)
+        weight = weight / (state.residual_scale[pixels][:, None] ** 2 * config.correlated)
+        lights = np.concatenate([each, (further - total)[None] / config.distance_step]).transpose(1, 0, 2)
         every = np.ascontiguousarray(lights).reshape(len(total), -1)
         d, s = dark(block.under(every), n[:, None], r[:, None])
         sent = (len(pixels), len(others) + 1, channels)
         share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
         # What hides what does not change when the whole object moves along the viewing rays.
-        moved = near.each(points * np.exp(NUDGE), block.views, n[:, None], r[:, None], block.lamps, *made)
+        moved = points * np.exp(config.distance_step)
+        moved = near.each(moved, block.views, n[:, None], r[:, None], block.lamps, *made)
         for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
-            change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / NUDGE
+            change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / config.distance_step
             share[:, -1] += gain_of * change
         share = share / base[:, None]
         light = np.zeros((*base.shape, unknowns))
@@ -319,7 +334,7 @@ def _system(setting, parts, sample, state):
                 d, s = there.each(points, block.views, n[:, None], r[:, None], block.lamps, *made)
                 for c in range(3):
                     change = a[:, c, None, None] * (d[:, 0] - shining[0][:, 0]) + s[:, 0] - shining[1][:, 0]
-                    change = change * near.radiance[..., c] / (ASIDE * base[:, c::3, None])
+                    change = change * near.radiance[..., c] / (config.lamp_step_rad * base[:, c::3, None])
                     light[:, c::3, angles + way :: 2] = change
         wo, wl = own * weight[..., None], light * weight[..., None]
         inner = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
@@ -337,30 +352,30 @@ def _system(setting, parts, sample, state):
     return system, slope, misfits, following
 
 
-def _system_with_prior(setting, parts, sample, state, free_distance, free_light):
+def _system_with_prior(setting, parts, sample, state, free_distance, free_light, config):
     """The pixels' system and slope with what is believed of the light; and the misfit at the setting."""
     views = len(setting.exposure_offset)
     far, exposures, angles, unknowns = _unknowns(setting, parts)
-    system, slope, misfits, _ = _system(setting, parts, sample, state)
-    misfit = np.sort(misfits)[: int(TRUSTED * len(misfits))].mean() * len(misfits)
-    mean, spread = _light_prior(parts)
+    system, slope, misfits, _ = _system(setting, parts, sample, state, config)
+    misfit = np.sort(misfits)[: int(config.trusted_share * len(misfits))].mean() * len(misfits)
+    mean, spread = _light_prior(parts, config)
     logs = np.log(setting.gain)
     off = (logs - mean[:, None]) / spread[:, None]
-    trust = np.full(unknowns, FIXED)
+    trust = np.full(unknowns, config.fixed_weight)
     if free_light:
         trust[:far] = np.repeat(1 / spread**2, 3)
     if free_distance:
-        trust[far] = FREE
+        trust[far] = config.free_weight
     slope[:far] -= (off / spread[:, None]).ravel()
     misfit += float((off**2).sum())
     if parts.exposure_sigma:
         trust[exposures] = 1 / parts.exposure_sigma**2
-        system[exposures, exposures] += 1 / (views * EVEN) ** 2
+        system[exposures, exposures] += 1 / (views * config.exposure_mean_sigma) ** 2
         slope[exposures] -= (
             setting.exposure_offset / parts.exposure_sigma**2
-            + setting.exposure_offset.sum() / (views * EVEN) ** 2
+            + setting.exposure_offset.sum() / (views * config.exposure_mean_sigma) ** 2
         )
-        # Not in the misfit: beside residuals in units of SPREAD the prior would stop the step short of the data.
+        # Not in the misfit: beside residuals in units of `residual_scale` the prior would stop the step short of the data.
     if parts.lamp_offset_sigma:
         trust[angles:] = 1 / parts.lamp_offset_sigma**2
         slope[angles:] -= setting.lamp_offset.ravel() / parts.lamp_offset_sigma**2
@@ -371,24 +386,26 @@ def _system_with_prior(setting, parts, sample, state, free_distance, free_light)
     known = parts.levels() * ~(parts.clipped | parts.unseen)[:, None]
     part = known * setting.gain
     drift = np.log(part.sum(0) / known.sum(0))
-    misfit += float((drift**2).sum()) / TOTAL**2
+    misfit += float((drift**2).sum()) / config.total_sigma**2
     part = part / part.sum(0)
     for c in range(3):
         row = np.zeros(unknowns)
         row[c:far:3] = part[:, c]
-        system += np.outer(row, row) / TOTAL**2
-        slope -= row * drift[c] / TOTAL**2
+        system += np.outer(row, row) / config.total_sigma**2
+        slope -= row * drift[c] / config.total_sigma**2
     return system, slope, float(misfit)
 
 
-def _step(setting, parts, sample, state, free_distance, free_light):
+def _step(setting, parts, sample, state, free_distance, free_light, config):
     """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
     far, exposures, angles, _ = _unknowns(setting, parts)
-    system, slope, misfit = _system_with_prior(setting, parts, sample, state, free_distance, free_light)
+    system, slope, misfit = _system_with_prior(
+        setting, parts, sample, state, free_distance, free_light, config
+    )
     covariance = np.linalg.inv(system)
     step = covariance @ slope
-    step[angles:] = np.clip(step[angles:], -FARTHEST_ASIDE, FARTHEST_ASIDE)
-    step = np.clip(step, -LONGEST, LONGEST)
+    step[angles:] = np.clip(step[angles:], -config.max_lamp_step_rad, config.max_lamp_step_rad)
+    step = np.clip(step, -config.max_step, config.max_step)
     logs = np.log(setting.gain) + step[:far].reshape(setting.gain.shape)
     logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
     distance, stderr = setting.distance, 0.0
@@ -407,8 +424,9 @@ def light_variance(
     grouped_light: GroupedLight,
     voting: tuple[PixelSample, gauss_newton.PixelEstimate],
     others: tuple[PixelSample, gauss_newton.PixelEstimate],
+    config: CalibrationConfig = CalibrationConfig(),
 ) -> Float[np.ndarray, "p 6"]:
     """Variances of other pixels' unknowns by what those that vote leave open of the light; the distance stands."""
-    system, _, _ = _system_with_prior(light_parameters, grouped_light, *voting, False, True)
-    following = _system(light_parameters, grouped_light, *others)[3]
+    system, _, _ = _system_with_prior(light_parameters, grouped_light, *voting, False, True, config)
+    following = _system(light_parameters, grouped_light, *others, config)[3]
     return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(system), following, optimize=True)

@@ -7,7 +7,7 @@ are enough is seen on some of the object's own pixels, for only a highlight tell
 they see one room from a few places. Camera frame.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,22 +29,24 @@ from engine.surface.rendering.transport import (
 )
 from engine.types import Camera, Emitters
 
-SHARE = 0.25
-"""Of the misfit expected of a good model that may be the interpolation's."""
-CELLS = 512
-"""Directions under which parallax is measured."""
-FEWEST, MOST_CELLS = 256, 1024
-"""Directions of which `choose_direction_count` chooses. Errors of a solve go on falling beyond, though slower than its time grows: preset
-fine takes four times as many."""
-UNTOLD = 0.5
-"""Of the misfit expected of a good model that may be what too few directions leave out."""
-PIXELS, DARK = 200, 0.01
-"""That are looked at; what is darker than so much of their mean counts as that."""
-VIEWS = 8
-MOST = 9
-"""Probes along one axis."""
 CROSS = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]])
 """Places in a lattice of 3 x 3 x 3: the middle, and both ends of each axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeDensityConfig:
+    """Shares are of the misfit expected of a good model. Errors of a solve go on falling beyond the most directions, though slower
+    than its time grows: preset fine takes four times as many."""
+
+    probes_share: float = 0.25  # that may be the interpolation's between probes,
+    directions_share: float = 0.5  # and what too few directions leave out
+    parallax_directions: int = 512  # under which it is measured
+    least_directions: int = 256
+    most_directions: int = 1024
+    most_probes: int = 9  # along one axis
+    pixels: int = 200  # that are looked at;
+    dark: float = 0.01  # what is darker than so much of their mean counts as that
+    views: int = 8
 
 
 def choose_probe_grid(
@@ -55,13 +57,14 @@ def choose_probe_grid(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
+    config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> ProbeGrid:
     """The lattice around the object's pixels between two z, as dense as was asked or as the light of these views needs."""
     asked = params.probes_across, params.probes_across, params.probes_deep
     box = probe_grid_around(camera, mask, near_far, (3, 3, 3))
     if not all(asked):
-        few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), VIEWS)]
-        measured = probe_counts(box, emitters, few, params, progress)
+        few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), config.views)]
+        measured = probe_counts(box, emitters, few, params, progress, config)
         asked = tuple(a or m for a, m in zip(asked, measured, strict=True))
     return replace(box, shape=asked)
 
@@ -72,13 +75,14 @@ def probe_counts(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
+    config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> tuple[int, ...]:
-    """Along each axis of the box as many as leave `SHARE` of `params.model_error`; one where the light stays the same.
+    """Along each axis of the box as many as leave `probes_share` of `params.model_error`; one where the light stays the same.
 
     The lamps are not counted: they shine on every pixel from their own place.
     """
     points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(CROSS.T)]
-    cells = direction_cells(CELLS)
+    cells = direction_cells(config.parallax_directions)
     light = arriving(emitters.field(), cam_from_world, points, cells, params.probe_face_px, True, progress)
     sent = np.einsum("md,npdc->npmc", ball(cells, params.full_diffuse), light.energy)
     middle, ends = sent[:, 0], (sent[:, 1::2], sent[:, 2::2])
@@ -88,8 +92,8 @@ def probe_counts(
         return np.sqrt((((other - middle[:, None]) / middle[:, None]) ** 2).mean((0, 2, 3)))
 
     bent, moved = off((ends[0] + ends[1]) / 2), np.maximum(off(ends[0]), off(ends[1]))
-    least = SHARE * params.model_error
-    pieces = np.clip(np.ceil(np.sqrt(bent / least)), 1, MOST - 1)
+    least = config.probes_share * params.model_error
+    pieces = np.clip(np.ceil(np.sqrt(bent / least)), 1, config.most_probes - 1)
     return tuple(int(k) for k in np.where(moved <= least, 1, pieces + 1))
 
 
@@ -100,13 +104,14 @@ def choose_direction_count(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
+    config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> int:
-    """Fewest directions, `MOST_CELLS` at most, under which this surface looks as under twice `MOST_CELLS`.
+    """Fewest directions, `most_directions` at most, under which this surface looks as under twice as many as that.
 
-    The RMS of the logarithms of what some pixels send may be `UNTOLD` of `params.model_error`.
+    The RMS of the logarithms of what some pixels send may be `directions_share` of `params.model_error`.
     """
-    few = evenly_spaced(np.arange(len(state.normals)), PIXELS)
-    there = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), VIEWS)]
+    few = evenly_spaced(np.arange(len(state.normals)), config.pixels)
+    there = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), config.views)]
     x, y, z = geometry.points[few].mean(0)
     middle = np.array([x / z, y / z, z])
     alone = SurfaceGeometry(
@@ -122,11 +127,11 @@ def choose_direction_count(
         ((_, radiance),) = predict(
             transport, alone, every, state.normals[few], state.albedo[few], state.roughness[few]
         )
-        return np.asarray(np.log(np.maximum(radiance, DARK * radiance.mean())))
+        return np.asarray(np.log(np.maximum(radiance, config.dark * radiance.mean())))
 
-    whole, directions = sent(2 * MOST_CELLS), FEWEST
-    while directions < MOST_CELLS:
-        if np.sqrt(((sent(directions) - whole) ** 2).mean()) <= UNTOLD * params.model_error:
+    whole, directions = sent(2 * config.most_directions), config.least_directions
+    while directions < config.most_directions:
+        if np.sqrt(((sent(directions) - whole) ** 2).mean()) <= config.directions_share * params.model_error:
             break
         directions *= 2
     return directions

@@ -37,13 +37,18 @@ from engine.surface.rendering.area_lights import AreaLights, area_lights_of
 from engine.surface.rendering.transport import IncidentLight, ProbeGrid, direction_cells
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
 
-BALL, GREY, ROUGHNESS = 96, 0.3, 0.4
-"""Normals of a ball (those that face the camera count), its albedo, its roughness: glossy, for highlights move most."""
-FACING = 0.2
-MANY, FORETOLD = 1000, 0.01
-"""Probes, of all views, from which on their light is worth being foretold from some of them; and what a ball of it may be off by."""
-PHOTOGRAPHED = 0.5
-"""Share of a cell that was photographed, at least, for its light to count as somebody's."""
+
+@dataclass(frozen=True, slots=True)
+class RoomLightConfig:
+    """The ball that tells how much light matters: glossy, for highlights move most."""
+
+    ball_normals: int = 96  # all around it; those that face the camera
+    ball_facing: float = 0.2  # by this cosine count
+    ball_albedo: float = 0.3
+    ball_roughness: float = 0.4
+    many_probes: int = 1000  # of all views, whose light is foretold from some of them;
+    foretold_error: float = 0.01  # what a ball of it may be off by
+    photographed_share: float = 0.5  # of a cell, at least, for its light to count as somebody's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,17 +150,19 @@ def gather_incident_light(
     directions: int,
     face_px: int,
     progress: Progress,
+    config: RoomLightConfig = RoomLightConfig(),
 ) -> IncidentLight:
     """The energy at the lattice for some views, small holes of the room filled."""
     cells, asked = direction_cells(directions), quadratic_probes(lattice)
     field, points = emitters.field(), asked.points
-    if len(cam_from_world) * len(points) < MANY:
+    if len(cam_from_world) * len(points) < config.many_probes:
         energy = arriving(field, cam_from_world, points, cells, face_px, True, progress).energy
     else:
         # What it looks like from all sides: the places are few, and turned otherwise in every view.
         rays = face_directions(face_px).reshape(-1, 3)
-        takes = np.concatenate([ball(rays @ turn.T, True) for turn in FACES])
-        energy = between(field, cam_from_world, points, cells, face_px, takes, FORETOLD, progress)
+        takes = np.concatenate([ball(rays @ turn.T, True, config) for turn in FACES])
+        error = config.foretold_error
+        energy = between(field, cam_from_world, points, cells, face_px, takes, error, progress)
     middle = lattice.points().mean(0)
     near = area_lights_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
     return IncidentLight(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
@@ -168,6 +175,7 @@ def gather_grouped_light(
     directions: int,
     face_px: int,
     progress: Progress,
+    config: RoomLightConfig = RoomLightConfig(),
 ) -> GroupedLight:
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
@@ -177,7 +185,7 @@ def gather_grouped_light(
     lit = luminance(energy) > 0
     source = np.ascontiguousarray(nearest_emitter(found.places, lit, field).transpose(1, 2, 0))
     # Small holes are filled in from their surroundings, whose level they keep.
-    source[seen.transpose(1, 2, 0) < PHOTOGRAPHED] = -1
+    source[seen.transpose(1, 2, 0) < config.photographed_share] = -1
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
@@ -221,13 +229,15 @@ def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]
     return np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)
 
 
-def ball(cells: Float[np.ndarray, "d 3"], full_diffuse: bool) -> Float[np.ndarray, "m d"]:
+def ball(
+    cells: Float[np.ndarray, "d 3"], full_diffuse: bool, config: RoomLightConfig = RoomLightConfig()
+) -> Float[np.ndarray, "m d"]:
     """What every direction's light sends to the camera from the half of a ball that faces it."""
-    normals = direction_cells(BALL)
-    normals = normals[normals[:, 2] < -FACING]
+    normals = direction_cells(config.ball_normals)
+    normals = normals[normals[:, 2] < -config.ball_facing]
     views = np.tile([0.0, 0.0, -1.0], (len(normals), 1))
-    roughness = np.full(len(normals), ROUGHNESS)
+    roughness = np.full(len(normals), config.ball_roughness)
     everything = np.ones((len(normals), len(cells)), np.uint8)
     floor = lobe_floor(len(cells))
     diffuse, specular = rows(normals, roughness, views, cells, everything, full_diffuse, floor)
-    return GREY * diffuse + specular
+    return config.ball_albedo * diffuse + specular

@@ -29,33 +29,35 @@ STEP = 0.01
 """Forward-difference step: radians of normal, units of roughness."""
 ROUGHNESS = (0.06, 1.0)
 ALBEDO = (0.004, 1.0)
-GLOSS = (0.5, 0.25)
-"""Mean and spread of what is expected of a roughness of which nothing is known. One observation's worth, as every
-expectation is."""
 SHARE = (0.0, 0.8)
 SHARE_SPREAD = 0.3
 """Of a weak prior, one observation's worth, around no share at all."""
-
-STEP_TOLERANCE = np.array([np.radians(0.05)] * 2 + [1e-3] * 3 + [2e-3, 2e-3])
-"""Steps that are not worth the rows they take: a tenth, or so, of the errors that are left."""
-LAMBDA_INITIAL = 1e-2
-"""Damping of a pixel that has not stepped yet."""
-LAMBDA_DOWN, LAMBDA_UP, LAMBDA_BOUNDS = 0.3, 6.0, (1e-4, 1e4)
-"""Times the damping after a step that was worth it and one that was not, and its bounds."""
-RIDGE = 1e-6
-"""Of a system's diagonal, damped or not: nothing divides by zero."""
-MAX_STEP = np.array([0.3, 0.3, 0.7, 0.7, 0.7, 0.2, 0.2])
-"""Trust region: beyond these lengths the linearisation says nothing."""
-FAR = 0.03
-"""Radians of normal, or units of roughness, up to which the derivatives of the rows are left as they were told."""
 AT_ONCE = 16
 """Residuals whose share of the misfit is summed as the logarithm of a product."""
-OF_MEDIAN, LEAST_SPREAD = 1.4826, 0.3
-"""A normal distribution's spread over its median deviation; and what no pixel's residuals fall below."""
-GRAZING = 0.03
-"""Cosine to the camera from which on a normal is one that can be seen."""
-MOST_APART = 5.0
-"""Times the shared light that a pixel's own is taken for, at most: of next to nothing anything is many times as much."""
+OF_MEDIAN = 1.4826
+"""A normal distribution's spread over its median deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class GaussNewtonConfig:
+    """Steps are of two tilts (radians), the logarithms of albedo (3), roughness and the share of the background. The tolerance
+    is a tenth, or so, of the errors that are left: shorter ones are not worth the rows they take."""
+
+    step_tolerance: tuple[float, ...] = (math.radians(0.05),) * 2 + (1e-3,) * 3 + (2e-3,) * 2
+    max_step: tuple[float, ...] = (0.3,) * 2 + (0.7,) * 3 + (0.2,) * 2  # beyond, nothing is linear
+    lambda_initial: float = 1e-2  # damping of a pixel that has not stepped yet,
+    lambda_down: float = 0.3  # times this after a step that was worth it,
+    lambda_up: float = 6.0  # and this after one that was not,
+    lambda_bounds: tuple[float, float] = (1e-4, 1e4)  # within these
+    ridge: float = 1e-6  # on a system's diagonal, damped or not: nothing divides by zero
+    jacobian_reuse_step: float = 0.03  # up to it (radians, roughness) derivatives are left as they were
+    max_light_ratio: float = 5.0  # of a pixel's own to the shared, which may be next to nothing
+    least_residual_scale: float = 0.3  # what no pixel's residuals fall below
+    grazing_cosine: float = 0.03  # to the camera: from here on a normal is one that can be seen
+    roughness_prior: tuple[float, float] = (0.5, 0.25)  # mean and spread, where nothing is known
+
+
+CONFIG = GaussNewtonConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,11 +107,11 @@ def initial_estimate(
         np.clip(roughness, *ROUGHNESS),
         np.zeros(count),
         np.full(count, np.nan),
-        np.full(count, LAMBDA_INITIAL),
+        np.full(count, CONFIG.lambda_initial),
         np.full(count, np.inf),
         np.zeros((count, 6, 6)),
         np.zeros((count, 6)),
-        np.tile(GLOSS, (count, 1)),
+        np.tile(CONFIG.roughness_prior, (count, 1)),
     )
 
 
@@ -128,6 +130,7 @@ def update_residual_scale(
     geometry: SurfaceGeometry,
     blocks: list[Int[np.ndarray, " _"]],
     observations: Observations,
+    config: GaussNewtonConfig = CONFIG,
 ) -> PixelEstimate:
     """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
     spread = np.empty(len(state.normals))
@@ -138,19 +141,19 @@ def update_residual_scale(
             state.normals[pixels][:, None],
             state.roughness[pixels][:, None],
         )
-        spread[pixels] = _residual_scale(diffuse, specular, state, observations, pixels)
+        spread[pixels] = _residual_scale(diffuse, specular, state, observations, pixels, config)
 
     deque(abreast(measure, blocks), 0)
     return replace(state, residual_scale=spread, cost=np.full(len(spread), np.inf))
 
 
-def _residual_scale(diffuse, specular, state, seen, pixels):
+def _residual_scale(diffuse, specular, state, seen, pixels, config):
     """Of the residuals of the answers' first variants, that of the state itself."""
     residual = np.sort(np.abs(_residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)), axis=1)
     known = np.isfinite(residual).sum(1)  # those that are not stand last
     middle = np.stack([(known - 1) // 2, known // 2], 1).clip(0)
     spread = OF_MEDIAN * np.take_along_axis(residual, middle, 1).mean(1)
-    return np.maximum(np.nan_to_num(spread, nan=1.0), LEAST_SPREAD)
+    return np.maximum(np.nan_to_num(spread, nan=1.0), config.least_residual_scale)
 
 
 def _residuals(diffuse, specular, state, seen, pixels):
@@ -192,20 +195,23 @@ def minimize(
     steps: int,
     progress: Progress,
     reset_scale: bool = False,
+    config: GaussNewtonConfig = CONFIG,
 ) -> PixelEstimate:
     """Up to `steps` evaluations of every pixel with a damped step between them; ends on an accepted state.
 
-    A pixel whose next step would be less than `STEP_TOLERANCE` is left where it is. `reset_scale`: after an `update_residual_scale`,
+    A pixel whose next step would be less than `step_tolerance` is left where it is. `reset_scale`: after an `update_residual_scale`,
     which costs nothing here.
     """
     if on_other_device(transport):
         from engine.surface.optimize import gauss_newton_cuda  # torch takes seconds to load
 
         return gauss_newton_cuda.minimize(
-            state, transport, geometry, blocks, observations, steps, progress, reset_scale
+            state, transport, geometry, blocks, observations, steps, progress, reset_scale, config
         )
     kept = state.copy()
     tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
+    rest, longest = np.array(config.step_tolerance), np.array(config.max_step)
+    least, most = config.lambda_bounds
 
     def solve(pixels: Int[np.ndarray, " _"]) -> None:
         block = transport.block(geometry, pixels)
@@ -217,7 +223,9 @@ def minimize(
         for turn in range(steps):
             diffuse, specular = told.variants
             if reset_scale and turn == 0:
-                kept.residual_scale[pixels] = _residual_scale(diffuse, specular, state, observations, pixels)
+                kept.residual_scale[pixels] = _residual_scale(
+                    diffuse, specular, state, observations, pixels, config
+                )
                 kept.cost[pixels] = np.inf
             misfit, system, slope = _normal_equations(
                 diffuse, specular, a, inward, observations.radiance[pixels], observations.weight[pixels], observations.eps[pixels],
@@ -230,30 +238,31 @@ def minimize(
             kept.background_fraction[won], kept.cost[won] = b[better], misfit[better]
             kept.hessian[won], kept.gradient[won] = eliminate_last(system[better], slope[better])
             tie[0][won], tie[1][won] = system[better, 6], slope[better, 6]
-            kept.lm_lambda[won] = np.maximum(kept.lm_lambda[won] * LAMBDA_DOWN, LAMBDA_BOUNDS[0])
-            kept.lm_lambda[lost] = np.minimum(kept.lm_lambda[lost] * LAMBDA_UP, LAMBDA_BOUNDS[1])
+            kept.lm_lambda[won] = np.maximum(kept.lm_lambda[won] * config.lambda_down, least)
+            kept.lm_lambda[lost] = np.minimum(kept.lm_lambda[lost] * config.lambda_up, most)
             if turn + 1 == steps:
                 break
-            move = _damped_step(kept.hessian[pixels], kept.gradient[pixels], kept.lm_lambda[pixels])
+            move = _damped_step(kept.hessian[pixels], kept.gradient[pixels], kept.lm_lambda[pixels], config)
             # Unknown, and then nothing, where not even the first evaluation was an improvement.
             stiff = np.where(tie[0][pixels, 6] > 0, tie[0][pixels, 6], np.inf)
             shift = (tie[1][pixels] - (tie[0][pixels, :6] * move).sum(1)) / stiff
-            move = np.clip(np.column_stack([move, shift]), -MAX_STEP, MAX_STEP)
-            moving = np.nonzero((np.abs(move) > STEP_TOLERANCE).any(1))[0]
+            move = np.clip(np.column_stack([move, shift]), -longest, longest)
+            moving = np.nonzero((np.abs(move) > rest).any(1))[0]
             if not len(moving):
                 break
             if len(moving) < len(pixels):
                 pixels, move = pixels[moving], move[moving]
                 block, told = block.part(moving), told.part(moving)
             before = n[moving], r[moving], inward[moving]
-            n = clamp_to_visible(rotate_normals(kept.normals[pixels], move[:, :2]), geometry.views[pixels])
+            n = rotate_normals(kept.normals[pixels], move[:, :2])
+            n = clamp_to_visible(n, geometry.views[pixels], config)
             a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
             r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
             b = np.clip(kept.background_fraction[pixels] + move[:, 6], *SHARE)
             leaning, rough, inward = perturbed(n, r)
-            far = np.linalg.norm(n - before[0], axis=1) > FAR
-            far |= (np.abs(r - before[1]) > FAR) | (inward != before[2])
-            _update_evaluations(transport, block, leaning, rough, told, far)
+            far = np.linalg.norm(n - before[0], axis=1) > config.jacobian_reuse_step
+            far |= (np.abs(r - before[1]) > config.jacobian_reuse_step) | (inward != before[2])
+            _update_evaluations(transport, block, leaning, rough, told, far, config)
 
     each(solve, blocks, progress, "solving pixels")
     return kept
@@ -288,7 +297,7 @@ def _evaluate_shared(transport, block, leaning, rough):
     return transport(block.under(block.energy), leaning[:, :1], rough[:, :1])
 
 
-def _update_evaluations(transport, block, leaning, rough, told, far):
+def _update_evaluations(transport, block, leaning, rough, told, far, config=CONFIG):
     """Bring it to where a step has led. Of pixels that did not go `far` only what the first variant answers to the shared light is
     asked anew, which is a fifth of the work: their variants differ as before, their own light from the shared as many times."""
     near, some = np.nonzero(~far)[0], np.nonzero(far)[0]
@@ -298,7 +307,7 @@ def _update_evaluations(transport, block, leaning, rough, told, far):
         for into, shared, x in zip(told.variants, told.shared, answers, strict=True):
             before = shared[which]
             times = np.divide(into[which, 0], before, out=np.ones_like(before), where=before > 0)
-            into[which] += ((x[:, 0] - before) * np.minimum(times, MOST_APART))[:, None]
+            into[which] += ((x[:, 0] - before) * np.minimum(times, config.max_light_ratio))[:, None]
             shared[which] = x[:, 0]
     if len(some):
         part = block if not len(near) else block.part(some)
@@ -322,6 +331,7 @@ def hessians_by_view_group(
     observations: Observations,
     count: int,
     progress: Progress,
+    config: GaussNewtonConfig = CONFIG,
 ) -> tuple[PixelEstimate, Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
     """The state after a `update_residual_scale`, and (J^T W J, J^T W e) of all its seven unknowns, parted by stretches of `g` = `count`
     views in a row; each bears its share of the priors."""
@@ -334,7 +344,7 @@ def hessians_by_view_group(
         n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
         leaning, rough, inward = perturbed(n, r)
         answers = transport(transport.block(geometry, pixels), leaning, rough)
-        spread[pixels] = _residual_scale(*answers, state, observations, pixels)
+        spread[pixels] = _residual_scale(*answers, state, observations, pixels, config)
         by_view = *answers, observations.radiance[pixels], observations.weight[pixels], observations.beside
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
             d, s, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
@@ -347,7 +357,7 @@ def hessians_by_view_group(
         from engine.surface.optimize import gauss_newton_cuda  # as above
 
         spread, system, slope = gauss_newton_cuda.hessians_by_view_group(
-            state, transport, geometry, blocks, observations, ends, progress, doing
+            state, transport, geometry, blocks, observations, ends, progress, doing, config
         )
     else:
         each(judge, blocks, progress, doing)
@@ -379,17 +389,18 @@ def with_ridge(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]
     return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
 
 
-def _damped_step(system, slope, damping):
+def _damped_step(system, slope, damping, config):
     diagonal = np.einsum("pii->pi", system)
-    damped = system + np.eye(6) * (diagonal * damping[:, None] + RIDGE)[:, None]
+    damped = system + np.eye(6) * (diagonal * damping[:, None] + config.ridge)[:, None]
     move = np.linalg.solve(damped, slope[..., None])[..., 0]
-    return np.clip(move, -MAX_STEP[:6], MAX_STEP[:6])
+    longest = np.array(config.max_step[:6])
+    return np.clip(move, -longest, longest)
 
 
-def clamp_to_visible(normals, views):
+def clamp_to_visible(normals, views, config=CONFIG):
     """Turn normals that look away from the camera back to grazing; such a point could not be seen."""
     cosine = (normals * views).sum(-1, keepdims=True)
-    fixed = normals + views * np.maximum(GRAZING - cosine, 0)
+    fixed = normals + views * np.maximum(config.grazing_cosine - cosine, 0)
     return fixed / np.linalg.norm(fixed, axis=-1, keepdims=True)
 
 

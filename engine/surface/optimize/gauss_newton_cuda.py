@@ -23,21 +23,12 @@ from engine.progress import Progress
 from engine.surface.data.observations import Observations
 from engine.surface.optimize.gauss_newton import (
     ALBEDO,
-    FAR,
-    GRAZING,
-    LAMBDA_BOUNDS,
-    LAMBDA_DOWN,
-    LAMBDA_UP,
-    LEAST_SPREAD,
-    MAX_STEP,
-    MOST_APART,
     OF_MEDIAN,
-    RIDGE,
     ROUGHNESS,
     SHARE,
     SHARE_SPREAD,
     STEP,
-    STEP_TOLERANCE,
+    GaussNewtonConfig,
     PixelEstimate,
 )
 from engine.surface.reflectance.brdf import PAINT, of_pixels
@@ -228,7 +219,9 @@ class _Batch:
             torch.einsum("pknl,nlc->pknc", x * solid[:, None], scene.radiance).reshape(shape) for x in unit
         ])  # fmt: skip
 
-    def spread(self, answers: Float[Tensor, "2 p k v"], at: "_Standing") -> Float[Tensor, " p"]:
+    def spread(
+        self, answers: Float[Tensor, "2 p k v"], at: "_Standing", config: GaussNewtonConfig
+    ) -> Float[Tensor, " p"]:
         """`gauss_newton._residual_scale`, by the first of the answers."""
         model = at.albedo.float().repeat(1, answers.shape[3] // 3) * answers[0, :, 0] + answers[1, :, 0]
         model = torch.where(
@@ -240,7 +233,7 @@ class _Batch:
         count = known.sum(1)
         middle = torch.stack([(count - 1) // 2, count // 2], 1).clamp(min=0)
         spread = OF_MEDIAN * residual.gather(1, middle).double().mean(1)
-        return torch.where(count > 0, spread, 1.0).clamp(min=LEAST_SPREAD)
+        return torch.where(count > 0, spread, 1.0).clamp(min=config.least_residual_scale)
 
     def equations(
         self, answers: Float[Tensor, "2 p k v"], at: "_Standing", spread: Float[Tensor, " p"], cauchy: float,
@@ -305,12 +298,14 @@ class _Standing:
         leaning = leaning / leaning.norm(dim=2, keepdim=True)
         return leaning, torch.stack([r, r, r, r + self.inward], 1)
 
-    def moved(self, move: Float[Tensor, "p 7"], views: Float[Tensor, "p 3"]) -> "_Standing":
+    def moved(
+        self, move: Float[Tensor, "p 7"], views: Float[Tensor, "p 3"], grazing_cosine: float
+    ) -> "_Standing":
         """Where a step leads to, within bounds and facing the camera."""
         first, second = _tangents(self.normals)
         n = self.normals + first * move[:, :1] + second * move[:, 1:2]
         n = n / n.norm(dim=1, keepdim=True)
-        n = n + views * (GRAZING - (n * views).sum(1, keepdim=True)).clamp(min=0)
+        n = n + views * (grazing_cosine - (n * views).sum(1, keepdim=True)).clamp(min=0)
         return replace(
             self,
             normals=n / n.norm(dim=1, keepdim=True),
@@ -319,10 +314,10 @@ class _Standing:
             background_fraction=(self.background_fraction + move[:, 6]).clamp(*SHARE),
         )
 
-    def far(self, before: "_Standing") -> Bool[Tensor, " p"]:
+    def far(self, before: "_Standing", step: float) -> Bool[Tensor, " p"]:
         """Which pixels have moved so far that what `gauss_newton` keeps over small steps holds no more."""
-        far = (self.normals - before.normals).norm(dim=1) > FAR
-        return far | ((self.roughness - before.roughness).abs() > FAR) | (self.inward != before.inward)
+        far = (self.normals - before.normals).norm(dim=1) > step
+        return far | ((self.roughness - before.roughness).abs() > step) | (self.inward != before.inward)
 
     def taking(self, better: Bool[Tensor, " p"], other: "_Standing") -> "_Standing":
         """The other's where it is better."""
@@ -384,7 +379,7 @@ def _batches(
 @_within_memory()
 def minimize(
     state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
-    steps: int, progress: Progress, reset_scale: bool,
+    steps: int, progress: Progress, reset_scale: bool, config: GaussNewtonConfig,
 ) -> PixelEstimate:  # fmt: skip
     """`gauss_newton.minimize`.
 
@@ -396,7 +391,7 @@ def minimize(
         state, transport, geometry, blocks, observations, progress, "solving pixels"
     ):
         there, pixels = batch.scene.there, batch.pixels
-        rest, longest = (there(x, torch.float64) for x in (STEP_TOLERANCE, MAX_STEP))
+        rest, longest = (there(np.array(x), torch.float64) for x in (config.step_tolerance, config.max_step))
         spread, damping, misfit, system, slope = (
             there(getattr(state, name)[pixels], torch.float64)
             for name in ("residual_scale", "lm_lambda", "cost", "hessian", "gradient")
@@ -407,7 +402,7 @@ def minimize(
         answers, shared = batch.answers(*tried.variants())
         for turn in range(steps):
             if reset_scale and turn == 0:
-                spread = batch.spread(answers, tried)
+                spread = batch.spread(answers, tried, config)
                 misfit = torch.full_like(spread, math.inf)
             now, whole, whole_slope = batch.equations(answers, tried, spread, observations.cauchy)
             better = active & (now <= misfit)
@@ -417,21 +412,24 @@ def minimize(
             slope[better] = (whole_slope[:, :6] - ties * whole_slope[:, 6:])[better]
             tie[better], tie_slope[better] = whole[better, 6], whole_slope[better, 6]
             eased, stiffened = (
-                (damping * LAMBDA_DOWN).clamp(min=LAMBDA_BOUNDS[0]),
-                (damping * LAMBDA_UP).clamp(max=LAMBDA_BOUNDS[1]),
+                (damping * config.lambda_down).clamp(min=config.lambda_bounds[0]),
+                (damping * config.lambda_up).clamp(max=config.lambda_bounds[1]),
             )
             damping = torch.where(better, eased, torch.where(active, stiffened, damping))
             if turn + 1 == steps:
                 break
-            move = _damped_step(system, slope, damping).clamp(-longest[:6], longest[:6])
+            move = _damped_step(system, slope, damping, config.ridge).clamp(-longest[:6], longest[:6])
             stiff = torch.where(tie[:, 6] > 0, tie[:, 6], math.inf)
             shift = (tie_slope - (tie[:, :6] * move).sum(1)) / stiff
             move = torch.cat([move, shift[:, None]], 1).clamp(-longest, longest)
             active &= (move.abs() > rest).any(1)
             if not active.any():
                 break
-            before, tried = tried, best.moved(move, batch.views)
-            answers, shared = _followed(answers, shared, *batch.answers(*tried.variants()), tried.far(before))
+            before, tried = tried, best.moved(move, batch.views, config.grazing_cosine)
+            far = tried.far(before, config.jacobian_reuse_step)
+            answers, shared = _followed(
+                answers, shared, *batch.answers(*tried.variants()), far, config.max_light_ratio
+            )
         found = {
             name: getattr(best, name) for name in ("normals", "albedo", "roughness", "background_fraction")
         }
@@ -449,10 +447,10 @@ def minimize(
 
 def _followed(
     answers: Float[Tensor, "2 p k v"], shared: Float[Tensor, "2 p v"], now: Float[Tensor, "2 p k v"],
-    shared_now: Float[Tensor, "2 p v"], far: Bool[Tensor, " p"],
+    shared_now: Float[Tensor, "2 p v"], far: Bool[Tensor, " p"], max_light_ratio: float,
 ) -> tuple[Float[Tensor, "2 p k v"], Float[Tensor, "2 p v"]]:  # fmt: skip
     """`gauss_newton._update_evaluations`: of pixels that went far what they answer now, of others as far as their first variant tells."""
-    times = torch.where(shared > 0, answers[:, :, 0] / shared, 1.0).clamp(max=MOST_APART)
+    times = torch.where(shared > 0, answers[:, :, 0] / shared, 1.0).clamp(max=max_light_ratio)
     near = answers + ((shared_now - shared) * times)[:, :, None]
     return torch.where(far[:, None, None], now, near), shared_now
 
@@ -460,7 +458,7 @@ def _followed(
 @_within_memory()
 def hessians_by_view_group(
     state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
-    ends: Int[np.ndarray, " e"], progress: Progress, doing: str,
+    ends: Int[np.ndarray, " e"], progress: Progress, doing: str, config: GaussNewtonConfig,
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:  # fmt: skip
     """Of `gauss_newton.hessians_by_view_group` the spreads, systems and slopes; stretches end at these columns.
 
@@ -471,7 +469,7 @@ def hessians_by_view_group(
     spread, system, slope = (np.empty((count, *[len(ends) - 1] * bool(s), *s)) for s in ((), (7, 7), (7,)))
     for batch, stand in _batches(state, transport, geometry, blocks, observations, progress, doing):
         answers, _ = batch.answers(*stand.variants())
-        wide, own = batch.spread(answers, stand), batch.pixels[batch.own]
+        wide, own = batch.spread(answers, stand, config), batch.pixels[batch.own]
         spread[own] = wide.cpu().numpy()[batch.own]
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
             share = 1 / (len(ends) - 1)
@@ -481,7 +479,7 @@ def hessians_by_view_group(
 
 
 def _damped_step(
-    system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"]
+    system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"], ridge: float
 ) -> Float[Tensor, "p 6"]:
-    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + RIDGE
+    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + ridge
     return torch.linalg.solve_ex(system + stiffer.diag_embed(), slope[..., None])[0][..., 0]

@@ -24,35 +24,39 @@ from engine.surface.reflectance.brdf import PAINT
 from engine.surface.rendering.object_pixels import ObjectPixels
 from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks
 
-LEVELS = np.array([0.25, 0.5, 1.0])
-"""Specular levels tried: a reflectance head on of 0.02 (water has that), of paint, and of 0.08 (sapphire)."""
 METAL = (0.5, 1.0)
-KEPT_BACK = 4
-"""Of so many views one decides."""
-PASSES, CANDIDATES = 8, 300
-ASKED = 600
-"""Pixels that are solved as every material."""
-REGIONS = 12
-ANYTHING = 1e6
-"""Spread of what is expected where nothing is."""
-LIKE = 0.5
-"""A difference in log radiance that parts two pixels as far as half the object's size does."""
-LOUDEST = 1.0
-"""Log likelihood ratio for one view and channel: the most that a pixel says for or against a level."""
-NEEDED, SURE, FEWEST = 0.05, 4.0, 20
-"""What it takes to believe in another level: a gain in log likelihood for one view and channel, the mean over a region; how many
-times its own standard error that is; and so many pixels. A coat that mirrors twice as much brought 0.2."""
-EXPLAINED, WELL = 1.5, 0.33
-"""Pixels that speak of levels: whose residuals are at most so many times as wide as in this share of all. Where shadows are not
-foreseen rightly another level may explain a groove better than paint does."""
-NARROWER, CERTAIN = 3.0, 1.5
-"""So many times narrower a metal's residuals must be as metal's than as paint's, and the logarithm of a further factor that
-makes quite sure. Of gold, satin, they are 14 times narrower in the median and 5 in the tenth worst; where a groove's
-shadows are not foreseen yet, metal explains paint up to twice as well as paint does."""
-SOME = 0.02
-"""Share of pixels asked that are metal from which on all are asked."""
-NEIGHBOURS = 1.0
-"""Pixels, one standard deviation, whose word on metal counts as a pixel's own."""
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialConfig:
+    """Levels are of a reflectance head on of 0.02 (water has that), of paint, and of 0.08 (sapphire).
+
+    To believe in another takes a mean gain over a region; a coat that mirrors twice as much brought 0.2. Where shadows are not
+    foreseen rightly another level may explain a groove better than paint does, and metal up to twice as well; of gold, satin, the
+    residuals are 14 times narrower as metal's in the median and 5 in the tenth worst.
+    """
+
+    specular_levels: tuple[float, float, float] = (0.25, 0.5, 1.0)
+    kept_back: int = 4  # of so many views one decides
+    gauss_newton_steps: int = 8
+    candidates: int = 300  # normals, searched
+    pixels: int = 600  # that are solved as every material
+    regions: int = 12
+    no_prior: float = 1e6  # spread of what is expected where nothing is
+    like: float = 0.5  # difference in log radiance that parts two pixels as far as half the object's size
+    loudest: float = 1.0  # that a pixel says for or against a level at most: log ratio per view and channel
+    least_gain: float = 0.05  # of another level, in log likelihood per view and channel;
+    least_gain_sigmas: float = 4.0  # so many of its own standard errors;
+    least_pixels: int = 20  # and of so many
+    explained_ratio: float = 1.5  # pixels speak of levels whose residuals are at most so many times as wide
+    explained_share: float = 0.33  # as in this share of all
+    narrower: float = 3.0  # so many times narrower a metal's residuals must be as metal's than as paint's;
+    certain: float = 1.5  # log of a further factor that makes quite sure
+    metal_share: float = 0.02  # of the pixels asked, from which on all are
+    neighbours_px: float = 1.0  # one standard deviation: whose word on metal counts as a pixel's own
+
+
+CONFIG = MaterialConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,12 +76,12 @@ class Trial:
         """The pixels as of one material, by the views that fit."""
         spread, count = self.state.residual_scale, len(self.state.residual_scale)
         made = np.tile(material, (count, 1))
-        answer = _solved(self.fitted, self.state, made, PASSES, progress.part(0, 0.5))
+        answer = _solved(self.fitted, self.state, made, CONFIG.gauss_newton_steps, progress.part(0, 0.5))
         so_far = self.fitted[0].geometry.material
         if np.any((PAINT[1] if so_far is None else so_far[:, 1]) != material[1]):
             # As another kind of thing it may have ended anywhere.
             begun = replace(_sought(self.fitted, made, progress.part(0.5, 0.6)), residual_scale=spread)
-            other = _solved(self.fitted, begun, made, PASSES, progress.part(0.6, 1))
+            other = _solved(self.fitted, begun, made, CONFIG.gauss_newton_steps, progress.part(0.6, 1))
             answer = gauss_newton.where(other.cost < answer.cost, other, answer)
         return answer
 
@@ -87,7 +91,7 @@ class Trial:
         """Of every pixel's kept views by what was `tried` as this material, per view and channel; a logarithm, up to what is
         alike for all materials: residuals are as wide as they are so far."""
         # What is expected of roughness is no photograph's word.
-        free = replace(answer, roughness_prior=np.tile([0.5, ANYTHING], (len(answer.residual_scale), 1)))
+        free = replace(answer, roughness_prior=np.tile([0.5, CONFIG.no_prior], (len(answer.cost), 1)))
         judged = _solved(self.kept, free, np.tile(material, (len(free.residual_scale), 1)), 1, Progress())
         return -judged.cost / (2 * self.data * self.state.residual_scale**2)
 
@@ -114,21 +118,22 @@ def classify(
 ) -> Float[np.ndarray, "p 2"] | None:
     """The material of every pixel; None: nothing speaks against paint. `geometry` is that under which the state was
     solved; only `exactly` is it asked what else than metal it may be; `seed` picks the pixels that are asked."""
-    chosen = random_subset(interior(object_pixels), ASKED, seed)
+    chosen = random_subset(interior(object_pixels), CONFIG.pixels, seed)
     trial = _trial(object_pixels, chosen, state, light, geometry, params)
-    spans = iter(progress.parts(len(LEVELS) + 2))
+    spans = iter(progress.parts(len(CONFIG.specular_levels) + 2))
     as_paint = trial.tried(PAINT, next(spans))
     shiny = metallic(trial, as_paint, next(spans)) > 0
     level = np.full(len(state.residual_scale), PAINT[0])
-    heard = ~shiny & (trial.state.residual_scale < EXPLAINED * np.quantile(trial.state.residual_scale, WELL))
+    scale = trial.state.residual_scale
+    heard = ~shiny & (scale < CONFIG.explained_ratio * np.quantile(scale, CONFIG.explained_share))
     if exactly and heard.any():
-        kinds = [(float(one), PAINT[1]) for one in LEVELS]
+        kinds = [(float(one), PAINT[1]) for one in CONFIG.specular_levels]
         answers = [as_paint if one == PAINT else trial.tried(one, next(spans)) for one in kinds]
         said = np.stack([trial.likelihood(*pair) for pair in zip(answers, kinds, strict=True)], 1)
         region = regions(object_pixels, chosen, seed)
         level = levels(said[heard], region[chosen][heard], int(region.max()) + 1)[region]
     metal = np.zeros(len(level), bool)
-    if shiny.mean() >= SOME:
+    if shiny.mean() >= CONFIG.metal_share:
         everybody = _trial(
             object_pixels,
             np.arange(len(level)),
@@ -141,7 +146,7 @@ def classify(
         voices = np.zeros(object_pixels.mask.shape)
         first, second = next(spans).parts(2)
         voices[object_pixels.mask] = metallic(everybody, everybody.tried(PAINT, first), second)
-        metal = gaussian_filter(voices, NEIGHBOURS)[object_pixels.mask] > 0
+        metal = gaussian_filter(voices, CONFIG.neighbours_px)[object_pixels.mask] > 0
     if (level == PAINT[0]).all() and not metal.any():
         return None
     return np.where(metal[:, None], METAL, np.stack([level, np.full(len(level), PAINT[1])], 1))
@@ -152,8 +157,8 @@ def metallic(
 ) -> Float[np.ndarray, " p"]:
     """How much narrower each pixel's residuals are as metal's than as paint's: a logarithm, above 0 where that is enough."""
     as_metal = trial.tried(METAL, progress)
-    gained = np.log(trial.spread(as_paint, PAINT) / trial.spread(as_metal, METAL)) - np.log(NARROWER)
-    return np.clip(gained, -CERTAIN, CERTAIN)
+    gained = np.log(trial.spread(as_paint, PAINT) / trial.spread(as_metal, METAL)) - np.log(CONFIG.narrower)
+    return np.clip(gained, -CONFIG.certain, CONFIG.certain)
 
 
 def kind(material: Float[np.ndarray, "p 2"] | None, object_pixels: ObjectPixels) -> Bool[np.ndarray, " p"]:
@@ -174,8 +179,8 @@ def regions(object_pixels: ObjectPixels, chosen: Int[np.ndarray, " k"], seed: in
     radiance = object_pixels.observations.radiance.reshape(len(place), -1, 3)
     looks = np.log(np.median(radiance, axis=1) + object_pixels.observations.eps[:, None])
     size = np.sqrt(len(place))
-    feature = np.concatenate([2 * place / size, looks / LIKE], 1)
-    count = min(REGIONS, len(chosen))
+    feature = np.concatenate([2 * place / size, looks / CONFIG.like], 1)
+    count = min(CONFIG.regions, len(chosen))
     centres, _ = kmeans2(feature[chosen], count, rng=seed, minit="++")
     return np.asarray(KDTree(centres).query(feature)[1])
 
@@ -183,7 +188,7 @@ def regions(object_pixels: ObjectPixels, chosen: Int[np.ndarray, " k"], seed: in
 def levels(
     said: Float[np.ndarray, "k l"], region: Int[np.ndarray, " k"], count: int
 ) -> Float[np.ndarray, " r"]:
-    """The specular level of each of `count` regions by their pixels' log likelihoods, for one view and channel, of `LEVELS`:
+    """The specular level of each of `count` regions by their pixels' log likelihoods, for one view and channel, of `specular_levels`:
     that of all together, unless its own speak against it."""
     usual = _level(said, PAINT[0]) or PAINT[0]
     found = np.full(count, usual)
@@ -194,18 +199,19 @@ def levels(
 
 def _level(said: Float[np.ndarray, "k l"], usual: float) -> float | None:
     """The level that some pixels speak for, against a `usual` one; None: not plainly for another."""
-    if len(said) < FEWEST:
+    if len(said) < CONFIG.least_pixels:
         return None
-    low, middle, high = np.clip(said - said[:, 1:2], -LOUDEST, LOUDEST).T
+    low, middle, high = np.clip(said - said[:, 1:2], -CONFIG.loudest, CONFIG.loudest).T
     # Their logarithms are evenly spaced: the top of a parabola through three, no farther than they go.
     slope, bend = (high - low) / 2, low + high - 2 * middle
     top = -slope.mean() / bend.mean() if bend.mean() < 0 else np.sign(slope.mean())
-    top, there = float(np.clip(top, -1, 1)), float(np.log2(usual / LEVELS[1]))
+    top, there = float(np.clip(top, -1, 1)), float(np.log2(usual / CONFIG.specular_levels[1]))
     gained = slope * (top - there) + bend * (top**2 - there**2) / 2
     # NaN: nobody knows, and it stays as it is.
-    if not gained.mean() >= max(NEEDED, SURE * gained.std() / np.sqrt(len(gained))):
+    least = max(CONFIG.least_gain, CONFIG.least_gain_sigmas * gained.std() / np.sqrt(len(gained)))
+    if not gained.mean() >= least:
         return None
-    return float(LEVELS[1] * 2.0**top)
+    return float(CONFIG.specular_levels[1] * 2.0**top)
 
 
 def _trial(
@@ -219,7 +225,7 @@ def _trial(
 ) -> Trial:
     """Of some pixels; `parts` of them share their light (a few large ones where left out)."""
     every = np.arange(light.energy.shape[2] // 3)
-    back = every[KEPT_BACK - 1 :: KEPT_BACK]
+    back = every[CONFIG.kept_back - 1 :: CONFIG.kept_back]
     seen = []
     for views in (np.setdiff1d(every, back), back):
         here = light.views(views)
@@ -238,7 +244,9 @@ def _solved(
     """Every pixel as of a material; with one pass its misfit as begun."""
     of, light = witness
     count = len(begun.cost)
-    begun = replace(begun, cost=np.full(count, np.inf), lm_lambda=np.full(count, gauss_newton.LAMBDA_INITIAL))
+    begun = replace(
+        begun, cost=np.full(count, np.inf), lm_lambda=np.full(count, gauss_newton.CONFIG.lambda_initial)
+    )
     geometry = replace(of.geometry, material=material)
     return gauss_newton.minimize(
         begun, of.light_transport(light), geometry, of.regions, of.observations, passes, progress
@@ -253,6 +261,6 @@ def _sought(
     geometry = replace(of.geometry, material=material, visibility=None)
     return gauss_newton.initial_estimate(
         *exhaustive_search(
-            of.light_transport(light), geometry, of.observations, of.regions, CANDIDATES, progress
+            of.light_transport(light), geometry, of.observations, of.regions, CONFIG.candidates, progress
         )
     )

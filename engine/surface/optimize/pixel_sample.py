@@ -16,11 +16,14 @@ from engine.surface.rendering.interreflection import radiance_of_hidden_patches
 from engine.surface.rendering.object_pixels import ObjectPixels, coarse_regions
 from engine.surface.rendering.transport import IncidentLight, LightTransport, SurfaceGeometry
 
-FEW = 50
-"""So many pixels away from the rim are enough to leave it out."""
-EXPLAINED = 0.3
-"""Share of the pixels to pick them from: those whose photographs are explained best. Shadows that are not foreseen quite
-right pull the light, and the distance most: 7 and 11 % too near by all pixels of two reliefs, 2 and 2 % by these."""
+
+@dataclass(frozen=True, slots=True)
+class PixelSampleConfig:
+    """Shadows that are not foreseen quite right pull the light, and the distance most: 7 and 11 % too near by all pixels of two
+    reliefs, 2 and 2 % by those whose photographs are explained best."""
+
+    enough_inside: int = 50  # pixels away from the rim to leave it out
+    explained_share: float = 0.3  # of the pixels, explained best, to pick them from
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +55,13 @@ class PixelSample:
         )
 
 
-def interior(object_pixels: ObjectPixels) -> Int[np.ndarray, " k"]:
+def interior(
+    object_pixels: ObjectPixels, config: PixelSampleConfig = PixelSampleConfig()
+) -> Int[np.ndarray, " k"]:
     """The pixels away from the object's rim, or all where those are few."""
     index = pixel_index(object_pixels.mask)
     found = index[np.asarray(binary_erosion(object_pixels.mask, np.ones((5, 5), bool)), bool)]
-    return found if len(found) >= FEW else index[object_pixels.mask]
+    return found if len(found) >= config.enough_inside else index[object_pixels.mask]
 
 
 def random_subset(candidates: Int[np.ndarray, " k"], count: int, seed: int) -> Int[np.ndarray, " p"]:
@@ -75,12 +80,13 @@ def calibration_pixels(
     views: Int[np.ndarray, " m"] | None = None,
     spread: Float[np.ndarray, " q"] | None = None,
     light: IncidentLight | None = None,
+    config: PixelSampleConfig = PixelSampleConfig(),
 ) -> tuple[Int[np.ndarray, " p"], PixelSample]:
     """A random part of the pixels, away from the rim where there is enough of it, and of the best explained once
     `spread` of the residuals tells them: their indices, and what they know (`sample_pixels`)."""
-    open_to = interior(object_pixels)
+    open_to = interior(object_pixels, config)
     if spread is not None:
-        open_to = open_to[spread[open_to] <= np.quantile(spread[open_to], EXPLAINED)]
+        open_to = open_to[spread[open_to] <= np.quantile(spread[open_to], config.explained_share)]
     chosen = random_subset(open_to, count, seed)
     return chosen, sample_pixels(object_pixels, geometry, distance, chosen, params, views, light)
 

@@ -6,29 +6,29 @@ albedo near by, and most of all those whose roughness is well known, tell what t
 among themselves is how far the expectation is trusted.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.progress import Progress
 from engine.surface.data.observations import Observations, shifted_neighbours
-from engine.surface.optimize.gauss_newton import GLOSS, LAMBDA_INITIAL, PixelEstimate, minimize, where
+from engine.surface.optimize.gauss_newton import CONFIG, PixelEstimate, minimize, where
 from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
 
-REACH = 0.2
-"""How far the pixels that are asked may be, in sides of a square as large as the object."""
-ASKED = 64
-ALIKE = 0.1
-"""Difference of log albedo, root mean square over the channels, that two pixels of one material may well show."""
-KNOWN = 0.03
-"""A pixel whose error is less than this has no more to say for it."""
-LEAST_SPREAD = 0.03
-FEW = 4.0
-"""So many pixels' worth of agreement, at least, before anything is expected."""
-UNEXPECTED = 1.5
-"""A pixel so many spreads off what it may expect is solved a second time, from there."""
-CHUNK = 32_768
+
+@dataclass(frozen=True, slots=True)
+class RoughnessPriorConfig:
+    """Who tells a pixel what to expect, and from where on it does."""
+
+    reach: float = 0.2  # of the pixels that are asked, in sides of a square as large as the object
+    neighbours: int = 64  # asked
+    alike: float = 0.1  # difference of log albedo, RMS over channels, that two of one material may well show
+    known: float = 0.03  # a pixel whose error is less than this has no more to say for it
+    least_spread: float = 0.03
+    least_weight: float = 4.0  # so many pixels' worth of agreement before anything is expected
+    unexpected: float = 1.5  # a pixel so many spreads off is solved a second time, from what it may expect
+    pixels_at_once: int = 32_768
 
 
 def apply_roughness_prior(
@@ -40,17 +40,19 @@ def apply_roughness_prior(
     mask: Bool[np.ndarray, "h w"],
     passes: int,
     progress: Progress,
+    config: RoughnessPriorConfig = RoughnessPriorConfig(),
 ) -> PixelEstimate:
     """The state under what its pixels may expect; those far off it begin once more with it, and keep what explains better."""
-    state = with_roughness_prior(state, expected_roughness(state, mask, geometry.material))
+    expected = expected_roughness(state, mask, geometry.material, config)
+    state = with_roughness_prior(state, expected)
     mean, spread = state.roughness_prior.T
-    surprised = np.abs(state.roughness - mean) > UNEXPECTED * spread
+    surprised = np.abs(state.roughness - mean) > config.unexpected * spread
     few = [part for block in blocks if len(part := block[surprised[block]])]
     other = replace(
         state,
         roughness=np.where(surprised, mean, state.roughness),
         cost=np.full(len(mean), np.inf),
-        lm_lambda=np.full(len(mean), LAMBDA_INITIAL),
+        lm_lambda=np.full(len(mean), CONFIG.lambda_initial),
     )
     other = minimize(other, transport, geometry, few, observations, passes, progress)
     return where(surprised & (other.cost < state.cost), other, state)
@@ -69,31 +71,35 @@ def with_roughness_prior(state: PixelEstimate, gloss: Float[np.ndarray, "p 2"]) 
 
 
 def expected_roughness(
-    state: PixelEstimate, mask: Bool[np.ndarray, "h w"], material: Float[np.ndarray, "p 2"] | None = None
+    state: PixelEstimate,
+    mask: Bool[np.ndarray, "h w"],
+    material: Float[np.ndarray, "p 2"] | None = None,
+    config: RoughnessPriorConfig = RoughnessPriorConfig(),
 ) -> Float[np.ndarray, "p 2"]:
     """Mean and spread of the roughness that every pixel may expect, `material` as in `SurfaceGeometry`."""
     count = len(state.roughness)
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(ASKED)
-    reach = REACH * np.sqrt(count) * np.sqrt((np.arange(ASKED) + 0.5) / ASKED)
+    asked, known = np.arange(config.neighbours), config.known**2
+    turn = np.pi * (3 - np.sqrt(5)) * asked
+    reach = config.reach * np.sqrt(count) * np.sqrt((asked + 0.5) / config.neighbours)
     steps = np.rint(np.stack([reach * np.sin(turn), reach * np.cos(turn)], 1)).astype(int)
     steps = np.unique(steps[(steps != 0).any(1)], axis=0)
-    answer = np.tile(np.asarray(GLOSS), (count, 1))
+    answer = np.tile(np.asarray(CONFIG.roughness_prior), (count, 1))
     if not len(steps):  # a handful of pixels has no neighbourhood
         return answer
     others = shifted_neighbours(mask, steps)
     logs, error = np.log(state.albedo), own_error(state)
-    for first in range(0, count, CHUNK):
-        part = slice(first, first + CHUNK)
+    for first in range(0, count, config.pixels_at_once):
+        part = slice(first, first + config.pixels_at_once)
         other = others[part]
-        away = ((logs[other] - logs[part][:, None]) ** 2).mean(-1) / ALIKE**2
-        weight = np.exp(-away / 2) * (other >= 0) * KNOWN**2 / (error[other] ** 2 + KNOWN**2)
+        away = ((logs[other] - logs[part][:, None]) ** 2).mean(-1) / config.alike**2
+        weight = np.exp(-away / 2) * (other >= 0) * known / (error[other] ** 2 + known)
         if material is not None:
             weight = weight * (material[other, 1] == material[part, None, 1])
         told = state.roughness[other]
         mean = weighted_median(told, weight)
         spread = 1.4826 * weighted_median(np.abs(told - mean[:, None]), weight)
-        enough = weight.sum(1) > FEW
-        found = np.stack([mean, np.maximum(spread, LEAST_SPREAD)], 1)
+        enough = weight.sum(1) > config.least_weight
+        found = np.stack([mean, np.maximum(spread, config.least_spread)], 1)
         answer[part] = np.where(enough[:, None], found, answer[part])
     return answer
 

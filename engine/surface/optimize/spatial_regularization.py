@@ -21,17 +21,22 @@ LINES = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Steps in rows and columns."""
 ALIKE = (slice(0, 2), slice(2, 5), slice(5, 6))
 """Unknowns that share one usual departure: tilts, log albedos, roughness."""
-REAL = 0.25
-"""Part of the squared second differences, at least, that is the object's and not noise."""
-CAUCHY = 2.0
-"""Width of the tails, in usual departures."""
-HALF, TINY = 0.4549, 1e-12
-"""Median of a squared standard normal variable; and what no departure's square falls below."""
-LEAST_COSINE = 0.2
-"""Between two normals whose tilt is told: leaning farther counts as this far."""
-SWEEPS, STEP = 6, 0.7
-"""An answer's word carries so many pixels far, in steps that keep two neighbours from swapping places. Iterated to the
-end, what was gained in roughness stays and normals of a noisy set lose what they had gained."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegularizationConfig:
+    """An answer's word carries as many pixels far as there are sweeps. Iterated to the end, what was gained in roughness stays and
+    normals of a noisy set lose what they had gained."""
+
+    real_share: float = 0.25  # of the squared second differences, at least, that is not noise
+    cauchy: float = 2.0  # width of the tails, in usual departures
+    least_departure: float = 1e-12  # squared
+    least_cosine: float = 0.2  # of two normals whose tilt is told: leaning farther counts as this far
+    sweeps: int = 6
+    step: float = 0.7  # of each, which keeps two neighbours from swapping places
+
+
+CONFIG = RegularizationConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +54,7 @@ class Answers:
 
     def offsets(self, other: "Answers") -> Float[np.ndarray, "p 6"]:
         """From these to others, in the unknowns of `gauss_newton`: radians along these normals' tangents, logs, roughness."""
-        cosine = np.maximum((other.normals * self.normals).sum(1, keepdims=True), LEAST_COSINE)
+        cosine = np.maximum((other.normals * self.normals).sum(1, keepdims=True), CONFIG.least_cosine)
         lean = other.normals / cosine - self.normals
         tilts = [(lean * tangent).sum(1) for tangent in tangents(self.normals)]
         return np.column_stack([*tilts, other.albedo - self.albedo, other.roughness - self.roughness])
@@ -69,7 +74,9 @@ class Answers:
         return Answers(normals, *middle)
 
 
-def regularize_spatially(state: PixelEstimate, mask: Bool[np.ndarray, "h w"]) -> PixelEstimate:
+def regularize_spatially(
+    state: PixelEstimate, mask: Bool[np.ndarray, "h w"], config: RegularizationConfig = CONFIG
+) -> PixelEstimate:
     """The state after the pixels heard their neighbours; errors and systems stay each pixel's own."""
     pairs = [shifted_neighbours(mask, np.array([step, (-step[0], -step[1])])) for step in LINES]
     known = [np.all(pair >= 0, axis=1) for pair in pairs]
@@ -77,9 +84,9 @@ def regularize_spatially(state: PixelEstimate, mask: Bool[np.ndarray, "h w"]) ->
     covariance = np.linalg.inv(own)
     variance = np.einsum("pii->pi", covariance)
     start = Answers.of(state)
-    usual = _departures(start, pairs, known, variance)
+    usual = _departures(start, pairs, known, variance, config)
     now = start
-    for _ in range(SWEEPS):
+    for _ in range(config.sweeps):
         system, pull = own.copy(), np.zeros((len(own), 6))
         at = start.offsets(now)
         for pair, there in zip(pairs, known, strict=True):
@@ -87,12 +94,12 @@ def regularize_spatially(state: PixelEstimate, mask: Bool[np.ndarray, "h w"]) ->
             weight = np.zeros_like(middle)
             for like in ALIKE:
                 away = ((at - middle)[:, like] ** 2).mean(1, keepdims=True) / usual[like]
-                weight[:, like] = 1 / usual[like] / (1 + away / CAUCHY**2) / len(LINES)
+                weight[:, like] = 1 / usual[like] / (1 + away / config.cauchy**2) / len(LINES)
             weight[~there] = 0
             system += weight[:, :, None] * np.eye(6)
             pull += weight * middle
         settled = np.linalg.solve(system, pull[..., None])[..., 0]
-        now = start.moved(at + STEP * (settled - at))
+        now = start.moved(at + config.step * (settled - at))
     return replace(
         state,
         normals=now.normals,
@@ -106,6 +113,7 @@ def _departures(
     pairs: list[Int[np.ndarray, "p 2"]],
     known: list[Bool[np.ndarray, " p"]],
     variance: Float[np.ndarray, "p 6"],
+    config: RegularizationConfig,
 ) -> Float[np.ndarray, " 6"]:
     """The square of a usual departure from half-way, for every unknown."""
     away, error = [], []
@@ -116,6 +124,6 @@ def _departures(
     squares, errors = np.concatenate(away), np.concatenate(error)
     usual = np.full(6, np.inf)
     for like in ALIKE if len(squares) else ():
-        seen = np.median(squares[:, like]) / HALF
-        usual[like] = max(seen - np.median(errors[:, like]), REAL * seen, TINY)
+        seen = np.median(squares[:, like]) / 0.4549  # the median of a squared standard normal variable
+        usual[like] = max(seen - np.median(errors[:, like]), config.real_share * seen, config.least_departure)
     return usual

@@ -32,18 +32,25 @@ FLAGS = {
     "guessed_light": GUESSED,
 }  # fmt: skip
 """The bits of `Surface.flags` by name."""
-GRAZING_COSINE = 0.2
-HIDDEN_SHARE = 0.5
-SATURATED_SHARE = 0.25
-GUESSED_SHARE = 0.1
-ILL_NORMAL = np.radians(10.0)
-STRETCHES = 8
-"""So many that each still holds a whole turn of neighbouring views, and few enough to be cheap."""
-ALIKE = 8
-"""Pixels of the most alike normals that tell what the light's doubt is worth."""
-FEW = np.array([2.0, 2.0, 1.46, 1.46, 1.46, 1.46])
-"""A variance from 8 pieces is itself uncertain: the squared ratio of the 95 % bounds, Hotelling's T over chi for the two of
-a normal, Student's t over the normal law for the rest (7 degrees of freedom)."""
+
+
+@dataclass(frozen=True, slots=True)
+class StandardErrorsConfig:
+    """From where on a pixel is flagged, and the jackknife: so many stretches that each still holds a whole turn of neighbouring
+    views, and few enough to be cheap.
+
+    A variance from 8 pieces is itself uncertain: the squared ratio of the 95 % bounds, Hotelling's T over chi for the two of a
+    normal, Student's t over the normal law for the rest (7 degrees of freedom).
+    """
+
+    grazing_cosine: float = 0.2
+    hidden_share: float = 0.5
+    saturated_share: float = 0.25
+    guessed_share: float = 0.1
+    ill_normal_deg: float = 10.0
+    stretches: int = 8
+    variance_factor: tuple[float, ...] = (2.0, 2.0, 1.46, 1.46, 1.46, 1.46)  # for so few
+    neighbours: int = 8  # pixels of the most alike normals that tell what the light's doubt is worth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,9 +70,11 @@ class LightVariance:
     normals: Float[np.ndarray, "q 3"]
     variance: Float[np.ndarray, "q 6"]
 
-    def of(self, normals: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 6"]:
+    def of(
+        self, normals: Float[np.ndarray, "p 3"], config: StandardErrorsConfig = StandardErrorsConfig()
+    ) -> Float[np.ndarray, "p 6"]:
         """Variances of pixels of these normals."""
-        near = KDTree(self.normals).query(normals, min(ALIKE, len(self.normals)))[1]
+        near = KDTree(self.normals).query(normals, min(config.neighbours, len(self.normals)))[1]
         return self.variance[near.reshape(len(normals), -1)].mean(1)
 
 
@@ -82,18 +91,20 @@ def jackknife(
     blocks: list[Int[np.ndarray, " _"]],
     observations: Observations,
     progress: Progress,
+    config: StandardErrorsConfig = StandardErrorsConfig(),
 ) -> tuple[PixelEstimate, Float[np.ndarray, "p 6"]]:
     """The state with its residuals' spread measured, and its variances by leaving out stretches of the views, no less than the
     formal ones."""
+    count = config.stretches
     state, systems, slopes = hessians_by_view_group(
-        state, transport, geometry, blocks, observations, STRETCHES, progress
+        state, transport, geometry, blocks, observations, count, progress
     )
     system, slope = systems.sum(1), slopes.sum(1)
     without = np.stack([
         np.linalg.solve(with_ridge(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
-        for k in range(STRETCHES)
+        for k in range(count)
     ])  # fmt: skip
-    variance = (STRETCHES - 1) * without[..., :6].var(0) * FEW
+    variance = (count - 1) * without[..., :6].var(0) * np.array(config.variance_factor)
     return state, np.maximum(variance, formal(eliminate_last(system, slope)[0], state.residual_scale))
 
 
@@ -114,6 +125,7 @@ def standard_errors(
     observations: Observations,
     geometry: SurfaceGeometry,
     guessed: Float[np.ndarray, " p"],
+    config: StandardErrorsConfig = StandardErrorsConfig(),
 ) -> StandardErrors:
     """Standard errors and flags at the solver's answer, given the variances of its unknowns; `guessed` is the share of
     each pixel's light that comes from what no photograph shows."""
@@ -122,12 +134,12 @@ def standard_errors(
     roughness = np.sqrt(variance[:, 5])
     flags = np.zeros(len(normal), np.uint8)
     cosine = (state.normals * geometry.views).sum(1)
-    flags[(cosine < GRAZING_COSINE) | observations.edge] |= GRAZING
+    flags[(cosine < config.grazing_cosine) | observations.edge] |= GRAZING
     if geometry.visibility is not None:
-        flags[geometry.visibility.hidden_share > HIDDEN_SHARE] |= SHADOWED
-    flags[observations.saturated > SATURATED_SHARE] |= SATURATED
-    flags[normal > ILL_NORMAL] |= ILL
-    flags[guessed > GUESSED_SHARE] |= GUESSED
+        flags[geometry.visibility.hidden_share > config.hidden_share] |= SHADOWED
+    flags[observations.saturated > config.saturated_share] |= SATURATED
+    flags[normal > np.radians(config.ill_normal_deg)] |= ILL
+    flags[guessed > config.guessed_share] |= GUESSED
     return StandardErrors(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)
 
 

@@ -16,22 +16,19 @@ from scipy.spatial import KDTree
 
 from engine.surface.visibility.depth_mesh import DepthMesh
 
-STEEP = 0.35
-"""Cosine between a wall and the ray that meets it, at most: flatter than this, several pixels would show it."""
-APART = np.cos(np.radians(20.0))
-"""Cosine between a wall and the normals at its corners, at most: none of them is of the wall itself."""
-CELL = 3
-"""Pixels along the rim that share a patch."""
-BANDS = 3
-"""Patches on top of one another, from the rim to the foot: the foot sees less of the room."""
-SECTORS = 8
-"""Around the viewing ray, by which way they look: walls back to back share no patch."""
-SMOOTH = 2.5
-"""Pixels over which the teeth are smoothed that a wall askew has on the grid of pixels."""
-SPLIT = 4
-"""Parts of a triangle's edge whose little triangles stand for its area."""
-TILE = 16
-"""Pixels along a side of the squares whose patches are lit together."""
+
+@dataclass(frozen=True, slots=True)
+class HiddenSurfacesConfig:
+    """What is a wall, and how walls are cut."""
+
+    ray_cosine: float = 0.35  # of a wall and the ray that meets it, at most: pixels would show a flatter one
+    corner_deg: float = 20.0  # between a wall and its corners' normals, at least: none of them is its own
+    cell_px: int = 3  # along the rim, that share a patch
+    bands: int = 3  # patches from the rim to the foot, which sees less of the room
+    sectors: int = 8  # around the viewing ray, by which way they look: walls back to back share no patch
+    smooth_px: float = 2.5  # over which the teeth are smoothed that a wall askew has on the grid of pixels
+    split: int = 4  # parts of a triangle's edge whose little triangles stand for its area
+    tile_px: int = 16  # along a side of the squares whose patches are lit together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,13 +65,16 @@ def faces_of(
 
 
 def standing(
-    mesh: DepthMesh, faces: Float[np.ndarray, "t 3"], normals: Float[np.ndarray, "p 3"]
+    mesh: DepthMesh,
+    faces: Float[np.ndarray, "t 3"],
+    normals: Float[np.ndarray, "p 3"],
+    config: HiddenSurfacesConfig = HiddenSurfacesConfig(),
 ) -> Bool[np.ndarray, " t"]:
     """Which triangles are walls that no pixel shows; `normals` are those of the pixels."""
     middle = mesh.vertices[mesh.triangles].mean(1)
     ahead = -(faces * middle).sum(1) / np.linalg.norm(middle, axis=1)
     alike = np.einsum("ti,tki->tk", faces, normals[mesh.pixels]).max(1)
-    return (ahead < STEEP) & (alike < APART)
+    return (ahead < config.ray_cosine) & (alike < np.cos(np.radians(config.corner_deg)))
 
 
 def patches(
@@ -82,33 +82,36 @@ def patches(
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
+    config: HiddenSurfacesConfig = HiddenSurfacesConfig(),
 ) -> HiddenPatches:
     """The walls of a depth map's mesh; normals and albedo are those of the mask's pixels."""
     faces, areas = faces_of(mesh.vertices, mesh.triangles)
-    walls = np.nonzero(standing(mesh, faces, normals))[0]
-    of = np.full((len(mesh.triangles), BANDS), -1, np.int32)
+    bands = config.bands
+    walls = np.nonzero(standing(mesh, faces, normals, config))[0]
+    of = np.full((len(mesh.triangles), bands), -1, np.int32)
     if not len(walls):
         return none_of(len(of))
     corners, whose = mesh.vertices[mesh.triangles[walls]], mesh.pixels[walls]
     pixel = _places(mask)[whose].mean(1)
-    away = _smoothed(pixel, faces[walls], areas[walls])
+    away = _smoothed(pixel, faces[walls], areas[walls], config.smooth_px)
     ray = corners.mean(1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     away -= ray * (away * ray).sum(1, keepdims=True)
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-30)
-    sector = ((np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
-    tile, cell = ((pixel // side) @ [mask.shape[1] + 1, 1] for side in (TILE, CELL))
-    band = np.arange(BANDS)
+    sector = (np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) + 0.5) * config.sectors
+    sector = sector.astype(int) % config.sectors
+    tile, cell = ((pixel // side) @ [mask.shape[1] + 1, 1] for side in (config.tile_px, config.cell_px))
+    band = np.arange(bands)
     key = np.stack(
         np.broadcast_arrays(tile[:, None], cell[:, None], sector[:, None], band[None]), -1
     ).reshape(-1, 4)
     found, member = np.unique(key, axis=0, return_inverse=True)
-    of[walls] = member.reshape(-1, BANDS)
+    of[walls] = member.reshape(-1, bands)
     count = len(found)
     # Every patch stands where one of its triangles has a point: a mean of points may lie within the solid.
-    at = _shares()
+    at = _shares(config.split)
     points = np.einsum("sk,tki->tsi", at, corners)
-    within = _band(points[..., 2], corners[..., 2])
+    within = _band(points[..., 2], corners[..., 2], bands)
     owner = np.take_along_axis(of[walls], within, 1).ravel()
     weight, flat = np.repeat(areas[walls], len(at)), points.reshape(-1, 3)
     middle = _means(owner, flat, weight, count)
@@ -117,10 +120,10 @@ def patches(
     order = np.lexsort((np.round(off / off.max(), 6), owner))
     first = order[np.searchsorted(owner[order], np.arange(count))]
     rim = whose[np.arange(len(walls)), corners[..., 2].argmin(1)]
-    every, size = of[walls].ravel(), np.repeat(areas[walls], BANDS)
-    look = _means(every, np.repeat(away, BANDS, 0), size, count)
+    every, size = of[walls].ravel(), np.repeat(areas[walls], bands)
+    look = _means(every, np.repeat(away, bands, 0), size, count)
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-30)
-    paint = np.exp(_means(every, np.repeat(np.log(albedo[rim]), BANDS, 0), size, count))
+    paint = np.exp(_means(every, np.repeat(np.log(albedo[rim]), bands, 0), size, count))
     parts = np.split(np.arange(count), np.nonzero(np.diff(found[:, 0]))[0] + 1)
     return HiddenPatches(of, flat[first], look, paint, parts)
 
@@ -131,6 +134,7 @@ def behind(
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
+    config: HiddenSurfacesConfig = HiddenSurfacesConfig(),
 ) -> HiddenPatches:
     """What lies behind the triangles that rays have `struck` from behind, where the front is known to end: its mirror image, as
     deep as it is wide, of the same paint."""
@@ -138,7 +142,7 @@ def behind(
     if not len(struck) or not mesh.deep.any():
         return unseen
     of, whose = unseen.of, mesh.pixels[struck]
-    cell = _places(mask)[whose[:, 0]] // CELL
+    cell = _places(mask)[whose[:, 0]] // config.cell_px
     found, first, member = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     of[struck, 0], count, alike = member, len(found), np.ones(len(struck))
     front = _means(member, mesh.vertices[mesh.triangles[struck]].mean(1), alike, count)
@@ -148,7 +152,7 @@ def behind(
     ray = front / np.linalg.norm(front, axis=1, keepdims=True)
     ahead = (facing * ray).sum(1, keepdims=True)
     deep = 2 * mesh.deep[whose[first]].mean(1, keepdims=True)
-    _, tile = np.unique(found * CELL // TILE, axis=0, return_inverse=True)
+    _, tile = np.unique(found * config.cell_px // config.tile_px, axis=0, return_inverse=True)
     order = np.argsort(tile, kind="stable")
     parts = np.split(order, np.nonzero(np.diff(tile[order]))[0] + 1)
     return HiddenPatches(of, front - ray * ahead * deep, facing - 2 * ahead * ray, paint, parts)
@@ -167,10 +171,13 @@ def none_of(triangles: int) -> HiddenPatches:
 
 
 def _smoothed(
-    pixel: Float[np.ndarray, "k 2"], faces: Float[np.ndarray, "k 3"], areas: Float[np.ndarray, " k"]
+    pixel: Float[np.ndarray, "k 2"],
+    faces: Float[np.ndarray, "k 3"],
+    areas: Float[np.ndarray, " k"],
+    reach_px: float,
 ) -> Float[np.ndarray, "k 3"]:
     """Mean normal of the walls around each that look about the same way, not of unit length."""
-    pairs = KDTree(pixel).query_pairs(SMOOTH, output_type="ndarray")
+    pairs = KDTree(pixel).query_pairs(reach_px, output_type="ndarray")
     one, other = pairs[(faces[pairs[:, 0]] * faces[pairs[:, 1]]).sum(1) > 0].T
     whole = faces * areas[:, None]
     total = whole.copy()
@@ -179,19 +186,21 @@ def _smoothed(
     return total
 
 
-def _shares() -> Float[np.ndarray, "s 3"]:
-    """What the corners of a triangle contribute to the middles of `SPLIT`^2 equal parts of it."""
-    up = [(i + 1 / 3, j + 1 / 3) for i in range(SPLIT) for j in range(SPLIT - i)]
-    down = [(i + 2 / 3, j + 2 / 3) for i in range(SPLIT - 1) for j in range(SPLIT - 1 - i)]
-    two = np.array(up + down) / SPLIT
+def _shares(split: int) -> Float[np.ndarray, "s 3"]:
+    """What the corners of a triangle contribute to the middles of `split`^2 equal parts of it."""
+    up = [(i + 1 / 3, j + 1 / 3) for i in range(split) for j in range(split - i)]
+    down = [(i + 2 / 3, j + 2 / 3) for i in range(split - 1) for j in range(split - 1 - i)]
+    two = np.array(up + down) / split
     return np.column_stack([1 - two.sum(1), two])
 
 
-def _band(z: Float[np.ndarray, "t s"], corners: Float[np.ndarray, "t 3"]) -> Int[np.ndarray, "t s"]:
+def _band(
+    z: Float[np.ndarray, "t s"], corners: Float[np.ndarray, "t 3"], bands: int
+) -> Int[np.ndarray, "t s"]:
     """Which band of its triangle a point belongs to; the nearest is 0. Many lie between two, however they are rounded."""
     low, high = corners.min(1)[:, None], corners.max(1)[:, None]
-    deep = np.round((z - low) / np.maximum(high - low, 1e-30) * BANDS, 5)
-    return np.clip(deep, 0, BANDS - 1).astype(int)
+    deep = np.round((z - low) / np.maximum(high - low, 1e-30) * bands, 5)
+    return np.clip(deep, 0, bands - 1).astype(int)
 
 
 def _means(

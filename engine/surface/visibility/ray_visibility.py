@@ -19,19 +19,19 @@ from engine.surface.data.observations import shifted_neighbours
 from engine.surface.visibility.depth_mesh import DepthMesh, depth_mesh, pitch_of
 from engine.surface.visibility.hidden_surfaces import behind, faces_of, none_of, patches
 
-BELOW = 0.5
-"""Sine of how far below a pixel's horizon rays are cast too: the solver is about to turn the normal, and a
-direction that then rises above the horizon must not come in as if nothing stood there."""
-
-
-LIFT = (0.05, 0.5)
-"""Pixels' footprints that rays start above the surface, at least and at most."""
-
 NEARLY_CONVEX = 0.01
 """Mean share of the hemisphere that an object hides from itself, up to which it hides as good as nothing."""
-
 BACKFACE = -2
 """Source, less its number, of a triangle that was struck from behind."""
+
+
+@dataclass(frozen=True, slots=True)
+class RayConfig:
+    """Rays are cast to below the horizon too: the solver is about to turn the normal, and a direction that then rises above the
+    horizon must not come in as if nothing stood there."""
+
+    below_sine: float = 0.5  # of how far below
+    lift_px: tuple[float, float] = (0.05, 0.5)  # above the surface that rays begin: at least and at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +120,7 @@ def trace_occlusion(
     directions: Float[np.ndarray, "d 3"],
     progress: Progress,
     albedo: Float[np.ndarray, "p 3"] | None = None,
+    config: RayConfig = RayConfig(),
 ) -> SparseVisibility:
     """Cast every pixel's rays at the depth mesh.
 
@@ -132,8 +133,8 @@ def trace_occlusion(
     footprint = footprint_of(points, mask)
     cut = none_of(len(mesh.triangles)) if albedo is None else patches(mesh, flat_normals, albedo, mask)
     cast = _Mesh(mesh, None if albedo is None else flat_normals, cut.of, len(vertices))
-    origins = vertices + clearance(vertices, flat_normals, footprint, mask)
-    found = cast.hidden(origins, flat_normals, directions, -BELOW, progress)
+    origins = vertices + clearance(vertices, flat_normals, footprint, mask, config)
+    found = cast.hidden(origins, flat_normals, directions, -config.below_sine, progress)
     if albedo is None:
         return found
     struck = BACKFACE - np.unique(found.occluder[found.occluder <= BACKFACE])
@@ -157,6 +158,7 @@ def clearance(
     normals: Float[np.ndarray, "p 3"],
     footprint: Float[np.ndarray, " p"],
     mask: Bool[np.ndarray, "h w"],
+    config: RayConfig = RayConfig(),
 ) -> Float[np.ndarray, "p 3"]:
     """From every pixel's point to where its rays begin: as far up as its neighbours' points rise above its own plane, for so
     far do facets and normals disagree.
@@ -170,7 +172,7 @@ def clearance(
     for other in beside.T:
         above = ((points[other] - points) * normals).sum(1)
         rise = np.maximum(rise, np.where(other >= 0, above, 0))
-    far = np.clip(rise, *(share * footprint for share in LIFT))
+    far = np.clip(rise, *(share * footprint for share in config.lift_px))
     towards = -points / np.linalg.norm(points, axis=1, keepdims=True)
     return (normals + towards) * far[:, None]
 

@@ -359,7 +359,9 @@ def test_pixels_follow_the_light_as_its_doubt_takes_it():
         )
 
     at = solved(setting.gain)
-    following = light_calibration._system(setting, parts, sample, at)[3]
+    following = light_calibration._system(setting, parts, sample, at, light_calibration.CalibrationConfig())[
+        3
+    ]
     lamp, step = 2, 0.01
     brighter = setting.gain.copy()
     brighter[lamp] *= np.exp(step)

@@ -11,9 +11,7 @@ from engine.light.gaussians.gaussians import Y00, joined
 from engine.light.incident.probes import arriving
 from engine.progress import Progress
 from engine.surface.lighting.probe_density import (
-    FEWEST,
-    MOST,
-    MOST_CELLS,
+    ProbeDensityConfig,
     choose_direction_count,
     choose_probe_grid,
     probe_counts,
@@ -28,6 +26,7 @@ MASK = np.zeros((48, 64), bool)
 MASK[10:38, 14:50] = True
 NEAR_FAR = 0.9, 1.1
 PARAMS = replace(SurfaceParams(), directions=256)
+CONFIG = ProbeDensityConfig()
 HERE = np.eye(4)[None, :3]
 NOBODY = Lamps(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0, bool))
 
@@ -80,7 +79,7 @@ def test_a_near_wall_takes_more_along_the_way_to_it_and_they_suffice() -> None:
     shape = joined(shell(6.0), gaussians(wall, 0.08, np.linspace(1, 9, 81)))
     lattice = chosen(shape)
     across, down, deep = lattice.shape
-    assert MOST >= across > max(down, deep)
+    assert CONFIG.most_probes >= across > max(down, deep)
     assert left_over(lattice, shape) < 0.25 * PARAMS.model_error
     fewer = replace(lattice, shape=(across - 1, down, deep))
     assert left_over(fewer, shape) > left_over(lattice, shape)
@@ -120,6 +119,6 @@ def window() -> Gaussians:
 
 
 def test_gloss_asks_for_more_directions_than_matt() -> None:
-    assert asked_for(shell(6.0), 0.9) == FEWEST
-    assert asked_for(window(), 0.2) == MOST_CELLS
+    assert asked_for(shell(6.0), 0.9) == CONFIG.least_directions
+    assert asked_for(window(), 0.2) == CONFIG.most_directions
     assert asked_for(window(), 0.9) < asked_for(window(), 0.2)

@@ -12,8 +12,8 @@ from engine.light.fitting.lamp_model import apart, beside
 from engine.light.gaussians.gaussians import part
 from engine.progress import Progress
 from engine.surface.data.scene import Picture, build_scene
-from engine.surface.lighting.emitter_groups import FILLED, INTO, KNOWN, UNSEEN
-from engine.surface.lighting.light_calibration import PER_VIEW, prior_light, split_groups
+from engine.surface.lighting.emitter_groups import FILLED, KNOWN, UNSEEN, EmitterGroupsConfig
+from engine.surface.lighting.light_calibration import CalibrationConfig, prior_light, split_groups
 from engine.surface.lighting.room_light import (
     RoomLight,
     build_room_light,
@@ -28,6 +28,7 @@ from tests.engine.reference.lit_room import lambert, scene
 
 LATTICE = ProbeGrid(np.array([-0.1, -0.1, 0.9]), np.array([0.1, 0.1, 1.1]), (2, 2, 2))
 VIEWS, CELLS, FACE = np.array([0, 5, 9]), 400, 32
+UNSEEN_PER_VIEW, PARTS = CalibrationConfig().unseen_per_view, EmitterGroupsConfig().parts
 
 
 def opened() -> Stored:
@@ -116,7 +117,7 @@ def test_what_is_bright_where_no_photograph_looked_is_divided_and_the_light_stay
     made = split_groups(parts, setting)
     assert made is not None
     finer, after = made
-    assert parts.unseen.sum() < finer.unseen.sum() <= PER_VIEW * 16
+    assert parts.unseen.sum() < finer.unseen.sum() <= UNSEEN_PER_VIEW * 16
     np.testing.assert_array_equal(finer.with_gains(after.gain).energy, parts.with_gains(setting.gain).energy)
     assert finer.patches is not None
     same = room.with_patches_split(finer.patches)
@@ -129,7 +130,7 @@ def test_what_is_bright_where_no_photograph_looked_is_divided_and_the_light_stay
     np.testing.assert_array_equal(again.group, finer.group[:, :, VIEWS])
     # Each part's belief counts for as much less as it is smaller: together they are believed as the whole was.
     (of,) = np.nonzero((after.gain == [9.0, 7.0, 2.0]).all(1))
-    assert len(of) == INTO
+    assert len(of) == PARTS
     extent = finer.patches.extent(len(finer.kind))
     whole = room.patches()
     assert whole is not None
@@ -145,7 +146,7 @@ def test_there_are_as_many_parts_as_the_views_can_tell_apart(stored: Stored):
     while (made := split_groups(parts, setting)) is not None:
         (parts, setting), times = made, times + 1
     assert times > 0
-    assert PER_VIEW - INTO + 1 < parts.unseen.sum() <= PER_VIEW
+    assert UNSEEN_PER_VIEW - PARTS + 1 < parts.unseen.sum() <= UNSEEN_PER_VIEW
 
 
 def test_parts_of_the_unseen_get_smaller_down_to_single_patches(stored: Stored):

@@ -9,6 +9,7 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import PLAIN
 from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.gauss_newton import CONFIG
 from engine.surface.optimize.pixel_sample import PixelSample
 from engine.surface.rendering.transport import LightTransport, predict
 from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_of_lamps, sample_of
@@ -40,13 +41,16 @@ def told() -> tuple[PixelSample, gauss_newton.PixelEstimate, LightTransport]:
     return sample, state, sample.light_transport(parts.with_gains(np.ones((4, 3))))
 
 
-def iterated(told, state: gauss_newton.PixelEstimate, passes: int) -> tuple[gauss_newton.PixelEstimate, int]:
+def iterated(
+    told, state: gauss_newton.PixelEstimate, passes: int, config: gauss_newton.GaussNewtonConfig = CONFIG
+) -> tuple[gauss_newton.PixelEstimate, int]:
     """The state after so many passes, and how many variants of pixels were asked for on the way."""
     sample, _, transport = told
     counted = Counted(transport)
     found = gauss_newton.minimize(
-        state, counted, sample.geometry_at(TRUE_Z), sample.regions, sample.observations, passes, Progress()
-    )
+        state, counted, sample.geometry_at(TRUE_Z), sample.regions, sample.observations, passes, Progress(),
+        config=config,
+    )  # fmt: skip
     return found, sum(pixels * variants for pixels, variants in counted.asked)
 
 
@@ -62,12 +66,11 @@ def moved(told) -> gauss_newton.PixelEstimate:
     )
 
 
-def test_what_stands_still_comes_out_as_if_it_had_been_evaluated_to_the_end(told, monkeypatch):
+def test_what_stands_still_comes_out_as_if_it_had_been_evaluated_to_the_end(told):
     start = moved(told)
-    monkeypatch.setattr(gauss_newton, "FAR", -1.0)
-    found, asked = iterated(told, start, 9)
-    monkeypatch.setattr(gauss_newton, "STEP_TOLERANCE", np.zeros(7))
-    whole, every = iterated(told, start, 9)
+    afresh = replace(CONFIG, jacobian_reuse_step=-1.0)
+    found, asked = iterated(told, start, 9, afresh)
+    whole, every = iterated(told, start, 9, replace(afresh, step_tolerance=(0.0,) * 7))
     assert every == 9 * (4 + 1) * len(start.normals)  # the first once more, to the shared light
     assert asked < 0.8 * every
     assert np.degrees(angle_between(found.normals, whole.normals)).max() < 0.2
@@ -82,11 +85,10 @@ def test_a_pixel_at_rest_is_evaluated_once_and_stays(told):
     assert np.degrees(angle_between(still.normals, again.normals)).max() < 0.2
 
 
-def test_small_steps_keep_the_derivatives_and_come_out_the_same(told, monkeypatch):
+def test_small_steps_keep_the_derivatives_and_come_out_the_same(told):
     start = moved(told)
     found, asked = iterated(told, start, 12)
-    monkeypatch.setattr(gauss_newton, "FAR", -1.0)
-    afresh, every = iterated(told, start, 12)
+    afresh, every = iterated(told, start, 12, replace(CONFIG, jacobian_reuse_step=-1.0))
     assert asked < 0.75 * every
     assert np.degrees(angle_between(found.normals, afresh.normals)).max() < 0.2
     np.testing.assert_allclose(found.albedo, afresh.albedo, rtol=5e-3)

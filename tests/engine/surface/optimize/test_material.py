@@ -94,7 +94,7 @@ def test_a_coat_that_mirrors_more_is_told_for_the_whole():
 @pytest.mark.parametrize("level", [0.25, 0.5, 0.7, 1.0])
 def test_the_level_is_the_middle_of_a_parabola(level: float):
     """Log likelihoods that fall with the square of the logarithm from the truth on."""
-    steps = np.log2(material.LEVELS / level)
+    steps = np.log2(np.array(material.CONFIG.specular_levels) / level)
     said = np.repeat(-0.3 * steps[None] ** 2, 60, 0)
     found = material.levels(said, np.zeros(60, int), 1)
     assert found[0] == pytest.approx(level, rel=1e-6)
@@ -115,10 +115,10 @@ def test_a_region_of_paint_stays_paint_where_all_together_stand_between():
     """Half of a coat, half of paint: together .7 or so, which neither is."""
     region = np.repeat([0, 1], 60)
     truth = np.where(region == 0, 0.5, 1.0)[:, None]
-    said = -0.3 * np.log2(material.LEVELS / truth) ** 2
+    said = -0.3 * np.log2(np.array(material.CONFIG.specular_levels) / truth) ** 2
     np.testing.assert_allclose(material.levels(said, region, 2), [0.5, 1.0], rtol=1e-6)
 
 
 def test_few_pixels_are_not_heard():
-    said = np.tile([-1.0, 0.0, 1.0], (material.FEWEST - 1, 1))
+    said = np.tile([-1.0, 0.0, 1.0], (material.CONFIG.least_pixels - 1, 1))
     assert material.levels(said, np.zeros(len(said), int), 1)[0] == PAINT[0]

@@ -53,7 +53,7 @@ def test_what_looks_like_nothing_else_expects_what_is_expected_of_anything():
     albedo = state.albedo.copy()
     albedo[100] = [0.9, 0.01, 0.9]
     np.testing.assert_array_equal(
-        expected_roughness(replace(state, albedo=albedo), MASK)[100], gauss_newton.GLOSS
+        expected_roughness(replace(state, albedo=albedo), MASK)[100], gauss_newton.CONFIG.roughness_prior
     )
 
 
@@ -106,7 +106,7 @@ def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, mon
     gone = gauss_newton.initial_estimate(normals, truth.albedo, roughness)
     gone = gauss_newton.minimize(gauss_newton.update_residual_scale(gone, *under), *under, 1, Progress())
     told = np.column_stack([truth.roughness, np.full(len(roughness), 0.1)])
-    monkeypatch.setattr(roughness_prior, "expected_roughness", lambda state, mask, material: told)
+    monkeypatch.setattr(roughness_prior, "expected_roughness", lambda *_: told)
     found = apply_roughness_prior(gone, *under, MASK, 8, Progress())
     assert (found.cost <= with_roughness_prior(gone, told).cost + 1e-9).all()
     assert np.abs(found.roughness - truth.roughness)[lost].max() < 0.05
@@ -122,4 +122,4 @@ def test_a_handful_of_pixels_expects_what_is_expected_of_anything(count: int):
     state = gauss_newton.initial_estimate(
         np.tile([0.0, 0.0, -1.0], (count, 1)), np.full((count, 3), 0.5), np.full(count, 0.2)
     )
-    assert (expected_roughness(state, mask) == gauss_newton.GLOSS).all()
+    assert (expected_roughness(state, mask) == gauss_newton.CONFIG.roughness_prior).all()

@@ -4,7 +4,7 @@ import numpy as np
 
 from engine.geometry import rays
 from engine.surface.visibility.depth_mesh import depth_mesh
-from engine.surface.visibility.hidden_surfaces import BANDS, patches
+from engine.surface.visibility.hidden_surfaces import HiddenSurfacesConfig, patches
 from tests.engine.surface.rendering.test_object_pixels import CAMERA, ball
 
 MASK = np.ones((48, 64), bool)
@@ -53,10 +53,11 @@ def test_patches_lie_on_the_wall_in_bands_from_the_rim_to_the_foot():
     points, normals = step()
     triangles, found = cut(points, normals, MASK, painted())
     walls = found.of[found.of[:, 0] >= 0]
-    for band in range(BANDS):
+    bands = HiddenSurfacesConfig().bands
+    for band in range(bands):
         z = found.points[walls[:, band], 2]
-        assert (z >= UP + (DOWN - UP) * band / BANDS).all()
-        assert (z <= UP + (DOWN - UP) * (band + 1) / BANDS).all()
+        assert (z >= UP + (DOWN - UP) * band / bands).all()
+        assert (z <= UP + (DOWN - UP) * (band + 1) / bands).all()
     # Every patch has members, is in one part, and stands near the triangles that it stands for.
     assert (np.unique(walls) == np.arange(len(found.points))).all()
     np.testing.assert_array_equal(np.sort(np.concatenate(found.parts)), np.arange(len(found.points)))
