@@ -88,7 +88,7 @@ SIGNS = (
     Sign(
         "half of the normals have a standard error of {} degrees or more.",
         "Add views that turn about a second axis, and views that show more of the room.",
-        _number("surface", "stderr_normal_deg"), 8.0,
+        _number("surface", "stderr_normal_deg"), 5.5,
     ),
     Sign(
         "views that were kept out, rendered again, are {} off.",
@@ -101,9 +101,9 @@ SIGNS = (
         _number("surface", "residual"), 5.0,
     ),
     Sign(
-        "the light fitted from the backgrounds does not foretell a background that was kept out: logarithms differ by {}.",
+        "backgrounds that were kept out of the light's fit, rendered, are {} off.",
         "Check poses and focal length, and whether lamps or people moved while the photographs were taken; add views.",
-        _number("light", "heldout_log_l1"), 0.35,
+        _number("light", "heldout_log_l1"), 0.35, lambda logarithm: _share(math.expm1(logarithm)),
     ),
     Sign(
         "the light of the views differs by {} from view to view.",

@@ -33,10 +33,10 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
 @pytest.mark.parametrize(
     ("name", "doubted", "wrong", "words"),
     [
-        ("stderr_normal_deg", 10.0, 20.0, "a standard error of 10 degrees"),
+        ("stderr_normal_deg", 8.0, 12.0, "a standard error of 8 degrees"),
         ("held_out_error", 0.15, 0.4, "rendered again, are 15 % off"),
         ("residual", 7.0, 12.0, "differ by 7 times the expected error"),
-        ("heldout_log_l1", 0.5, 0.9, "logarithms differ by 0.5"),
+        ("heldout_log_l1", 0.5, 0.9, "rendered, are 65 % off"),
         ("exposure_drift", [0.1, -0.1], [0.3, -0.3], "differs by 10 % from view to view"),
         ("unseen_light", 0.3, 0.6, "30 % of the light comes from where no photograph looked"),
     ],
