@@ -146,9 +146,9 @@ def _slipped(stored: Stored, px: float, rng: Rng) -> Stored:
     angle = rng.uniform(0, 2 * np.pi)
     shift = px * np.sin(angle), px * np.cos(angle), 0
     near = ndimage.binary_dilation(stored.masks.object, iterations=int(np.ceil(px)) + 1)
-    for picture in radiance[len(radiance) // 2 :]:
-        moved = np.asarray(ndimage.shift(picture, shift, order=1, mode="nearest"))
-        picture[near] = moved[near]
+    for i in range(len(radiance) // 2, len(radiance)):
+        moved = ndimage.shift(radiance[i], shift, order=1, mode="nearest")
+        radiance[i] = np.where(near[..., None], moved, radiance[i])
     return _taken(stored, radiance)
 
 
