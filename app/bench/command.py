@@ -179,7 +179,7 @@ def stressed(call: Call) -> list[Metric]:
     ]
     found = stress_scores.score(runs)
     print(
-        f"{stress_scores.table(runs)}\n\nR refused, w told, S failed and not told\n\n{stress_scores.summary(found)}\n"
+        f"{stress_scores.table(runs)}\n\nR refused, w warned, S wrong and not warned\n\n{stress_scores.summary(found)}\n"
     )
     caption = f"{', '.join(dict.fromkeys(one.set for one in runs))}; {call.size.told()}; {call.args.preset}"
     for path in stress_chart.write(runs, call.args.out, caption):

@@ -108,7 +108,7 @@ SIGNS = (
     Sign(
         "the light of the views differs by {} from view to view.",
         "Fix exposure and white balance, and keep lamps and curtains as they are.",
-        _exposure_drift, 0.07, _share,
+        _exposure_drift, 0.2, _share,
     ),
     Sign(
         "{} of the light comes from where no photograph looked.",

@@ -76,7 +76,7 @@ def draw(runs: Sequence[Stressed], caption: str):
     bar.ax.tick_params(labelsize=6.5)
     bar.set_label("error of normals over the clean set's", fontsize=6.5)
     figure.text(
-        0.5, 0.22 / height, "refused: R    told: w    failed and not told: S", ha="center", fontsize=6.5
+        0.5, 0.22 / height, "refused: R    warned: w    wrong and not warned: S", ha="center", fontsize=6.5
     )
     figure.text(0.5, 0.06 / height, caption, ha="center", fontsize=5.5, color="0.35")
     return figure

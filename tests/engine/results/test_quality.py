@@ -37,7 +37,7 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
         ("held_out_error", 0.15, 0.4, "rendered again, are 15 % off"),
         ("residual", 7.0, 12.0, "differ by 7 times the expected error"),
         ("heldout_log_l1", 0.5, 0.9, "rendered, are 65 % off"),
-        ("exposure_drift", [0.1, -0.1], [0.3, -0.3], "differs by 10 % from view to view"),
+        ("exposure_drift", [0.3, -0.3], [0.5, -0.5], "differs by 30 % from view to view"),
         ("unseen_light", 0.3, 0.6, "30 % of the light comes from where no photograph looked"),
     ],
 )

@@ -1,0 +1,58 @@
+"""A worse capture goes through light and surface once; what refuses it is its answer."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.bench.stress import measure as measuring
+from app.bench.stress.measure import CLEAN, measure
+from engine.errors import LightError
+from tests.app.bench.synthetic import a_set, leaning
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a stage says of itself."""
+
+    held_out_error: float = 0.5
+
+
+@pytest.fixture
+def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The numbers of views of all fits; fewer than ten are refused."""
+    counts: list[int] = []
+
+    def fit(frames: Any, *rest: Any) -> Any:
+        counts.append(len(frames.names))
+        if len(frames.names) < 10:
+            raise LightError("too few views; add some")
+        return None, None, Report()
+
+    monkeypatch.setattr(measuring.light_fit, "fit", fit)
+    monkeypatch.setattr(measuring, "solve", lambda *asked: (leaning(4.0), None, None, Report()))
+    return counts
+
+
+def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path, fits: list[int]) -> None:
+    found = measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, False)
+    assert found.normal_deg == pytest.approx(4, abs=1e-3)
+    assert found.solved == 1
+    assert (found.refused, found.grade) == ("", "not to be trusted")
+    assert "50 % off" in found.reason
+    assert measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, False) == found
+    assert fits == [12]
+    measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, True)
+    measure(a_set(), "exposure", 2, "draft", "cpu", 0, tmp_path, False)
+    assert fits == [12, 12, 12]
+
+
+def test_a_capture_that_is_refused_says_why(tmp_path: Path, fits: list[int]) -> None:
+    for _ in range(2):
+        found = measure(a_set(), "views", 5, "draft", "cpu", 0, tmp_path, False)
+        assert found.refused == "too few views; add some"
+        assert math.isnan(found.normal_deg)
+        assert found.amount == 9
+    assert fits == [9]

@@ -1,0 +1,69 @@
+"""What was wrong, what was told, and how often the one without the other."""
+
+from pathlib import Path
+
+import pytest
+
+from app.bench.stress import chart, scores
+from app.bench.stress.measure import CLEAN, Stressed
+from engine.results.quality import BAD, DOUBTFUL, GOOD
+
+
+def run(
+    dial: str, step: int, normal_deg: float, grade: str = GOOD, doubt: float = 0.5, on: str = "a"
+) -> Stressed:
+    return Stressed(on, dial, step, 1.0, "", normal_deg, 2.0, 0.95, 30.0, 0.05, 1.0, 9.0, grade, doubt, "why")
+
+
+def refused(dial: str, step: int, on: str = "a") -> Stressed:
+    return Stressed(on, dial, step, 1.0, "too few views")
+
+
+RUNS = [
+    run(CLEAN, 0, 2.0),
+    run("focal", 4, 2.9, GOOD, 0.8),  # above the clean one, and no failure: below 3 degrees
+    run("focal", 5, 5.0, DOUBTFUL, 1.5),
+    run("noise", 4, 4.5, GOOD, 0.7),  # silent
+    run("noise", 5, 9.0, BAD, 3.0),
+    refused("views", 5),
+    run(CLEAN, 0, 1.0, DOUBTFUL, 1.1, "b"),  # a false alarm
+    run("focal", 4, 2.5, GOOD, 0.6, "b"),  # more than twice, but below 3 degrees
+    run("focal", 5, 3.5, DOUBTFUL, 1.2, "b"),
+]
+
+
+def test_silent_failures_and_false_alarms_are_counted():
+    found = scores.score(RUNS)
+    assert (found.runs, found.failed) == (7, 5)
+    assert found.silent == 1 / 7
+    assert found.false_alarms == 0.5
+    # Of the 4 x 4 pairs of failed and other solved runs .7 is doubted less than .8 and 1.1, and all else is right.
+    assert found.auroc == pytest.approx((16 - 2) / 16)
+    assert found.in_band == pytest.approx(0.95)
+
+
+def test_the_table_tells_ratios_and_marks():
+    text = scores.table(RUNS)
+    (focal,) = [line for line in text.splitlines() if line.startswith("| focal")]
+    assert [cell.strip() for cell in focal.strip("|").split("|")][1:] == ["1.98", "3.00 w"]
+    (noise,) = [line for line in text.splitlines() if line.startswith("| sensor noise")]
+    assert [cell.strip() for cell in noise.strip("|").split("|")][1:] == ["2.25 S", "4.50 w"]
+    (views,) = [line for line in text.splitlines() if line.startswith("| views")]
+    assert [cell.strip() for cell in views.strip("|").split("|")][1:] == ["-", "R"]
+    assert "silent failures 14.3 %, false alarms 50.0 %, AUROC 0.875" in scores.summary(scores.score(RUNS))
+
+
+def test_scores_are_gated_and_single_errors_are_not():
+    metrics = {metric.key: metric for metric in scores.as_metrics(RUNS, scores.score(RUNS))}
+    assert metrics["stress/silent_failures"].tolerance is not None
+    assert metrics["a/focal/5/normal"].tolerance is None
+    assert "a/views/5/normal" not in metrics
+
+
+def test_the_heat_map_is_drawn_with_every_run_beside_it(tmp_path: Path):
+    paths = chart.write(RUNS, tmp_path, "two sets")
+    assert [path.name for path in paths] == ["stress.png", "stress.svg", "stress.csv"]
+    assert len(paths[2].read_text().splitlines()) == 1 + len(RUNS)
+    drawn = paths[1].read_text()
+    for words in ("focal length, % off", "2.2 S", "R", "two sets"):
+        assert words in drawn
