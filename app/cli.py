@@ -77,6 +77,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     process.set_defaults(run=commands.run_process)
 
+    pack = add("pack", help="write a session as one file, to hand over or archive")
+    _add_session(pack)
+    pack.add_argument("bundle", type=Path, metavar="FILE.zip")
+    pack.add_argument(
+        "--without-raw", action="store_true",
+        help="leave the photographs out: results can be looked at, exported and relit, but not computed anew",
+    )  # fmt: skip
+    pack.set_defaults(run=commands.run_pack)
+    unpack = add("unpack", help="make a session of such a file; every byte is checked")
+    unpack.add_argument("bundle", type=Path, metavar="FILE.zip")
+    unpack.add_argument("session", type=Path, help="the session to make")
+    unpack.set_defaults(run=commands.run_unpack)
+
     plan = add("plan", help="say which stages would run and why; changes nothing")
     _add_session(plan)
     _add_settings(plan)

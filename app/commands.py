@@ -38,6 +38,24 @@ def run_import(args: Namespace) -> int:
     return 0
 
 
+def run_pack(args: Namespace) -> int:
+    from engine.io import bundle, session
+
+    with terminal.job("pack") as progress:
+        count = bundle.pack(session.open_session(args.session), args.bundle, not args.without_raw, progress)
+    print(f"{args.bundle}: {count} files, {args.bundle.stat().st_size / 1e6:.1f} MB")
+    return 0
+
+
+def run_unpack(args: Namespace) -> int:
+    from engine.io import bundle
+
+    with terminal.job("unpack") as progress:
+        bundle.unpack(args.bundle, args.session, progress)
+    print(f"{args.session}: every file is as it was packed\nnext: roomlight process {args.session}")
+    return 0
+
+
 def run_plan(args: Namespace) -> int:
     from engine.io import session
     from engine.pipeline import stage_table, stages

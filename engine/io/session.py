@@ -280,11 +280,12 @@ def shots(session: Session) -> tuple[Shot, ...]:
     Raises:
         SessionError: a `shot.json` is damaged, or a file it names is gone or of another size.
     """
-    return tuple(read_shot(path) for path in sorted((session.folder / "shots").glob("*/shot.json")))
+    paths = sorted((session.folder / "shots").glob("*/shot.json"))
+    return tuple(read_shot(path, not session.facts.get("without_raw", False)) for path in paths)
 
 
-def read_shot(path: Path) -> Shot:
-    """The shot that a `shot.json` describes.
+def read_shot(path: Path, there: bool = True) -> Shot:
+    """The shot that a `shot.json` describes; its files are not looked for where they are known not to be `there`.
 
     Raises:
         SessionError: as `shots`.
@@ -302,7 +303,7 @@ def read_shot(path: Path) -> Shot:
         raise SessionError(
             f"{path}: damaged ({reason(error)}); restore it or import the photographs again"
         ) from None
-    for file, size in zip(files, sizes, strict=True):
+    for file, size in zip(files, sizes, strict=True) if there else ():
         if not file.is_file():
             raise SessionError(f"{file}: is missing; shots never change, so restore it from your copy")
         if file.stat().st_size != size:
@@ -324,9 +325,13 @@ def verify(shot: Shot) -> None:
     """Check a shot's files against the hashes taken when they arrived.
 
     Raises:
-        SessionError: a file's bytes changed.
+        SessionError: a file's bytes changed, or it is not there.
     """
     for file, sha256 in zip(shot.files, shot.sha256, strict=True):
+        if not file.is_file():
+            raise SessionError(
+                f"{file}: is not here, the session was packed without its photographs; unpack a bundle that holds them"
+            )
         if file_sha256(file) != sha256:
             raise SessionError(f"{file}: its bytes changed since it was taken; restore it from your copy")
 
