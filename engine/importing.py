@@ -22,7 +22,7 @@ from engine import orientation
 from engine.errors import ImportFault
 from engine.hdr.brackets import Taken, group, natural, note
 from engine.hdr.linear_input import check_values
-from engine.hdr.merge import HdrParams
+from engine.hdr.params import HdrParams
 from engine.io import png
 from engine.io import session as sessions
 from engine.io.images import read_radiance

@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float32
 
 from engine.errors import MaskError
 from engine.progress import Progress
-from engine.segmentation.segment import SegmentParams, segment
+from engine.segmentation.params import SegmentParams
+from engine.segmentation.segment import segment
 from engine.types import Frames
 
 EDGE_PX = 160  # long edge of the pictures

@@ -22,41 +22,15 @@ from engine.errors import HdrError
 from engine.hdr import exposures, linear_input
 from engine.hdr.develop import averaged, develop, variance
 from engine.hdr.exposures import Merged, SensorNoise
+from engine.hdr.params import HdrParams
 from engine.io.images import read_radiance
 from engine.io.raw import Bracket, Facts, read_facts, read_mosaic
 from engine.progress import Progress
 from engine.types import Frames
-from engine.validation import MORE, check
 
 HALF_MAX = 65504.0  # the largest half float: where an EXR writer itself clips
 # Where no pair of exposures tells: 50 000 electrons fill a pixel of most large sensors at base ISO.
 ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS = 50_000.0, 2.0
-
-
-BOUNDS = {
-    "saturation_share": (0.0, 1.0), "dark_sigmas": (0.0, MORE), "ratio_tolerance": (0.0, MORE),
-    "hopeless_share": (0.0, 1.0), "learning_views": (1, MORE), "long_edge_px": (8, MORE),
-}  # fmt: skip
-"""What each number that may be asked must lie between."""
-
-
-@dataclass(frozen=True, slots=True)
-class HdrParams:
-    """How to merge.
-
-    Raises:
-        HdrError: what is asked lies outside `BOUNDS`.
-    """
-
-    saturation_share: float = 0.98  # of black to white; sites above count as saturated
-    dark_sigmas: float = 2.0  # noise floors; luminance below counts as dark
-    ratio_tolerance: float = 0.10  # share by which pixels and EXIF may disagree before a view is suspect
-    hopeless_share: float = 0.90  # of a view clipped, or dark, in every exposure: the view is refused
-    learning_views: int = 8  # views that tell the sensor's noise and the usual exposure steps
-    long_edge_px: int = 2048  # larger photographs are averaged down by a whole factor
-
-    def __post_init__(self) -> None:
-        check(self, "hdr", HdrError, BOUNDS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,11 @@ from engine.pipeline.stages import Hashes, Stage, canonical
 
 def stages(solver: str = "transport") -> tuple[Stage, ...]:
     """hdr -> segment -> poses -> light -> surface -> export; `solver` (`settings.SOLVERS`) is the surface's."""
-    from engine.hdr.merge import HdrParams
-    from engine.light.fitting.fit import LightParams
-    from engine.results.export import ExportParams
-    from engine.segmentation.segment import SegmentParams
-    from engine.sfm.reconstruct import PoseParams
+    from engine.hdr.params import HdrParams
+    from engine.light.fitting.params import LightParams
+    from engine.results.params import ExportParams
+    from engine.segmentation.params import SegmentParams
+    from engine.sfm.params import PoseParams
 
     return (
         Stage(
@@ -45,7 +45,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
 
 
 def _transport() -> Stage:
-    from engine.surface.solve import SurfaceParams
+    from engine.surface.params import SurfaceParams
 
     return Stage(
         "surface", 45, SurfaceParams(), ("hdr", "segment", "poses", "light"), stage_functions.surface, seeded=True,

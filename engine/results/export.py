@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -24,33 +24,12 @@ from engine.io.poses.pose_files import write_colmap, write_transforms
 from engine.light.gaussians.gaussians import to_3dgs
 from engine.progress import Progress
 from engine.results import lamps_json, preview_images
+from engine.results.params import GREEN, ExportParams
 from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface, material_of, part_of
-from engine.validation import MORE, check
 
 INDEX = "export.json"
-GREEN = {"opengl": "up", "directx": "down"}
 VIEWS = "images"  # the folder that COLMAP's and NeRF tools take pictures from unless told otherwise
 UNITS = {"rig": "metre", "board": "metre", "given": "that of the given poses"}
-
-
-BOUNDS = {"cut_footprints": (0.0, MORE), "cut_share": (0.0, MORE)}
-"""What each number that may be asked must lie between."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExportParams:
-    """What a person may choose about the files.
-
-    Raises:
-        ExportError: what is asked lies outside `BOUNDS`, or is no convention of normal maps.
-    """
-
-    normal_png: str = "opengl"  # green of the PNG normal map: "opengl" up, "directx" down
-    cut_footprints: float = 3.0  # depth step that neither normal explains, in pixel widths on the surface
-    cut_share: float = 1.0  # the same step as a share of the one predicted
-
-    def __post_init__(self) -> None:
-        check(self, "export", ExportError, BOUNDS, {"normal_png": tuple(GREEN)})
 
 
 def write(

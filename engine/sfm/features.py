@@ -6,7 +6,6 @@ of the photographs bounds how far dark parts are stretched. Pixels of *features*
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -15,10 +14,9 @@ import pycolmap
 from jaxtyping import Bool, Float, Int, UInt8
 
 from engine.color import luminance
-from engine.errors import PoseError
 from engine.progress import Progress
+from engine.sfm.params import FeatureParams
 from engine.types import Frames, Masks
-from engine.validation import MORE, check
 
 _WINDOW = 1 / 16  # of the longer side: standard deviation of the local normalisation
 _CONTRAST = 0.05  # log radiance; fainter texture is left faint
@@ -27,34 +25,6 @@ _COARSE = 256  # features a view that vote on which pairs to match
 # Descriptors are whole numbers of length 512, so their products are exact in float32 whatever the order of
 # summation; this is a cosine of 0.85, above which two may show the same point.
 _SIMILAR = 0.85 * 512**2
-
-
-BOUNDS = {
-    "maximum": (100, MORE), "enlarge_below_px": (0, MORE), "enlarge_most": (1, 8), "peak_threshold": (0.0, 1.0),
-    "margin": (0.0, 0.5), "neighbours": (1, MORE), "exhaustive_below": (0, MORE),
-}  # fmt: skip
-"""What each number that may be asked must lie between."""
-
-
-@dataclass(frozen=True, slots=True)
-class FeatureParams:
-    """How features are found and which pairs of views are compared.
-
-    Raises:
-        PoseError: what is asked lies outside `BOUNDS`.
-    """
-
-    maximum: int = 2000  # per view; COLMAP keeps the coarsest, which are the best located
-    enlarge_below_px: int = 900  # photographs whose longer side is shorter are enlarged by an integer factor
-    enlarge_most: int = 2
-    # Of the normalised image; COLMAP's 0.0067 is meant for contrasty photographs.
-    peak_threshold: float = 0.004
-    margin: float = 0.015  # of the longer side, kept free of features around the object
-    neighbours: int = 20  # views each view is compared with, beside those taken just before and after it
-    exhaustive_below: int = 40  # with fewer views all pairs are compared
-
-    def __post_init__(self) -> None:
-        check(self, "poses.features", PoseError, BOUNDS)
 
 
 def enlargement(width: int, height: int, params: FeatureParams) -> int:

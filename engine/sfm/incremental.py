@@ -14,12 +14,12 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float, UInt32
 
-from engine.errors import Cancelled, PoseError
+from engine.errors import Cancelled
 from engine.progress import Progress
 from engine.sfm import epipolar
 from engine.sfm import rig_alignment as rigs
 from engine.sfm.features import view_name
-from engine.validation import MORE, check
+from engine.sfm.params import MapParams
 
 _BATCHES = 16  # looks at a cancel request while matches are checked
 ATTEMPTS = 3  # models grown at most
@@ -37,34 +37,6 @@ LOG_OFF = (
 )
 _AS_GOOD = 0.01  # of the matches: what agrees with two models alike tells nothing between them
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
-
-
-BOUNDS = {
-    "match_ratio": (0.1, 1.0), "epipolar_px": (0.1, MORE), "reprojection_px": (0.1, MORE),
-    "first_angle_deg": (0.0, 90.0), "point_angle_deg": (0.0, 90.0), "placed_inliers": (6, MORE),
-    "retry_inliers": (6, MORE),
-}  # fmt: skip
-"""What each number that may be asked must lie between."""
-
-
-@dataclass(frozen=True, slots=True)
-class MapParams:
-    """How views are compared and placed; pixels of the photographs (not enlarged).
-
-    Raises:
-        PoseError: what is asked lies outside `BOUNDS`.
-    """
-
-    match_ratio: float = 0.8  # Lowe's: best over second best descriptor distance
-    epipolar_px: float = 1.5  # inliers of two views lie this close to each other's epipolar lines
-    reprojection_px: float = 2.0  # observations further than this from their point are dropped
-    first_angle_deg: float = 3.0  # least triangulation angle between the two views that start a model
-    point_angle_deg: float = 0.5  # least triangulation angle of a point that is kept
-    placed_inliers: int = 30  # points a view must see to be placed
-    retry_inliers: int = 15  # the same in the second attempt, when the model is complete
-
-    def __post_init__(self) -> None:
-        check(self, "poses.mapping", PoseError, BOUNDS)
 
 
 def match(

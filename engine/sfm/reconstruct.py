@@ -7,7 +7,7 @@ rest, in metres. Else its origin is the mean camera, y points down on average, a
 board of known size was seen, or the median distance from the cameras to the points of the room.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,44 +20,15 @@ from engine.progress import Progress
 from engine.sfm import epipolar, incremental
 from engine.sfm import rig_alignment as rigs
 from engine.sfm import scale_board as boards
-from engine.sfm.features import FeatureParams, detect, enlargement, likely_pairs, log_floor, tone_mapped
-from engine.sfm.incremental import MapParams
+from engine.sfm.features import detect, enlargement, likely_pairs, log_floor, tone_mapped
+from engine.sfm.params import PoseParams
 from engine.sfm.rig_alignment import RigFit, RigLog
 from engine.types import Camera, Frames, Masks, Poses
-from engine.validation import MORE, check
 
 # A rig is believed when it and the photographs differ by less than this, and enough views say so.
 _RIG_ROTATION_RAD = np.radians(1.0)
 _RIG_AGREE_SHARE = 0.6
 _SCALE_STDERR = 0.05  # a length known worse than this is no length
-
-
-BOUNDS = {
-    "focal_px": (0.0, MORE), "least_share": (0.0, 1.0), "trusted_share": (0.0, 1.0), "seed": (0, 2**31 - 1),
-}  # fmt: skip
-"""What each number that may be asked must lie between."""
-
-
-@dataclass(frozen=True, slots=True)
-class PoseParams:
-    """What a person may ask of this stage.
-
-    Raises:
-        PoseError: what is asked lies outside `BOUNDS`, or is no board.
-    """
-
-    focal_px: float = 0.0  # first guess, refined; 0 means what pairs of views imply
-    board: str = ""  # "charuco COLUMNSxROWS SQUARE_M MARKER_M DICTIONARY" or "aruco SIDE_M DICTIONARY"
-    least_share: float = 0.5  # of the views must be placed
-    trusted_share: float = 0.5  # of a view's matches must agree with its pose
-    seed: int = 0
-    features: FeatureParams = field(default_factory=FeatureParams)
-    mapping: MapParams = field(default_factory=MapParams)
-
-    def __post_init__(self) -> None:
-        check(self, "poses", PoseError, BOUNDS)
-        if self.board:
-            boards.parse(self.board)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from engine.geometry import resized
 from engine.progress import Progress
 from engine.sfm import epipolar, incremental
 from engine.sfm.features import detect, enlargement, likely_pairs, view_name
-from engine.sfm.reconstruct import PoseParams
+from engine.sfm.params import PoseParams
 from engine.types import Camera, Frames, Masks, Poses
 
 

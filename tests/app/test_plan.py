@@ -8,7 +8,7 @@ from app import plan as plans
 from app.parameters import MEANINGS, Meaning
 from app.plan import Parameter, Plan, read_plan
 from engine.pipeline.settings import Settings, resolve
-from engine.sfm.reconstruct import PoseParams
+from engine.sfm.params import PoseParams
 
 
 def parameter(name: str = "surface.directions", kind: str = "int", value=2048, default=2048) -> Parameter:
@@ -41,7 +41,7 @@ def test_a_parameter_in_a_group_is_written_where_the_engine_reads_it() -> None:
 
 
 def test_nothing_is_left_to_the_stage_with_a_word_toml_has() -> None:
-    from engine.light.fitting.fit import LightParams
+    from engine.light.fitting.params import LightParams
 
     given = parameter("light.keep_out", "float?", 0.3, 0.2)
     settings = plans.with_value(Settings(), given, None)

@@ -20,7 +20,8 @@ from pathlib import Path
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.fitting.fit import LightParams, fit
+from engine.light.fitting.fit import fit
+from engine.light.fitting.params import LightParams
 from tests.bench.inputs import Clock, inputs, machine, told
 
 WITHIN = 0.03  # of the longer run's log-L1

@@ -25,8 +25,9 @@ from app.bench.sizes import SIZES
 from app.bench.stored import Stored, fewer_views
 from engine.errors import RoomlightError
 from engine.geometry import inverse, rays, tangents
-from engine.light.fitting.fit import LightParams, fit
+from engine.light.fitting.fit import fit
 from engine.light.fitting.lamp_model import apart, beside
+from engine.light.fitting.params import LightParams
 from engine.progress import Progress
 from engine.results import metrics
 from engine.surface.params import SurfaceParams

@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 
 from app import results
-from engine.light.fitting.fit import LightParams, fit
+from engine.light.fitting.fit import fit
+from engine.light.fitting.params import LightParams
 from engine.pipeline import run
 from engine.progress import Progress
 from engine.reference.emitter.two_stage import EmitterParams, train

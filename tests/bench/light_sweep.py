@@ -26,7 +26,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from app import places
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.fitting.fit import LightParams, fit
+from engine.light.fitting.fit import fit
+from engine.light.fitting.params import LightParams
 from engine.progress import Progress
 from hardware.errors import StudioError
 from tests.bench import irradiance

@@ -20,7 +20,8 @@ import numpy as np
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
 from engine.light.fitting.color_solve import epsilon_of, render_rows, rows_of, solve_colours
-from engine.light.fitting.fit import LightParams, split_views
+from engine.light.fitting.fit import split_views
+from engine.light.fitting.params import LightParams
 from engine.light.fitting.plane_sweep import knee_of
 from engine.light.fitting.training_views import resample
 from engine.light.gaussians.gaussians import Y00

@@ -9,6 +9,7 @@ import pytest
 
 from engine.geometry import compose, fibonacci_sphere
 from engine.hdr import merge
+from engine.hdr.params import HdrParams
 from engine.light.gaussians.gaussians import Y00
 from engine.light.incident.probes import panorama_directions
 from engine.pipeline import artifacts
@@ -231,7 +232,7 @@ def test_a_refined_light_takes_the_gains_of_the_surface_that_was_solved_with_it(
 
 def test_studio_radiance_becomes_what_the_merge_makes_of_it(tmp_path: Path) -> None:
     grey = brackets_on_disk.write(tmp_path, "grey", np.full((64, 96, 3), 0.4), 0.21)
-    frames, report = merge.merge([grey], merge.HdrParams(), Progress())
+    frames, report = merge.merge([grey], HdrParams(), Progress())
     assert np.median(frames.radiance) == pytest.approx(
         0.4 * light_sets.session_per_studio(report.scale), rel=0.01
     )

@@ -20,7 +20,8 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.fitting.fit import LightParams, fit, judge, split_views
+from engine.light.fitting.fit import fit, judge, split_views
+from engine.light.fitting.params import LightParams
 from engine.light.fitting.training_views import resample
 from engine.light.gaussians.rasterize import workers
 from engine.reference.emitter.two_stage import EmitterParams, scaled, stage_one, stage_two, supervision

@@ -7,21 +7,21 @@ from typing import Any
 import pytest
 
 from engine.errors import RoomlightError
-from engine.hdr import merge
-from engine.light.fitting import fit
+from engine.hdr import params as hdr
+from engine.light.fitting import params as light
 from engine.reference import params as reference
-from engine.results import export
-from engine.segmentation import segment
-from engine.sfm import features, incremental, reconstruct
+from engine.results import params as export
+from engine.segmentation import params as segment
+from engine.sfm import params as poses
 from engine.validation import MORE
 
 BOUNDED = (
-    ("hdr", merge.HdrParams(), merge.BOUNDS),
+    ("hdr", hdr.HdrParams(), hdr.BOUNDS),
     ("segment", segment.SegmentParams(), segment.BOUNDS),
-    ("poses", reconstruct.PoseParams(), reconstruct.BOUNDS),
-    ("poses.features", features.FeatureParams(), features.BOUNDS),
-    ("poses.mapping", incremental.MapParams(), incremental.BOUNDS),
-    ("light", fit.LightParams(), fit.BOUNDS),
+    ("poses", poses.PoseParams(), poses.BOUNDS),
+    ("poses.features", poses.FeatureParams(), poses.FEATURE_BOUNDS),
+    ("poses.mapping", poses.MapParams(), poses.MAP_BOUNDS),
+    ("light", light.LightParams(), light.BOUNDS),
     ("surface", reference.ReferenceParams(), reference.BOUNDS),
     ("export", export.ExportParams(), export.BOUNDS),
 )
@@ -57,10 +57,10 @@ def test_bounds_are_met_and_not_passed(stage: str, params: Any, name: str, least
 @pytest.mark.parametrize(
     ("params", "changes", "told"),
     [
-        (fit.LightParams(), {"passes": ()}, r"light\.passes is \[\]; give one number or more, each of 1 or more"),
+        (light.LightParams(), {"passes": ()}, r"light\.passes is \[\]; give one number or more, each of 1 or more"),
         (export.ExportParams(), {"normal_png": "foo"}, r'export\.normal_png is "foo"; give opengl or directx'),
         (reference.ReferenceParams(), {"start_frame": "foo"}, r'surface\.start_frame is "foo"; give opencv or opengl'),
-        (reconstruct.PoseParams(), {"board": "chess 5x7"}, r'board "chess 5x7": .*; write "charuco'),
+        (poses.PoseParams(), {"board": "chess 5x7"}, r'board "chess 5x7": .*; write "charuco'),
     ],
 )  # fmt: skip
 def test_what_is_no_choice_is_refused_with_those_that_are(params: Any, changes: dict, told: str) -> None:
@@ -69,4 +69,4 @@ def test_what_is_no_choice_is_refused_with_those_that_are(params: Any, changes: 
 
 
 def test_what_is_left_to_the_stage_passes() -> None:
-    assert replace(fit.LightParams(keep_out=0.3), keep_out=None).keep_out is None
+    assert replace(light.LightParams(keep_out=0.3), keep_out=None).keep_out is None

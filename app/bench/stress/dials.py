@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from app.bench.record import BenchError
 from app.bench.stored import Stored, fewer_views
 from engine.geometry import rays
-from engine.segmentation.segment import SegmentParams, from_object
+from engine.segmentation.params import SegmentParams
+from engine.segmentation.segment import from_object
 from engine.types import Frames
 
 STEPS = 5

@@ -18,6 +18,7 @@ from app.bench.sets import Set, job
 from app.bench.stress.dials import DIALS
 from engine.errors import RoomlightError
 from engine.light.fitting import fit as light_fit
+from engine.light.fitting.params import LightParams
 from engine.pipeline import artifacts
 from engine.pipeline.stages import canonical
 from engine.progress import Progress
@@ -75,9 +76,7 @@ def _solved(
     given = DIALS[dial].at(on.stored, step, seed) if step else on.stored
     frames, masks, poses = given.frames, given.masks, given.poses
     begun = time.perf_counter()
-    gaussians, lamps, light = light_fit.fit(
-        frames, masks, poses, light_fit.LightParams(), seed, progress.part(0, 0.5)
-    )
+    gaussians, lamps, light = light_fit.fit(frames, masks, poses, LightParams(), seed, progress.part(0, 0.5))
     surface, *_, report = solve(
         frames, masks, poses, gaussians, lamps, params_of(preset), device, seed, progress.part(0.5, 1)
     )

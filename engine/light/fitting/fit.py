@@ -20,6 +20,7 @@ from engine.light.fitting.free_space import Emptiness, floating, intruding, surf
 from engine.light.fitting.initialize import begin
 from engine.light.fitting.lamp_detection import Sightings, find_lamps
 from engine.light.fitting.lamp_model import measured, put_back, without
+from engine.light.fitting.params import LightParams
 from engine.light.fitting.plane_sweep import knee_of
 from engine.light.fitting.training_views import Photographs, camera_centres, resample
 from engine.light.gaussians.gaussians import Y00, radiance_towards
@@ -27,33 +28,6 @@ from engine.light.gaussians.rasterize import Run, push_back, render, shapes, wor
 from engine.light.gaussians.rasterize_kernels import DARKEST
 from engine.progress import Progress
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
-from engine.validation import MORE, check
-
-BOUNDS = {
-    "budget": (1, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
-    "hollow": (0.0, MORE),
-}  # fmt: skip
-"""What each number that may be asked must lie between."""
-
-
-@dataclass(frozen=True, slots=True)
-class LightParams:
-    """How the light is fitted.
-
-    Raises:
-        LightError: what is asked lies outside `BOUNDS`.
-    """
-
-    budget: int = 6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
-    width: int = 256  # widest picture trained on, pixels
-    passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
-    holdout: int = 8  # every so many-th view only judges; 0: none
-    # Radius around each camera centre without Gaussians, scene units; None: derived.
-    keep_out: float | None = None
-    hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
-
-    def __post_init__(self) -> None:
-        check(self, "light", LightError, BOUNDS)
 
 
 @dataclass(frozen=True, slots=True)

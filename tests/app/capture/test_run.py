@@ -16,6 +16,7 @@ from app.capture.run import Capture
 from app.capture.status import Finding, Outcome, Phase, Status
 from engine.errors import ImportFault, SessionError
 from engine.hdr import merge
+from engine.hdr.params import HdrParams
 from engine.importing import find_photographs
 from engine.io import session as sessions
 from engine.io.raw import Bracket
@@ -96,7 +97,7 @@ def test_processing_takes_a_captured_session_as_an_imported_one(tmp_path: Path) 
     assert session.facts["rig"]["kind"] == "gimbal"
     assert session.facts["rig"]["geometry"]["pan_axis"] == [0, -1, 0]
     shot = sessions.shots(session)[0]
-    frames, report = merge.merge([Bracket(shot.name, shot.files)], merge.HdrParams(), Progress())
+    frames, report = merge.merge([Bracket(shot.name, shot.files)], HdrParams(), Progress())
     assert frames.radiance.shape == (1, 32, 32, 3)
     assert report.steps[0].exif_ev == pytest.approx(3.0, abs=0.01)
     # Its files are also what `import` would take.

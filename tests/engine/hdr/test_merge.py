@@ -8,7 +8,7 @@ import pytest
 from engine.errors import HdrError
 from engine.hdr import exposures, merge
 from engine.hdr.exposures import Exposure, SensorNoise
-from engine.hdr.merge import HdrParams
+from engine.hdr.params import HdrParams
 from engine.io.raw import Bracket, Facts, Mosaic
 from engine.progress import Progress
 from tests.engine import brackets_on_disk as disk

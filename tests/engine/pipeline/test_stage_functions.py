@@ -14,8 +14,8 @@ from engine.light.gaussians.gaussians import from_3dgs
 from engine.pipeline import artifacts, stage_functions
 from engine.pipeline.stages import Work
 from engine.progress import Progress
-from engine.results.export import ExportParams
-from engine.sfm.reconstruct import PoseParams
+from engine.results.params import ExportParams
+from engine.sfm.params import PoseParams
 from engine.types import Emitters, Frames, Lamps
 from tests.app import furnace
 

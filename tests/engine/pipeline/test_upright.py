@@ -18,7 +18,7 @@ from engine.pipeline import artifacts, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings
 from engine.pipeline.stages import Work
 from engine.progress import Progress
-from engine.results.export import ExportParams
+from engine.results.params import ExportParams
 from engine.types import Emitters, Lamps
 from tests.app import furnace
 

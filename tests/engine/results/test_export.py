@@ -23,7 +23,7 @@ from engine.io.poses.pose_files import read_poses
 from engine.light.gaussians.gaussians import from_3dgs
 from engine.progress import Progress
 from engine.results import export
-from engine.results.export import ExportParams
+from engine.results.params import ExportParams
 from engine.types import Gaussians, Grounds, Lamps, Panorama, Poses
 from tests.engine.ball import CAMERA, ball
 from tests.engine.results.test_metrics import ring

@@ -5,7 +5,8 @@ from engine.errors import Cancelled, MaskError
 from engine.progress import Progress
 from engine.results.report.report import PLAIN
 from engine.segmentation import segment as segmenting
-from engine.segmentation.segment import SegmentParams, Strokes, from_object, segment
+from engine.segmentation.params import SegmentParams
+from engine.segmentation.segment import Strokes, from_object, segment
 from engine.types import Frames
 from tests.engine import turning
 

@@ -13,8 +13,9 @@ from engine.errors import Cancelled, PoseError
 from engine.geometry import inverse, transform
 from engine.progress import Progress
 from engine.sfm import incremental, reconstruct
-from engine.sfm.features import FeatureParams, chosen
-from engine.sfm.reconstruct import PoseParams, find_poses, moved
+from engine.sfm.features import chosen
+from engine.sfm.params import FeatureParams, PoseParams
+from engine.sfm.reconstruct import find_poses, moved
 from engine.sfm.rig_alignment import RigLog, angle_between, mean_rotation
 from engine.types import Camera, Frames, Masks
 from tests.engine import box_room

@@ -9,8 +9,7 @@ import pytest
 
 from engine.geometry import inverse
 from engine.progress import Progress
-from engine.sfm.features import FeatureParams
-from engine.sfm.reconstruct import PoseParams
+from engine.sfm.params import FeatureParams, PoseParams
 from engine.sfm.triangulate import triangulate
 from engine.types import Camera, Frames, Masks, Poses
 from tests.engine import box_room

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from engine.errors import LightError
-from engine.light.fitting.fit import LightParams, LightReport, fit, judge, split_views
+from engine.light.fitting.fit import LightReport, fit, judge, split_views
+from engine.light.fitting.params import LightParams
 from engine.light.fitting.training_views import resample
 from engine.light.gaussians.rasterize import workers
 from engine.progress import Progress
