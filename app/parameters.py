@@ -343,7 +343,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "A step in depth that neither normal explains, in widths of a pixel; both limits must be passed."),
         0, 1000, advanced=False)),
     ("export.cut_share", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Cut the mesh above"), QT_TRANSLATE_NOOP("parameters", "of the step predicted"),
+        QT_TRANSLATE_NOOP("parameters", "and above this share"), QT_TRANSLATE_NOOP("parameters", "of the step predicted"),
         QT_TRANSLATE_NOOP("parameters", "The same step as a share of the one that the normal predicts."),
         0, 1000, advanced=False)),
 )

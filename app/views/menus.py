@@ -92,10 +92,8 @@ class Menus(QObject):
             action.triggered.connect(lambda checked=False, text=text: self._window.go_to_session(Path(text)))
 
     def _full_screen(self) -> None:
-        if self._window.isFullScreen():
-            self._window.showNormal()
-        else:
-            self._window.showFullScreen()
+        # The state beside it is kept: a maximised window is one again afterwards.
+        self._window.setWindowState(self._window.windowState() ^ Qt.WindowState.WindowFullScreen)
 
     def _show_crashes(self) -> None:
         if crash.folder().is_dir():

@@ -6,7 +6,9 @@ from PySide6.QtCore import QEvent, Qt, QTimer
 from PySide6.QtGui import QAction, QFontDatabase, QShowEvent, QUndoStack
 from PySide6.QtWidgets import (
     QFrame,
+    QHBoxLayout,
     QPlainTextEdit,
+    QPushButton,
     QSplitter,
     QTabWidget,
     QVBoxLayout,
@@ -139,10 +141,35 @@ class ProcessPage(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         self.verdict = Verdict()
+        self.onward = self._make_onward()
         layout.addWidget(self.bar)
         layout.addWidget(self.verdict)
+        layout.addWidget(self.onward)
         layout.addWidget(self.across, 1)
         self._show_plan()
+
+    def _make_onward(self) -> QWidget:
+        """Where the results are, once they are there."""
+        onward = QWidget()
+        row = QHBoxLayout(onward)
+        row.setContentsMargins(16, 0, 16, 8)
+        self.leads = {}
+        for key, text in (
+            ("maps", self.tr("See &maps")), ("view3d", self.tr("See in &3D")), ("relight", self.tr("Re&light")),
+            ("export", self.tr("E&xport")),
+        ):  # fmt: skip
+            button = QPushButton(text)
+            button.setAccessibleName(text.replace("&", ""))
+            button.clicked.connect(lambda checked=False, key=key: self._lead_to(key))
+            row.addWidget(button)
+            self.leads[key] = button
+        row.addStretch()
+        onward.hide()
+        return onward
+
+    def _lead_to(self, key: str) -> None:
+        if self._shell is not None:
+            self._shell.wishes.show_page.emit(key)
 
     def _action(self, text: str, keys: str, do) -> QAction:
         action = QAction(text, self)
@@ -178,6 +205,7 @@ class ProcessPage(QWidget):
         possible = bool(cards) and not busy and any(card.state is not CardState.DONE for card in cards)
         self.start.setEnabled(possible)
         self.parameters.run.setEnabled(possible)
+        self.onward.setVisible(bool(cards) and all(card.state is CardState.DONE for card in cards))
         stoppable = status is not None and status.state in (JobState.RUNNING, JobState.QUEUED)
         self.stop.setEnabled(busy and stoppable)
         self._show_left()

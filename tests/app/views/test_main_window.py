@@ -255,3 +255,15 @@ def test_moving_over_the_window_is_taken_where_it_is_a_folder(window: MainWindow
     data.setUrls([QUrl.fromLocalFile("/")])
     window.dragEnterEvent(event)
     event.acceptProposedAction.assert_called_once()
+
+
+def test_full_screen_and_back_leaves_a_maximised_window_maximised(window: MainWindow) -> None:
+    from PySide6.QtGui import QAction
+
+    (action,) = [a for a in window.findChildren(QAction) if a.shortcut().toString() == "F11"]
+    window.setWindowState(Qt.WindowState.WindowMaximized)
+    action.trigger()
+    assert window.isFullScreen()
+    action.trigger()
+    assert window.isMaximized()
+    assert not window.isFullScreen()

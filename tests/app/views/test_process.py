@@ -289,3 +289,21 @@ def test_the_verdict_of_the_result_stands_over_the_stages_and_goes_with_it(page:
     page.model.plan.set(replace(plan, quality=None))
     page._show_plan()
     assert page.verdict.isHidden()
+
+
+def test_a_finished_run_leads_on_to_its_results(
+    page: ProcessPage, shell: Shell, questions: Questions, qtbot: QtBot
+) -> None:
+    assert page.onward.isHidden()
+    questions.done = 6
+    assert page.model is not None
+    page.model.refresh()
+    until(qtbot, lambda: page.onward.isVisible())
+    led: list[str] = []
+    shell.wishes.show_page.connect(led.append)
+    for button in page.leads.values():
+        qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    assert led == ["maps", "view3d", "relight", "export"]
+    questions.done = 4
+    page.model.refresh()
+    until(qtbot, lambda: page.onward.isHidden())
