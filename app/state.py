@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from app.words import in_window
+
 Value = TypeVar("Value")
 
 
@@ -57,8 +59,8 @@ class Trouble:
 
 
 def trouble(message: str, details: str = "") -> Trouble:
-    """The house's one-line errors say "cause; remedy": told apart at the first semicolon."""
-    what, _, remedy = " ".join(message.split()).partition("; ")
+    """The house's one-line errors say "cause; remedy": told apart at the first semicolon, in the window's words."""
+    what, _, remedy = in_window(" ".join(message.split())).partition("; ")
     return Trouble(what, remedy, details)
 
 
