@@ -269,3 +269,11 @@ def test_errors_against_a_truth_are_drawn_and_scored():
     told = float(re.search(r"Error of the normal , degrees\. Mean ([\d.]+)", text)[1])
     assert 2.0 < told < 3.0
     assert "surface coverage" in text
+
+
+@pytest.mark.parametrize(("error", "words"), [(0.5, "Quality: not to be trusted"), (0.02, "Quality: good")])
+def test_the_verdict_stands_before_the_maps(error: float, words: str):
+    stage = StageRun("surface", 9.0, "cpu", {}, {"held_out_error": error})
+    page = report.html(replace(full(), stages=(stage,)))
+    assert page.index(words) < page.index("How sure")
+    assert "Quality:" not in report.html(replace(full(), stages=()))
