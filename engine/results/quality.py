@@ -53,8 +53,10 @@ class Quality:
         return f"{self.grade}: {self.reason}" + (f" {self.remedy}" if self.remedy else "")
 
 
-def quality(facts: Facts) -> Quality:
-    """The verdict of what the sign that says most says."""
+def quality(facts: Facts) -> Quality | None:
+    """The verdict that the sign that says most gives; None where there is no surface, or one of a solver that knows no errors."""
+    if "stderr_normal_deg" not in facts.get("surface", {}):
+        return None
     doubts = [sign.doubt(facts) for sign in SIGNS]
     most = int(np.argmax(doubts))
     sign, doubt = SIGNS[most], doubts[most]

@@ -83,6 +83,7 @@ def _solved(
     seconds = time.perf_counter() - begun
     scored = metrics.evaluate(surface, on.truth)
     verdict = quality({"light": artifacts.plain(light), "surface": artifacts.plain(report)})
+    assert verdict is not None  # our solver knows its errors
     answered = surface.mask & on.truth.mask
     return Stressed(
         on.name, dial, step, amount, "",

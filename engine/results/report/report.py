@@ -106,10 +106,9 @@ def _head(c: Contents) -> str:
 
 def _verdict(c: Contents) -> str:
     """Whether the result can be trusted, before anything that it shows."""
-    facts = {run.name: run.facts for run in c.stages}
-    if "held_out_error" not in facts.get("surface", {}):
+    found = quality({run.name: run.facts for run in c.stages})
+    if found is None:
         return ""
-    found = quality(facts)
     kind = "verdict" if found.good else "verdict doubted"
     text = f"{escape(found.reason)} {escape(found.remedy)}"
     return f'<p class="{kind}"><b>Quality: {escape(found.grade)}</b><br>{text}</p>'

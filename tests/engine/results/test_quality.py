@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from engine.results.quality import BAD, DOUBTFUL, GOOD, SIGNS, quality
+from engine.results.quality import BAD, DOUBTFUL, GOOD, SIGNS, Quality, quality
 
 FINE = {
     "light": {"heldout_log_l1": 0.1},
@@ -23,8 +23,14 @@ def facts(**changes: object) -> dict[str, dict[str, object]]:
     return found
 
 
+def judged(found: dict[str, dict[str, object]]) -> Quality:
+    verdict = quality(found)
+    assert verdict is not None
+    return verdict
+
+
 def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
-    found = quality(FINE)
+    found = judged(FINE)
     assert (found.grade, found.good) == (GOOD, True)
     assert 0 < found.doubt < 1
     assert str(found).startswith("good: nothing that the stages measured")
@@ -42,23 +48,28 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
     ],
 )
 def test_each_sign_is_told_with_its_number_and_what_to_do(name, doubted, wrong, words):
-    found = quality(facts(**{name: doubted}))
+    found = judged(facts(**{name: doubted}))
     assert found.grade == DOUBTFUL
     assert not found.good
     assert words in found.reason
     assert found.remedy.endswith(".")
-    assert quality(facts(**{name: wrong})).grade == BAD
+    assert judged(facts(**{name: wrong})).grade == BAD
 
 
 def test_the_worst_sign_speaks():
-    assert "standard error" in quality(facts(stderr_normal_deg=30.0, residual=6.0)).reason
-    assert "one surface and light" in quality(facts(stderr_normal_deg=9.0, residual=30.0)).reason
+    assert "standard error" in judged(facts(stderr_normal_deg=30.0, residual=6.0)).reason
+    assert "one surface and light" in judged(facts(stderr_normal_deg=9.0, residual=30.0)).reason
+
+
+def test_a_solver_that_knows_no_errors_is_not_judged():
+    assert quality({}) is None
+    assert quality({"light": {"heldout_log_l1": 9.0}, "surface": {"held_out_error": 0.5}}) is None
 
 
 def test_what_is_not_known_says_nothing_and_what_is_infinite_says_all():
-    assert quality({"surface": {"held_out_error": 0.05}}).good
-    assert quality(facts(residual="NaN", exposure_drift=[])).good
-    found = quality(facts(residual=math.inf))
+    assert judged({"surface": {"stderr_normal_deg": 2.0}}).good
+    assert judged(facts(residual="NaN", exposure_drift=[])).good
+    found = judged(facts(residual=math.inf))
     assert (found.grade, found.doubt) == (BAD, np.inf)
 
 

@@ -18,6 +18,7 @@ class Report:
     """What a stage says of itself."""
 
     held_out_error: float = 0.5
+    stderr_normal_deg: float = 1.0
 
 
 @pytest.fixture

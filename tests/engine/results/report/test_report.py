@@ -273,7 +273,7 @@ def test_errors_against_a_truth_are_drawn_and_scored():
 
 @pytest.mark.parametrize(("error", "words"), [(0.5, "Quality: not to be trusted"), (0.02, "Quality: good")])
 def test_the_verdict_stands_before_the_maps(error: float, words: str):
-    stage = StageRun("surface", 9.0, "cpu", {}, {"held_out_error": error})
+    stage = StageRun("surface", 9.0, "cpu", {}, {"held_out_error": error, "stderr_normal_deg": 1.0})
     page = report.html(replace(full(), stages=(stage,)))
     assert page.index(words) < page.index("How sure")
     assert "Quality:" not in report.html(replace(full(), stages=()))
