@@ -5,7 +5,6 @@ Colour is the mean over the sets of the normals' error over that of the clean se
 
 import csv
 import io
-import statistics
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from app.bench import drawing
 from app.bench.stress.dials import DIALS
 from app.bench.stress.measure import CLEAN, Stressed
-from app.bench.stress.scores import failed, told
+from app.bench.stress.scores import cell, mean_ratio
 
 MOST = 8.0  # times the clean error that the darkest colour stands for
 ROW_IN, AROUND_IN = 0.24, 1.0
@@ -55,12 +54,9 @@ def draw(runs: Sequence[Stressed], caption: str):
     for row, dial in enumerate(dials):
         for column, step in enumerate(steps):
             here = [one for one in runs if (one.dial, one.step) == (dial, step)]
-            solved = [one.normal_deg / clean[one.set].normal_deg for one in here if not one.refused]
-            if solved:
-                ratio[row, column] = statistics.fmean(solved)
-            mark = _mark(here, clean)
-            text = ("" if not solved else f"{ratio[row, column]:.1f}") + mark
-            dark = bool(solved) and ratio[row, column] > 3
+            ratio[row, column] = mean_ratio(here, clean)
+            text = cell(here, clean)
+            dark = ratio[row, column] > 3
             axes.text(
                 column, row, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "0.15"
             )
@@ -85,11 +81,3 @@ def draw(runs: Sequence[Stressed], caption: str):
 def _named(dial: str, steps: Sequence[int]) -> str:
     amounts = [f"{DIALS[dial].amounts[step - 1]:g}" for step in steps]
     return f"{DIALS[dial].title}: {', '.join(amounts)}"
-
-
-def _mark(here: Sequence[Stressed], clean: dict[str, Stressed]) -> str:
-    if here and all(one.refused for one in here):
-        return "R"
-    if any(failed(one, clean[one.set]) and not told(one) for one in here):
-        return " S"
-    return " w" if any(map(told, here)) else ""

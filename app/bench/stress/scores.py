@@ -6,10 +6,10 @@ was refused or the verdict is not good; it failed silently where it failed and w
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from app.bench.markdown import markdown, shown
+from app.bench.markdown import markdown
 from app.bench.record import Metric
 from app.bench.stress.dials import DIALS
 from app.bench.stress.measure import CLEAN, Stressed
@@ -79,16 +79,27 @@ def table(runs: Sequence[Stressed]) -> str:
     return markdown(lines)
 
 
-def cell(runs: Sequence[Stressed], clean: dict[str, Stressed]) -> str:
-    """The mean ratio; R where all were refused, w where all that failed were told, S where one was silent."""
-    if not runs:
-        return "-"
+def cell(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> str:
+    """The mean ratio and its mark; - where nothing was run."""
+    ratio, marked = mean_ratio(runs, clean), mark(runs, clean)
+    if math.isnan(ratio):
+        return marked or "-"
+    return f"{ratio:.2f} {marked}".strip()
+
+
+def mean_ratio(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> float:
+    """Of the normals' error to that of the clean set, over the sets; NaN where all were refused."""
     solved = [one.normal_deg / clean[one.set].normal_deg for one in runs if not one.refused]
-    if not solved:
+    return statistics.fmean(solved) if solved else math.nan
+
+
+def mark(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> str:
+    """R where all were refused, S where one was wrong and nothing was told, w where one was told of."""
+    if runs and all(one.refused for one in runs):
         return "R"
-    wrong = [one for one in runs if failed(one, clean[one.set])]
-    mark = " S" if any(not told(one) for one in wrong) else " w" if any(map(told, runs)) else ""
-    return shown(statistics.fmean(solved), 2) + mark
+    if any(failed(one, clean[one.set]) and not told(one) for one in runs):
+        return "S"
+    return "w" if any(map(told, runs)) else ""
 
 
 def summary(found: Score) -> str:

@@ -65,5 +65,5 @@ def test_the_heat_map_is_drawn_with_every_run_beside_it(tmp_path: Path):
     assert [path.name for path in paths] == ["stress.png", "stress.svg", "stress.csv"]
     assert len(paths[2].read_text().splitlines()) == 1 + len(RUNS)
     drawn = paths[1].read_text()
-    for words in ("focal length, % off", "2.2 S", "R", "two sets"):
+    for words in ("focal length, % off", "2.25 S", "R", "two sets"):
         assert words in drawn
