@@ -109,8 +109,9 @@ def process(
     ran, verdict = [step.stage.name for step in steps if not step.done], None
     if any(step.stage.name == "surface" for step in steps):
         from app import results
+        from app.quality import quality_of
 
-        verdict = results.quality(folder)
+        verdict = quality_of({step.stage.name: step.folder for step in steps})
         for line in results.cautions(folder):
             print(f"careful: {line}")
         if verdict is not None:

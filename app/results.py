@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from app.quality import quality_of
 from app.state import called
 from engine.errors import SessionError
 from engine.hdr.merge import HdrReport
@@ -19,7 +18,6 @@ from engine.pipeline import artifacts, run, stage_functions, stage_table, stages
 from engine.pipeline import settings as asked
 from engine.pipeline.stages import Step
 from engine.results import metrics
-from engine.results.quality import Quality
 from engine.results.report import report
 from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses, Renders, Surface
 
@@ -119,11 +117,6 @@ def _there(steps: Sequence[Step], flip: int) -> Callable[..., Any]:
         return turned(load(stage, record, kind), flip) if known else None
 
     return there
-
-
-def quality(folder: Path) -> Quality | None:
-    """Whether the results that are there can be trusted; None where there is no surface of our solver."""
-    return quality_of({step.stage.name: step.folder for step in steps_of(folder) if step.done})
 
 
 def cautions(folder: Path) -> tuple[str, ...]:

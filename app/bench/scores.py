@@ -65,9 +65,7 @@ class Scored:
     thing: str = ""  # the object; rows of older records do not say it
     bound: float = math.nan  # least mean error of normals that the photographs allow, degrees; NaN: not known
     to_bound: float = math.nan  # error of normals over it
-    blur: float = (
-        math.nan
-    )  # mean angle between normals at pixel centres and their means over a pixel, degrees
+    blur: float = math.nan  # mean angle between a pixel's normal at its centre and its mean, degrees
     depth_within: float = math.nan  # of the parts of the true depth (`depth`), pixel widths
     depth_between: float = math.nan
 

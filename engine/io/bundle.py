@@ -6,26 +6,24 @@ outside the session is read or written: paths are relative and without `..`, lin
 """
 
 import contextlib
-import hashlib
 import json
 import os
 import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from engine.errors import SessionError
-from engine.io.session import Session, lock, open_session, told, write_atomic
+from engine.io.session import Session, copy_hashed, lock, open_session, told, write_atomic
 from engine.progress import Progress
 
 LIST = "bundle.json"
 SCHEMA = 1
 FIRST = (1980, 1, 1, 0, 0, 0)  # the earliest date that a ZIP can say
 TOPS = ("session.json", "params.toml", "shots", "edits", "stages", "exports")
-STRIDE = 1 << 20  # bytes
 
 
 def pack(session: Session, to: Path, with_raw: bool, progress: Progress) -> int:
@@ -40,19 +38,13 @@ def pack(session: Session, to: Path, with_raw: bool, progress: Progress) -> int:
     partial = to.with_name(f".{to.name}.{os.getpid()}.partial")
     with lock(session), told(to):
         files, links = _contents(session.folder, with_raw)
-        total = sum(path.stat().st_size for path in files.values())
-        hashes, done = {}, 0
+        copied = _counter(sum(path.stat().st_size for path in files.values()), progress)
+        hashes = {}
         try:
             with zipfile.ZipFile(partial, "x", zipfile.ZIP_STORED) as bundle:
                 for name, path in files.items():
-                    sha = hashlib.sha256()
                     with path.open("rb") as source, bundle.open(_entry(name, path), "w") as target:
-                        while block := source.read(STRIDE):
-                            sha.update(block)
-                            target.write(block)
-                            done += len(block)
-                            progress.step(done / max(total, 1), name)
-                    hashes[name] = sha.hexdigest()
+                        hashes[name] = copy_hashed(source.read, target.write, copied)
                 listed = {"schema": SCHEMA, "with_raw": with_raw, "files": hashes, "links": links}
                 bundle.writestr(_entry(LIST), json.dumps(listed, sort_keys=True, indent=1) + "\n")
             with partial.open("rb") as file:
@@ -88,6 +80,18 @@ def unpack(bundle: Path, to: Path, progress: Progress) -> Session:
         scratch.chmod(0o755)  # a scratch folder is its owner's alone
         scratch.rename(to)
     return open_session(to)
+
+
+def _counter(total: int, progress: Progress) -> Callable[[int], None]:
+    """What hears of copied bytes, of `total` in all, and tells the progress."""
+    done = 0
+
+    def copied(count: int) -> None:
+        nonlocal done
+        done += count
+        progress.step(done / max(total, 1))
+
+    return copied
 
 
 def _contents(folder: Path, with_raw: bool) -> tuple[dict[str, Path], dict[str, str]]:
@@ -192,21 +196,18 @@ def _leads_inside(name: str, target: str) -> bool:
 def _extract(
     bundle: Path, archive: zipfile.ZipFile, listed: dict[str, Any], to: Path, progress: Progress
 ) -> None:
-    total, done = sum(entry.file_size for entry in archive.infolist()), 0
+    total = sum(entry.file_size for entry in archive.infolist())
     if total > (free := shutil.disk_usage(to).free):
         raise SessionError(
             f"{bundle}: needs {total / 1e9:.1f} GB and {to.parent} has {free / 1e9:.1f}; free some space or choose another disk"
         )
+    copied = _counter(total, progress)
     for name, expected in listed["files"].items():
-        path, sha = to / name, hashlib.sha256()
+        path = to / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with archive.open(name) as source, path.open("xb") as target:
-            while block := source.read(STRIDE):
-                sha.update(block)
-                target.write(block)
-                done += len(block)
-                progress.step(done / max(total, 1), name)
-        if sha.hexdigest() != expected:
+            sha256 = copy_hashed(source.read, target.write, copied)
+        if sha256 != expected:
             raise SessionError(
                 f"{bundle}: {name} is damaged (sha256 differs); copy the bundle again from where it came from"
             )

@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -255,13 +255,24 @@ def add_shot(
 
 def _copy(source: Path, target: Path) -> str:
     """Copy bytes, return their sha256; what is there already stays."""
-    digest = hashlib.sha256()
     with source.open("rb") as reader, target.open("xb") as writer:
-        while block := reader.read(1 << 22):
-            digest.update(block)
-            writer.write(block)
+        sha256 = copy_hashed(reader.read, writer.write)
         writer.flush()
         os.fsync(writer.fileno())
+    return sha256
+
+
+def copy_hashed(
+    read: Callable[[int], bytes],
+    write: Callable[[bytes], int],
+    copied: Callable[[int], None] = lambda count: None,
+) -> str:
+    """Copy bytes, return their sha256; `copied` hears of every block's length."""
+    digest = hashlib.sha256()
+    while block := read(1 << 22):
+        digest.update(block)
+        write(block)
+        copied(len(block))
     return digest.hexdigest()
 
 

@@ -19,8 +19,6 @@ from engine.segmentation.params import SegmentParams
 from engine.segmentation.segment import from_object
 from engine.types import Frames
 
-STEPS = 5
-
 Rng = np.random.Generator
 
 

@@ -49,9 +49,7 @@ class IntegratedDepth:
     """What normals tell of depth."""
 
     depth: Float[np.ndarray, "h w"]  # along z, scene units; 0 off the mask
-    part: Int16[
-        np.ndarray, "h w"
-    ]  # that no jump divides, 1 the largest; 0: too small to be told, or off the mask
+    part: Int16[np.ndarray, "h w"]  # that no jump divides, 1 the largest; 0: too small, or off the mask
 
     @property
     def shares(self) -> tuple[float, ...]:
