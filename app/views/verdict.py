@@ -4,6 +4,7 @@ from html import escape
 
 from PySide6.QtWidgets import QLabel, QWidget
 
+from app.words import sentence
 from engine.results.quality import Quality
 
 
@@ -26,7 +27,5 @@ class Verdict(QLabel):
         self.style().polish(self)
         told = f"{quality.reason} {quality.remedy}".strip()
         self.setText(
-            self.tr("<b>Quality: {0}.</b> {1}").format(
-                escape(quality.grade), escape(told[:1].upper() + told[1:])
-            )
+            self.tr("<b>Quality: {0}.</b> {1}").format(escape(quality.grade), escape(sentence(told)))
         )

@@ -110,7 +110,7 @@ def _verdict(c: Contents) -> str:
     if found is None:
         return ""
     kind = "verdict" if found.good else "verdict doubted"
-    text = f"{escape(found.reason)} {escape(found.remedy)}"
+    text = escape(f"{found.reason[:1].upper()}{found.reason[1:]} {found.remedy}")
     return f'<p class="{kind}"><b>Quality: {escape(found.grade)}</b><br>{text}</p>'
 
 
