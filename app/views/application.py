@@ -16,6 +16,7 @@ from app.settings import Settings
 from app.state import Trouble
 from app.views import pages, theme
 from app.views.bridge import Bridge
+from app.views.cycles import collect_here
 from app.views.main_window import MainWindow
 from app.views.screen import need_screen
 from app.views.trouble import show_trouble
@@ -38,6 +39,7 @@ def run(session: Path | None) -> int:
     settings = Settings()
     theme.install(app, settings.value.theme)
     window = MainWindow(settings)
+    collect_here(window)
     faults = Faults(window)
     faults.install()
     _, report = crash.watch()
