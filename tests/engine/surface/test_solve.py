@@ -41,7 +41,7 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     params = replace(
         SurfaceParams(),
         rough_views=8,
-        rough_rounds=2,
+        rough_rounds=1,
         directions=directions,
         probes_across=2,
         probes_deep=2,
@@ -89,7 +89,7 @@ def test_a_pass_that_is_left_out_runs_in_no_phase():
 def test_a_metal_ball_is_taken_for_metal(material: bool, together: int):
     """Also where its pixels are solved in tiles."""
     params = replace(
-        SurfaceParams(), rough_views=12, rough_rounds=2, directions=800, object_distance=DISTANCE, material=material,
+        SurfaceParams(), rough_views=12, rough_rounds=2, directions=600, object_distance=DISTANCE, material=material,
         visibility=False, relight=False, together=together,
         probes_across=2, probe_face_px=32,
     )  # fmt: skip
@@ -122,7 +122,7 @@ def test_rounds_end_as_soon_as_the_surface_stands_still(
     monkeypatch.setattr(solving, "schedule", stiller)
     params = replace(
         SurfaceParams(), rough_views=8, rough_rounds=1, directions=400, object_distance=1.1, rounds=3, probes_across=1,
-        probes_deep=1, probe_face_px=32, visibility=False, relight=False,
+        probes_deep=1, probe_face_px=32, visibility=False, relight=False, material=False,
     )  # fmt: skip
     *_, report = solve(*scene(lambert).given, params, "cpu", 0, Progress())
     assert report.rounds == expected
@@ -132,7 +132,7 @@ def test_the_fewest_views_that_are_allowed_are_solved():
     """None is kept out of eight, and the rough turns have gathered the light of all."""
     params = replace(
         SurfaceParams(), object_distance=DISTANCE, rough_rounds=2, directions=400, rounds=1, probes_across=1,
-        probes_deep=1, probe_face_px=32,
+        probes_deep=1, probe_face_px=32, material=False,
     )  # fmt: skip
     eight = scene(lambert, views=8)
     surface, renders, *_, report = solve(*eight.given, params, "cpu", 0, Progress())

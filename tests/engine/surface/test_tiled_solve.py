@@ -26,7 +26,7 @@ PARAMS = replace(
     SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
     rounds=1, probes_across=1, probes_deep=1, probe_face_px=32,
     # 184 pixels tell a lamp's direction, and a view's factor, worse than 729: that is not the tiles'.
-    lamp_shift=False, exposure_drift=False,
+    lamp_shift=False, exposure_drift=False, material=False,
 )  # fmt: skip
 ALONE = ("regularize",)  # every pixel for itself
 
