@@ -22,7 +22,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
 
     return (
         Stage(
-            "hdr", 3, HdrParams(), (), stage_functions.hdr, reads=_shots, presets=presets.of_stage("hdr")
+            "hdr", 4, HdrParams(), (), stage_functions.hdr, reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
             "segment", 5, SegmentParams(), ("hdr",), stage_functions.segment, reads=_edits("mask.png", "strokes.png"),
