@@ -9,7 +9,6 @@ import argparse
 import errno
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="roomlight",
         description="Recovers shape and reflectance of an object from the light of the room it stands in.",
     )
-    parser.add_argument("--version", action="version", version=f"roomlight {version('roomlight')}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     add = parser.add_subparsers(dest="command", required=True, metavar="COMMAND").add_parser
 
     to_import = add("import", help="make a session of a folder of photographs")
@@ -290,6 +289,16 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             )
         if name in ("chart", "ablation", "scaling", "stress"):
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
+
+
+class _Version(argparse.Action):
+    """Looked up where it is asked for: the library that knows takes longer to load than all of this."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        from importlib.metadata import version
+
+        print(f"roomlight {version('roomlight')}")
+        parser.exit()
 
 
 class _Together(argparse.Action):

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float32
 
 from engine.errors import SessionError, reason
 from engine.io.formats.arrays import UNREADABLE
@@ -47,8 +46,8 @@ def save(folder: Path, name: str, record: Any) -> None:
     save_json(folder / f"{name}.json", content)
 
 
-def place(folder: Path, array: str, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
-    """Room on disk for one array (`<name>.<field>`) of a record that is larger than memory need be; `save` leaves it there.
+def place(folder: Path, array: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Room on disk for one array of float32 (`<name>.<field>`) of a record that is larger than memory need be; `save` leaves it there.
 
     Raises:
         SessionError: the disk has no such room.
