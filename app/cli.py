@@ -9,7 +9,6 @@ import argparse
 import errno
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="roomlight",
         description="Recovers shape and reflectance of an object from the light of the room it stands in.",
     )
-    parser.add_argument("--version", action="version", version=f"roomlight {version('roomlight')}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     add = parser.add_subparsers(dest="command", required=True, metavar="COMMAND").add_parser
 
     to_import = add("import", help="make a session of a folder of photographs")
@@ -212,17 +211,15 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         ("ablation", "the same with one part of the solver taken away after the other; a chart"),
         ("chart", "error against seconds: PNG, SVG, CSV"),
         ("scaling", "seconds and memory against views, pixels, Gaussians and directions; a chart"),
+        ("pipeline", "seconds and memory of every stage from RAW files on, at four sizes; a chart"),
         ("stress", "good sets made worse step by step: where it breaks, and whether it knows; a heat map"),
     ):
         order = add(name, help=text)
-        size = order.add_mutually_exclusive_group()
-        size.add_argument("--quick", action="store_true", help="tiny sets: tries the machinery in minutes")
-        size.add_argument("--size", choices=("small", "standard"), default="standard", help="of the sets")
-        size.add_argument(
-            "--suite", choices=("paper", "paper-small"),
-            help="the paper's protocol: 150 HDR images of 512 x 512; or its twin, 96 brackets of RAW files of 512 x 384",
-        )  # fmt: skip
-        if name != "views":
+        if name == "pipeline":
+            _add_pipeline(order)
+        else:
+            _add_size(order)
+        if name not in ("views", "pipeline"):
             order.add_argument(
                 "--poses", choices=("given", "estimated"),
                 help="the truth's poses and mask, or those found from the RAW files; as the size has it if left out",
@@ -250,7 +247,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
         order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
         order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
-        if name not in ("scaling", "stress"):
+        if name not in ("scaling", "stress", "pipeline"):
             order.add_argument(
                 "--methods",
                 type=_names,
@@ -267,7 +264,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
                 "--from", dest="records", type=Path, nargs="+", metavar="RECORD",
                 help="measure nothing: the table of these records of --json, each of other rooms or objects",
             )  # fmt: skip
-        if name in ("ablation", "stress"):
+        if name in ("ablation", "stress", "pipeline"):
             order.add_argument("--preset", choices=PRESETS, default="standard", help="of our solver")
         if name == "stress":
             order.add_argument(
@@ -288,8 +285,41 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             order.add_argument(
                 "--maps-frame", choices=("opengl", "opencv"), default="opengl", help="axes of their normals"
             )
-        if name in ("chart", "ablation", "scaling", "stress"):
+        if name in ("chart", "ablation", "scaling", "stress", "pipeline"):
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
+
+
+def _add_size(order: argparse.ArgumentParser) -> None:
+    size = order.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_true", help="tiny sets: tries the machinery in minutes")
+    size.add_argument("--size", choices=("small", "standard"), default="standard", help="of the sets")
+    size.add_argument(
+        "--suite", choices=("paper", "paper-small"),
+        help="the paper's protocol: 150 HDR images of 512 x 512; or its twin, 96 brackets of RAW files of 512 x 384",
+    )  # fmt: skip
+
+
+def _add_pipeline(order: argparse.ArgumentParser) -> None:
+    order.set_defaults(quick=False, suite=None, size="standard")
+    order.add_argument(
+        "--sizes", nargs="+", choices=("small", "standard", "large", "real"), default=["small", "standard", "large"],
+        help="of the photographs: 48 x 320 x 240, 96 x 512 x 384, 150 x 616 x 462, or 100 brackets of 6000 x 4000 (8 GB)",
+    )  # fmt: skip
+    order.add_argument(
+        "--beside",
+        choices=("colmap",),
+        help="its exhaustive and sequential routes on the same photographs too",
+    )
+
+
+class _Version(argparse.Action):
+    """Looked up where it is asked for: the library that knows takes longer to load than all of this."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        from importlib.metadata import version
+
+        print(f"roomlight {version('roomlight')}")
+        parser.exit()
 
 
 class _Together(argparse.Action):

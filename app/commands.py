@@ -6,9 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from app import terminal
 from engine.pipeline import settings as asked
 
 if TYPE_CHECKING:
@@ -19,6 +16,7 @@ DOUBTED = 3
 
 
 def run_import(args: Namespace) -> int:
+    from app import terminal
     from engine import importing
     from engine.io import session
 
@@ -39,6 +37,7 @@ def run_import(args: Namespace) -> int:
 
 
 def run_pack(args: Namespace) -> int:
+    from app import terminal
     from engine.io import bundle, session
 
     with terminal.job("pack") as progress:
@@ -48,6 +47,7 @@ def run_pack(args: Namespace) -> int:
 
 
 def run_unpack(args: Namespace) -> int:
+    from app import terminal
     from engine.io import bundle
 
     with terminal.job("unpack") as progress:
@@ -89,6 +89,9 @@ def process(
 
     Returns the verdict of the result; None where there is no surface, or not one of our solver.
     """
+    from rich.console import Console
+
+    from app import terminal
     from engine.io import session
     from engine.pipeline import run, stage_table, stages
 
@@ -121,7 +124,7 @@ def process(
 
 
 def run_simulate(args: Namespace) -> int:
-    from app import simulating, studio
+    from app import simulating, studio, terminal
 
     request = simulating.asked(args)
     with terminal.job("simulate") as progress:

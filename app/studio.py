@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import OpenEXR
 
@@ -27,12 +28,13 @@ BETWEEN_VIEWS_S = 10.0
 
 
 def simulate(
-    out: Path, order: Order, vignetting: float, progress: Progress, files: str = "raw"
+    out: Path, order: Order, vignetting: float, progress: Progress, files: str = "raw", enlarged: int = 1
 ) -> tuple[str, ...]:
     """Write OUT/session and OUT/truth; both appear by renames when everything is done. What was simplified, in words.
 
     Args:
         files: "raw": brackets by a camera; or "linear": the radiance itself, one EXR of floats a view, by no camera.
+        enlarged: RAW files are so many times as wide and high as what is drawn, with noise of their own; the truth is not.
 
     Raises:
         StudioError: what was ordered cannot be built, or no lens loses such a share of light.
@@ -46,7 +48,7 @@ def simulate(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
     try:
-        notes = _photograph(partial, order, sensor.Sensor(vignetting=vignetting), files, progress)
+        notes = _photograph(partial, order, sensor.Sensor(vignetting=vignetting), files, enlarged, progress)
         with sessions.told(out):
             (partial / "truth").rename(out / "truth")
             (partial / "session").rename(out / "session")
@@ -56,7 +58,7 @@ def simulate(
 
 
 def _photograph(
-    partial: Path, order: Order, camera: sensor.Sensor, kind: str, progress: Progress
+    partial: Path, order: Order, camera: sensor.Sensor, kind: str, enlarged: int, progress: Progress
 ) -> tuple[str, ...]:
     """Fill `partial` with a session and the truth beside it."""
     built = virtual.build(order, places.cache() / "studio", progress.part(0, 0.4).step)
@@ -64,10 +66,9 @@ def _photograph(
     geometry = built.journey.geometry
     rig = {"kind": order.motion, "geometry": geometry} if geometry is not None else None
     model = {"make": dng.MAKE, "model": dng.MODEL} if kind == "raw" else {"model": None}
-    session = sessions.create(
-        partial / "session", kind, {**model, "width": order.width, "height": order.height}, rig
-    )
-    write = _brackets(pictures, camera, order.seed) if kind == "raw" else _as_it_is
+    lens = {**model, "width": enlarged * order.width, "height": enlarged * order.height}
+    session = sessions.create(partial / "session", kind, lens, rig)
+    write = _brackets(pictures, camera, order.seed, enlarged) if kind == "raw" else _as_it_is
     with tempfile.TemporaryDirectory(dir=partial) as scratch:
         for view in pictures:
             files, facts = write(view, Path(scratch))
@@ -84,7 +85,7 @@ Written = tuple[list[Path], list[dict[str, Any]]]
 
 
 def _brackets(
-    pictures: Sequence[virtual.View], camera: sensor.Sensor, seed: int
+    pictures: Sequence[virtual.View], camera: sensor.Sensor, seed: int, enlarged: int
 ) -> Callable[[virtual.View, Path], Written]:
     """Writes a view into a folder as RAW files, metered over all; views in their order, or noise is another."""
     shutter_s = sensor.meter(np.stack([view.radiance for view in pictures]), camera)
@@ -93,7 +94,9 @@ def _brackets(
     def write(view: virtual.View, folder: Path) -> Written:
         start = START + datetime.timedelta(seconds=BETWEEN_VIEWS_S * view.index)
         files, facts = [], []
-        for k, photograph in enumerate(sensor.bracket(view.radiance, shutter_s, camera, start, rng)):
+        # Bilinear: a wider filter would undershoot beside lamps, and no light is negative.
+        radiance = cv2.resize(view.radiance, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_LINEAR)
+        for k, photograph in enumerate(sensor.bracket(radiance, shutter_s, camera, start, rng)):
             path = folder / f"view{view.index:04d}_e{k}.dng"
             dng.write(path, photograph)
             files.append(path)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from engine import orientation
+from engine import conventions
 from engine.errors import ImportFault
 from engine.hdr.brackets import Taken, group, natural, note
 from engine.hdr.linear_input import check_values
@@ -82,7 +82,7 @@ def make_session(
             )
         )
     size, flips = (camera["width"], camera["height"]), _flips(views)
-    flip = orientation.common(flips)
+    flip = conventions.common(flips)
     camera |= {"orientation": flip} if flip else {}
     given, painted = None, b""
     if poses is not None:
@@ -130,7 +130,7 @@ def _flips(views: Sequence[View]) -> list[int]:
     """
     flips = [int(view.facts[0].get("orientation", 0)) for view in views]
     for view, flip in zip(views, flips, strict=True):
-        orientation.check(flip, str(view.files[0]))
+        conventions.check(flip, str(view.files[0]))
     return flips
 
 

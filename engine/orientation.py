@@ -5,11 +5,10 @@ develop them turn the picture, so that masks, poses and maps made there are of t
 is turned back where it comes in, what a person gets is turned where it goes out, and nothing between knows of it: the
 object is rigid to the camera, whichever way up both are held.
 
-`flip` is LibRaw's: how the sensor's picture is turned to stand upright: 0 not at all, 3 by 180 degrees, 5 by 90 to the
-left, 6 by 90 to the right (Exif's 1, 3, 8, 6). All turns are about the optical axis: world frames stay as they are.
+A `flip` (`engine/conventions.py`) says how the sensor's picture is turned to stand upright. All turns are about the
+optical axis: world frames stay as they are.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeVar, cast
@@ -17,47 +16,10 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from jaxtyping import Float
 
-from engine.errors import RawError
+from engine.conventions import QUARTERS
 from engine.types import Camera, Frames, Masks, Poses, Renders, Surface
 
 Record = TypeVar("Record")
-
-QUARTERS = {0: 0, 3: 2, 5: 1, 6: 3}  # of a turn to the left, as `np.rot90` counts them
-WORDS = {
-    0: "not at all",
-    3: "by 180 degrees",
-    5: "by 90 degrees to the left",
-    6: "by 90 degrees to the right",
-}
-EXIF = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}  # the tag's number of each flip
-
-
-def check(flip: int, name: str) -> None:
-    """
-    Raises:
-        RawError: the tag says that the picture is in a mirror, which no turn of a camera does.
-    """
-    if flip not in QUARTERS:
-        raise RawError(
-            f"{name}: its Orientation tag ({EXIF.get(flip, flip)}) says that the picture is mirrored, which no way of"
-            " holding a camera does; correct the tag (1, 3, 6 and 8 are turns) or remove it"
-        )
-
-
-def common(flips: Sequence[int]) -> int:
-    """The most frequent one, the first of those as frequent: a session has one, so that its object stands still."""
-    return Counter(flips).most_common(1)[0][0] if flips else 0
-
-
-def differing(flips: Sequence[int], chosen: int) -> tuple[str, ...]:
-    """A sentence where photographs were held otherwise than the session's `chosen` flip says; none where all agree."""
-    others = sum(flip != chosen for flip in flips)
-    if not others:
-        return ()
-    return (
-        f"The Orientation tags of {others} of {len(flips)} photographs differ from the others': all are shown turned"
-        f" {WORDS[chosen]}, for the object is where it was on the sensor.",
-    )
 
 
 def back(flip: int) -> int:

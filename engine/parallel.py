@@ -20,9 +20,11 @@ WAITING = 2
 """Things that wait for each thread: enough that none stands idle, few enough that a stop is soon."""
 
 
-def abreast(work: Callable[[Thing], Answer], things: Sequence[Thing]) -> Iterator[Answer]:
-    """What `work` makes of each of the things, in their order."""
-    threads = min(len(os.sched_getaffinity(0)), len(things))
+def abreast(
+    work: Callable[[Thing], Answer], things: Sequence[Thing], most: int | None = None
+) -> Iterator[Answer]:
+    """What `work` makes of each of the things, in their order; at most `most` at once, where memory asks for it."""
+    threads = min(len(os.sched_getaffinity(0)), len(things), most or len(things))
     if threads <= 1:
         yield from map(work, things)
         return

@@ -31,6 +31,7 @@ class Call:
         size = size if poses is None else replace(size, given=poses == "given")
         size = replace(size, noise=args.noise)
         self.size: Size = size.thinned() if args.what == "views" else size
+        self.inputs = self.size.told()
         # One set says as much about a switch or a chart as nine, in a ninth of the time.
         many = args.what == "table"
         if args.seed < 0:

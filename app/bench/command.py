@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 something got worse than the baseline or a quick run finds
 every command.
 """
 
+import shutil
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
@@ -17,6 +18,8 @@ from app.bench import (
     estimated,
     gate,
     parts,
+    pipeline,
+    pipeline_chart,
     record,
     rows,
     scaling,
@@ -34,6 +37,7 @@ from app.bench.stress import dials as stress_dials
 from app.bench.stress import scores as stress_scores
 from app.bench.stress.measure import CLEAN, measure
 from engine.io.session import nearest_existing
+from engine.pipeline import stage_table
 
 
 def run(args: Namespace) -> int:
@@ -50,10 +54,10 @@ def run(args: Namespace) -> int:
     metrics = WHAT[args.what](call)
     held = {group: [parts.row(one) for one in found] for group, found in call.rows.items()}
     measured = Record(
-        args.what, call.size.name, call.size.told(), args.seed, record.machine(call.device), record.versions(),
+        args.what, call.size.name, call.inputs, args.seed, record.machine(call.device), record.versions(),
         tuple(metrics), held, [asdict(one) for one in call.estimated],
     )  # fmt: skip
-    print(f"\n{call.size.told()}\n{record.told(measured)}")
+    print(f"\n{call.inputs}\n{record.told(measured)}")
     if args.json:
         record.write(measured, args.json)
     if args.write_baseline:
@@ -187,6 +191,29 @@ def stressed(call: Call) -> list[Metric]:
     return stress_scores.as_metrics(runs, found)
 
 
+def piped(call: Call) -> list[Metric]:
+    stages = [stage.name for stage in stage_table.stages()]
+    room, thing, args = call.rooms[0], call.objects[0], call.args
+    ways: list[pipeline.Way] = []
+    for name in args.sizes:
+        size = pipeline.PHOTOGRAPHS[name]
+        session, truth = pipeline.photographs(size, room, thing, call.folder, args.seed, call.device)
+        ways.append(pipeline.ours(name, session, truth, args.preset, args.seed, call.device, stages))
+        if args.beside == "colmap":
+            ways += [pipeline.colmap(name, route, session, truth) for route in pipeline.ROUTES]
+        shutil.rmtree(session)
+    call.size = replace(call.size, name="-".join(args.sizes))
+    photographs = (pipeline.PHOTOGRAPHS[name] for name in args.sizes)
+    call.inputs = f"{room.name}-{thing.name}, {args.preset}: " + ", ".join(
+        f"{name} {size.views} x {size.enlarged * size.width} x {size.enlarged * size.height}"
+        for name, size in zip(args.sizes, photographs, strict=True)
+    )
+    print(pipeline.table(ways))
+    for path in pipeline_chart.write(ways, args.out, call.inputs):
+        print(path)
+    return pipeline.as_metrics(ways)
+
+
 def _caption(call: Call, scored: Sequence[Scored]) -> str:
     """What a chart of these is of."""
     caption = f"{', '.join(dict.fromkeys(one.set for one in scored))}; {call.size.told()}"
@@ -274,4 +301,5 @@ def _judge(measured: Record, baseline: Record) -> int:
 
 WHAT: dict[str, Callable[[Call], list[Metric]]] = {
     "table": table, "views": views, "ablation": ablation, "chart": draw, "scaling": scale, "stress": stressed,
+    "pipeline": piped,
 }  # fmt: skip

@@ -27,7 +27,7 @@ def main(argv: Sequence[str]) -> int:
     session, axis, value, device, seed = argv
     given, params = part(load(Path(session)), axis, int(value), int(seed))
     warm_up(given, device)
-    before = _memory("VmRSS:")
+    before = memory("VmRSS:")
     with contextlib.suppress(OSError):  # a kernel that keeps the mark: the warming up was the smaller solve
         Path("/proc/self/clear_refs").write_text("5")
     start = time.perf_counter()
@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
         Progress(),
     )
     seconds = time.perf_counter() - start
-    peak = _memory("VmHWM:")
+    peak = memory("VmHWM:")
     # Pages of the photographs that are first read by the solve count as its own.
     print(json.dumps({"seconds": seconds, "peak_bytes": peak, "solve_bytes": max(peak - before, 1)}))
     return 0
@@ -61,7 +61,7 @@ def part(stored: Stored, axis: str, value: int, seed: int) -> tuple[Stored, Surf
     return stored, replace(params, directions=value)
 
 
-def _memory(key: str) -> int:
+def memory(key: str) -> int:
     """Bytes, of this process alone: getrusage's peak is inherited from whoever started it."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(key):

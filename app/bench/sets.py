@@ -55,6 +55,7 @@ def key(room: Choice, thing: Choice, size: Size, views: int, seed: int) -> str:
 
     pixels = f"{views}x{size.width}x{size.height}"
     files = "" if size.files == "raw" else f"-{size.files}"
+    files += "" if size.enlarged == 1 else f"-x{size.enlarged}"
     files += "" if size.noise == RENDER_NOISE else f"-noise{size.noise:g}"
     return f"{room.key}-{thing.key}-{size.motion}-{pixels}-seed{seed}-studio{shoot.VERSION}{files}"
 
@@ -92,7 +93,7 @@ def photographed(
     order = order_of(room, thing, size, views, seed, device)
     try:
         with job(f"making {room.name}-{thing.name}") as progress:
-            notes = studio.simulate(partial, order, 0.0, progress, size.files)
+            notes = studio.simulate(partial, order, 0.0, progress, size.files, size.enlarged)
         print("\n".join(notes or ()), file=sys.stderr)
         with sessions.told(place):
             partial.rename(place)

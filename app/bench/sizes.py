@@ -34,6 +34,7 @@ class Size:
     # How the studio carries camera and object: every way up, so that most of the room is seen even in few views.
     motion: str = "gimbal"
     noise: float = RENDER_NOISE  # that the path tracer may leave on the object
+    enlarged: int = 1  # photographs are so many times as wide and high as what the studio draws
     files: str = "raw"  # brackets of RAW files; or "linear": one float image a view, without a camera's noise
 
     @property

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from app.capture.order import CaptureError, Pose
-from engine import orientation
+from engine import conventions
 from engine.errors import RawError
 from engine.importing import RAW_SUFFIXES
 from engine.io.raw import Facts, read_facts
@@ -113,7 +113,7 @@ def _checked(pose: Pose, frame: Frame, any_format: bool) -> Checked:
     except RawError as error:
         raise ExposureError(f"{pose.name}: {frame.original} is unreadable ({error})") from error
     try:
-        orientation.check(facts.orientation, frame.original)
+        conventions.check(facts.orientation, frame.original)
     except RawError as error:
         raise CaptureError(f"{pose.name}: {error}") from error
     camera = {"model": facts.camera, "width": facts.width, "height": facts.height}

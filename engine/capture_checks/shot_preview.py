@@ -8,7 +8,7 @@ y down as the sensor lies.
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
 from engine.hdr import exposures
-from engine.hdr.develop import averaged, camera_white, develop
+from engine.hdr.develop import averaged, camera_white, develop, toe
 from engine.hdr.exposures import Exposure, Merged, SensorNoise
 from engine.hdr.merge import ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS
 from engine.io.raw import Facts, Mosaic, read_mosaic
@@ -25,7 +25,7 @@ WHOLE_EDGE_PX = 800  # sensors this wide are developed in full
 FINE_EDGE_PX = 1200  # long edge of the sharp picture
 SMALL_EDGE_PX = 320  # of the coloured one
 SATURATION = 0.98  # of black to white, as in the merge
-LEARNING_SITES, RATIO_SITES = 200_000, 50_000  # that tell the noise, and how two exposures relate
+RATIO_SITES = 50_000  # that tell how two exposures relate
 DARK_SIGMAS = 2.0  # noise floors of the longest exposure
 # Light is counted in steps of a sixth of a stop, from 2^-40 to 2^20 full sites per unit of exposure.
 LEVELS_PER_EV, LOWEST_EV, HIGHEST_EV = 6, -40, 20
@@ -68,7 +68,7 @@ class Glance:
 def learn(mosaics: Sequence[Mosaic]) -> Sensor:
     """White level and noise from one bracket, shortest exposure first; typical values where it does not tell."""
     share = exposures.white_share(mosaics[-1])
-    thin = [exposures.exposure(_thinned(mosaic), SATURATION * share) for mosaic in mosaics]
+    thin = [exposures.exposure(exposures.sampled(mosaic), SATURATION * share) for mosaic in mosaics]
     pairs = [(a, b, exposures.ratio(a, b)) for a, b in itertools.pairwise(thin)]
     noise = exposures.sensor_noise([pair for pair in pairs if pair[2] > 0])
     return Sensor(share, noise or SensorNoise(thin[0].full / ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS))
@@ -121,14 +121,15 @@ def _whole(mosaics: Sequence[Mosaic], stated: Float64[np.ndarray, " k"], sensor:
     """Every site developed."""
     stack = [exposures.exposure(mosaic, SATURATION * sensor.white_share) for mosaic in mosaics]
     merged = _merged(stack, stated, sensor.noise)
-    colours = develop(mosaics[0], merged, sensor.noise) @ _camera_from_rec709(mosaics[0]).T
+    developed = develop(mosaics[0], merged, toe(mosaics[0], merged, sensor.noise))
+    colours = developed @ _camera_from_rec709(mosaics[0]).T
     # The colours of a site lean on those around it.
     spoiled = cv2.dilate(merged.clipped.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     by = max(1, round(max(spoiled.shape) / SMALL_EDGE_PX))
     return _Merge(
         np.ascontiguousarray(colours[..., 1]), spoiled, averaged(colours, by),
         averaged(merged.clipped.astype(np.float32), by), float(merged.clipped.mean()), stack[0].full,
-        sensor.noise.gain / merged.gathered, merged.floor,
+        sensor.noise.gain / merged.gathered(), merged.floor,
     )  # fmt: skip
 
 
@@ -145,24 +146,24 @@ def _in_blocks(
     return _Merge(
         merged.light, merged.clipped, _coloured(planes, stated, sensor.noise, by, mosaics[0]),
         averaged(lost, by), float(lost.mean()), green[0].full,
-        sensor.noise.gain / merged.gathered / sites, merged.floor / np.sqrt(sites),
+        sensor.noise.gain / merged.gathered() / sites, merged.floor / np.sqrt(sites),
     )  # fmt: skip
 
 
 def _merged(stack: Sequence[Exposure], stated: np.ndarray, noise: SensorNoise) -> Merged:
     """Shutters are engraved in rounded numbers: the pixels say how exposures relate, where they can."""
-    thin = [exposures.thinned(one, RATIO_SITES) for one in stack]
+    thin = [_thinned(one) for one in stack]
     steps = np.array([exposures.ratio(a, b) for a, b in itertools.pairwise(thin)]).reshape(-1)
     steps = np.where(np.isnan(steps), stated[1:] / stated[:-1], steps)
     return exposures.merge(stack, exposures.times(stated, steps), noise)
 
 
-def _thinned(mosaic: Mosaic) -> Mosaic:
-    """About `LEARNING_SITES` of a mosaic's sites in whole Bayer cells, evenly spread."""
-    h, w = (edge // 2 * 2 for edge in mosaic.counts.shape)
-    step = max(1, int(np.sqrt(h * w / LEARNING_SITES)))
-    cells = mosaic.counts[:h, :w].reshape(h // 2, 2, w // 2, 2)[::step, :, ::step]
-    return replace(mosaic, counts=np.ascontiguousarray(cells.reshape(2 * cells.shape[0], -1)))
+def _thinned(exposure: Exposure) -> Exposure:
+    """About `RATIO_SITES` of its sites, evenly spread; an odd step meets all colours."""
+    pick = slice(None, None, exposure.counts.size // RATIO_SITES | 1)
+    return Exposure(
+        exposure.counts.reshape(1, -1)[:, pick], exposure.unsaturated.reshape(1, -1)[:, pick], exposure.full
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

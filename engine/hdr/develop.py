@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from engine.hdr.demosaic import demosaic
+from engine.hdr.demosaic import demosaic, sites
 from engine.hdr.exposures import Merged, SensorNoise
 from engine.io.raw import Mosaic
 
@@ -16,21 +16,27 @@ TOE_OF_MEDIAN = 0.05  # a tenth of the light of a shadow: ratios below it tell l
 TOE_ERRORS = 5.0  # and never so low that noise bends the curve
 
 
-def develop(mosaic: Mosaic, merged: Merged, noise: SensorNoise) -> Float32[np.ndarray, "h w 3"]:
+def develop(mosaic: Mosaic, merged: Merged, toe: float) -> Float32[np.ndarray, "h w 3"]:
     """Linear Rec.709 of a merged mosaic; `mosaic` lends pattern and colour matrix."""
-    white = camera_white(mosaic)
-    h, w = merged.light.shape
-    channel = np.tile(np.where(mosaic.pattern == 3, 1, mosaic.pattern), (h // 2 + 1, w // 2 + 1))[:h, :w]
+    rgb = demosaic(_balanced(mosaic, merged), mosaic.pattern, toe)
+    matrix = (mosaic.rec709_from_camera * camera_white(mosaic)).astype(np.float32)
+    return cv2.transform(rgb, matrix)
+
+
+def toe(mosaic: Mosaic, merged: Merged, noise: SensorNoise) -> float:
+    """The balanced level below which `develop` counts light as near zero, for one view."""
+    median = float(np.median(_balanced(mosaic, merged)))
+    gain, white = noise.gain / merged.gathered(), camera_white(mosaic)
+    return max(TOE_OF_MEDIAN * median, TOE_ERRORS**2 * gain, TOE_ERRORS * merged.floor / float(white.min()))
+
+
+def _balanced(mosaic: Mosaic, merged: Merged) -> Float32[np.ndarray, "h w"]:
+    white = camera_white(mosaic)[np.where(mosaic.pattern == 3, 1, mosaic.pattern)]
     # The bound of a saturated site is taken as if it were of the brightest channel: balanced by its own, red and
     # blue would outshine green, and every clipped lamp would turn magenta.
-    balance = np.where(merged.clipped, np.float32(white.max()), white.astype(np.float32)[channel])
-    balanced = merged.light / balance
-    median = float(np.median(balanced))
-    gain = noise.gain / merged.gathered
-    toe = max(TOE_OF_MEDIAN * median, TOE_ERRORS**2 * gain, TOE_ERRORS * merged.floor / float(white.min()))
-    rgb = demosaic(balanced, mosaic.pattern, toe)
-    matrix = (mosaic.rec709_from_camera * white).astype(np.float32)
-    return rgb @ matrix.T
+    balanced = merged.light / sites(white, merged.light.shape)
+    np.copyto(balanced, merged.light / np.float32(white.max()), where=merged.clipped)
+    return balanced
 
 
 def variance(mosaic: Mosaic, merged: Merged, noise: SensorNoise) -> Float64[np.ndarray, "2"]:
@@ -41,7 +47,7 @@ def variance(mosaic: Mosaic, merged: Merged, noise: SensorNoise) -> Float64[np.n
     squared = np.square(mosaic.rec709_from_camera)
     return np.array(
         [
-            noise.gain / merged.gathered * float((squared @ camera_white(mosaic)).mean()),
+            noise.gain / merged.gathered() * float((squared @ camera_white(mosaic)).mean()),
             merged.floor**2 * float(squared.sum(axis=1).mean()),
         ]
     )

@@ -10,16 +10,19 @@ black subtracted.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from engine.io.raw import Mosaic, read_mosaic
+from engine.hdr.demosaic import sites
+from engine.io.raw import Mosaic
 
-LEARNING_SITES = 200_000  # of each photograph, enough for the noise of a sensor
+SAMPLED_SITES = (
+    200_000  # of each photograph, enough for the noise of a sensor and for how two exposures relate
+)
 MIN_SITES = 500  # a ratio from fewer sites says less than EXIF does
+TINY = np.float32(1e-30)  # keeps what no exposure shows from dividing by zero
 ROUNDING = 1 / 12  # variance that rounding to whole counts alone leaves
 
 
@@ -45,9 +48,20 @@ class Merged:
     """One view's mosaic: counts per unit of exposure."""
 
     light: Float32[np.ndarray, "h w"]
-    clipped: Bool[np.ndarray, "h w"]  # saturated in every exposure; `light` is then a lower bound
-    gathered: float  # exposure that counted, median over the sites that are not clipped
+    time: Float32[
+        np.ndarray, "h w"
+    ]  # exposure that counted; 0: saturated in all, `light` is then a lower bound
     floor: float  # error of `light` where nothing is saturated and there is no light
+    shortest: float  # exposure
+
+    @property
+    def clipped(self) -> Bool[np.ndarray, "h w"]:
+        return self.time == 0
+
+    def gathered(self) -> float:
+        """Exposure that counted, median over the sites that are not clipped."""
+        usable = self.time[self.time > 0]
+        return float(np.median(usable)) if usable.size else self.shortest
 
 
 def white_share(mosaic: Mosaic) -> float:
@@ -64,20 +78,21 @@ def white_share(mosaic: Mosaic) -> float:
 
 def exposure(mosaic: Mosaic, saturation: float) -> Exposure:
     """Counts without black; saturated above the share `saturation` of black to white."""
+    shape = mosaic.counts.shape
+    black, white = (np.array(level, np.float32)[mosaic.pattern] for level in (mosaic.black, mosaic.white))
+    counts = mosaic.counts - sites(black, shape)
+    full = float(np.float32(mosaic.white[1]) - np.float32(mosaic.black[1]))
+    return Exposure(counts, counts < sites(saturation * (white - black), shape), full)
+
+
+def sampled(mosaic: Mosaic) -> Mosaic:
+    """About `SAMPLED_SITES` of its sites in whole Bayer cells, evenly spread."""
     h, w = mosaic.counts.shape
-    channel = np.tile(mosaic.pattern, (h // 2 + 1, w // 2 + 1))[:h, :w]
-    black, white = np.array(mosaic.black, np.float32), np.array(mosaic.white, np.float32)
-    counts = mosaic.counts.astype(np.float32) - black[channel]
-    return Exposure(counts, counts < (saturation * (white - black))[channel], float((white - black)[1]))
-
-
-def thinned(exposure: Exposure, sites: int) -> Exposure:
-    """About `sites` of its sites, evenly spread; an odd step meets all colours."""
-    step = exposure.counts.size // sites | 1
-    pick = slice(None, None, step)
-    return Exposure(
-        exposure.counts.reshape(1, -1)[:, pick], exposure.unsaturated.reshape(1, -1)[:, pick], exposure.full
-    )
+    step = int(math.sqrt(h * w / SAMPLED_SITES))
+    if step <= 1:
+        return mosaic
+    cells = mosaic.counts[: h // 2 * 2, : w // 2 * 2].reshape(h // 2, 2, w // 2, 2)[::step, :, ::step]
+    return replace(mosaic, counts=cells.reshape(2 * cells.shape[0], -1))
 
 
 def times(stated: Float64[np.ndarray, " k"], steps: Float64[np.ndarray, " k-1"]) -> Float64[np.ndarray, " k"]:
@@ -88,21 +103,22 @@ def times(stated: Float64[np.ndarray, " k"], steps: Float64[np.ndarray, " k-1"])
 
 def merge(exposures: Sequence[Exposure], times: Float64[np.ndarray, " k"], noise: SensorNoise) -> Merged:
     """The best estimate of light at every site from its unsaturated exposures; `times` ascend."""
-    valid = np.stack([one.unsaturated for one in exposures])
-    counts = np.where(valid, np.stack([one.counts for one in exposures]), np.float32(0))
-    time = times.astype(np.float32)[:, None, None]
-    gathered = (valid * time).sum(axis=0, dtype=np.float32)
-    clipped = gathered == 0
-    first = np.maximum(counts.sum(axis=0) / np.where(clipped, np.float32(1), gathered), 0)
-    # Variance of counts / time is (gain * light * time + read**2) / time**2; no count is surer than its rounding.
-    variance = np.float32(noise.gain) * first * time + np.float32(noise.read**2)
-    weight = valid * np.square(time) / np.maximum(variance, np.float32(ROUNDING))
-    total = weight.sum(axis=0)
-    light = (weight * counts / time).sum(axis=0) / np.where(clipped, np.float32(1), total)
-    light = np.where(clipped, exposures[0].counts / time[0], light)
-    usable = gathered[~clipped]
-    floor = noise.read / float(np.sqrt(np.square(times).sum()))
-    return Merged(light, clipped, float(np.median(usable)) if usable.size else float(times[0]), floor)
+    known = list(zip(exposures, times.astype(np.float32), strict=True))
+    zero = np.zeros_like(exposures[0].counts)
+    gathered = sum((one.unsaturated * time for one, time in known), zero)
+    counted = sum((one.unsaturated * one.counts for one, _ in known), zero)
+    first = np.maximum(counted / np.maximum(gathered, TINY), 0)
+    total, light = zero.copy(), zero.copy()
+    for one, time in known:
+        # Variance of counts / time is (gain * light * time + read**2) / time**2; no count is surer than its rounding.
+        variance = np.float32(noise.gain) * time * first + np.float32(noise.read**2)
+        weight = one.unsaturated * (np.square(time) / np.maximum(variance, np.float32(ROUNDING)))
+        total += weight
+        light += weight * one.counts / time
+    light /= np.maximum(total, TINY)
+    shortest, time = known[0]
+    np.copyto(light, shortest.counts / time, where=gathered == 0)
+    return Merged(light, gathered, noise.read / float(np.sqrt(np.square(times).sum())), float(times[0]))
 
 
 def ratio(short: Exposure, long: Exposure) -> float:
@@ -124,8 +140,8 @@ def ratio(short: Exposure, long: Exposure) -> float:
     for _ in range(4):
         # Dividing by the root of the signal gives shot noise one size over all levels.
         misfit = (fitted * a - b) / np.sqrt(b)
-        spread = 1.4826 * np.median(np.abs(misfit - np.median(misfit)))
-        keep = np.abs(misfit - np.median(misfit)) <= 4 * max(spread, 1e-12)
+        off = np.abs(misfit - np.median(misfit))
+        keep = off <= 4 * max(1.4826 * float(np.median(off)), 1e-12)
         if not a[keep].sum() > 0:
             return float("nan")
         fitted = b[keep].sum() / a[keep].sum()
@@ -174,22 +190,22 @@ def sensor_noise(pairs: Sequence[tuple[Exposure, Exposure, float]]) -> SensorNoi
 
 
 def learn(
-    paths: Sequence[Sequence[Path]], stated: Float64[np.ndarray, "v k"], saturation: float
+    brackets: Sequence[Sequence[Mosaic]], stated: Float64[np.ndarray, "v k"], saturation: float
 ) -> tuple[SensorNoise | None, Float64[np.ndarray, " k-1"]]:
     """The sensor's noise (None if single exposures hide it) and the usual exposure steps, from a few views.
 
-    Each view lists its files and its `stated` exposures in ascending order.
+    Each view lists its photographs and its `stated` exposures in ascending order.
     """
     pairs: list[tuple[Exposure, Exposure, float]] = []
     steps = stated[:, 1:] / stated[:, :-1]
     off = np.full(steps.shape, np.nan, dtype=np.float64)
-    for n, view in enumerate(paths):
-        stack = [exposure(read_mosaic(path), saturation) for path in view]
+    for n, bracket in enumerate(brackets):
+        stack = [exposure(mosaic, saturation) for mosaic in bracket]
         for i, (short, long) in enumerate(itertools.pairwise(stack)):
             fitted = ratio(short, long)
             if not math.isnan(fitted):
                 off[n, i] = fitted / steps[n, i]
-                pairs.append((thinned(short, LEARNING_SITES), thinned(long, LEARNING_SITES), fitted))
+                pairs.append((short, long, fitted))
     told = np.flatnonzero(np.any(~np.isnan(off), axis=0))
     correction = np.ones(steps.shape[1])
     correction[told] = np.nanmedian(off[:, told], axis=0)

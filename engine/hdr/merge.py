@@ -9,28 +9,32 @@ the camera was held.
 import itertools
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Float32, Float64
 
 from engine.color import luminance
 from engine.errors import HdrError
 from engine.hdr import exposures, linear_input
-from engine.hdr.develop import averaged, develop, variance
+from engine.hdr.demosaic import REACH
+from engine.hdr.develop import averaged, develop, toe, variance
 from engine.hdr.exposures import Merged, SensorNoise
 from engine.hdr.params import HdrParams
 from engine.io.images import read_radiance
-from engine.io.raw import Bracket, Facts, read_facts, read_mosaic
+from engine.io.raw import Bracket, Facts, Mosaic, read_facts, read_mosaic
+from engine.parallel import abreast
 from engine.progress import Progress
 from engine.types import Frames
 
 HALF_MAX = 65504.0  # the largest half float: where an EXR writer itself clips
 # Where no pair of exposures tells: 50 000 electrons fill a pixel of most large sensors at base ISO.
 ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS = 50_000.0, 2.0
+TILE_EDGE = 384  # sites merged and developed at once by each thread: what the processor's cache holds
+SITES_AT_ONCE = 600_000_000  # decoded, of all threads: counts of 1.2 GB
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +68,17 @@ class HdrReport:
     reduced_by: int  # whole factor by which the photographs were averaged down
 
 
-def merge(shots: Sequence[Bracket], params: HdrParams, progress: Progress) -> tuple[Frames, HdrReport]:
-    """Radiance of every bracket.
+def _in_memory(shape: tuple[int, ...]) -> Float32[np.ndarray, "n h w 3"]:
+    return np.empty(shape, np.float32)
+
+
+def merge(
+    shots: Sequence[Bracket],
+    params: HdrParams,
+    progress: Progress,
+    place: Callable[[tuple[int, ...]], Float32[np.ndarray, "n h w 3"]] = _in_memory,
+) -> tuple[Frames, HdrReport]:
+    """Radiance of every bracket; `place` gives the array that it goes to, view by view.
 
     Raises:
         HdrError: an incomplete bracket, mixed cameras or sizes, or a view without usable pixels.
@@ -76,38 +89,54 @@ def merge(shots: Sequence[Bracket], params: HdrParams, progress: Progress) -> tu
     _check_alike(shots, facts)
     stated = np.array([[fact.exposure() for fact in view] for view in facts])
     scale = float(np.median(stated[:, stated.shape[1] // 2]))
+    width, height = facts[0][0].width, facts[0][0].height
+    most = max(1, SITES_AT_ONCE // (stated.shape[1] * width * height))  # brackets
 
     progress.step(0.02, "learning the sensor's noise")
     chosen = np.unique(np.linspace(0, len(shots) - 1, params.learning_views).round().astype(int)).tolist()
-    white_share = min(exposures.white_share(read_mosaic(paths[n][-1])) for n in chosen)
+    decoded: dict[int, list[Mosaic]] = {}
+    samples, shares = [], []
+    for n, mosaics in zip(chosen, abreast(lambda n: _decoded(paths[n]), chosen, most), strict=True):
+        shares.append(exposures.white_share(mosaics[-1]))
+        samples.append([exposures.sampled(mosaic) for mosaic in mosaics])
+        if len(decoded) < most:
+            decoded[n] = mosaics
+    white_share = min(shares)
     saturation = params.saturation_share * white_share
-    learnt, usual = exposures.learn([paths[n] for n in chosen], stated[chosen], saturation)
+    learnt, usual = exposures.learn(samples, stated[chosen], saturation)
+    del samples
 
-    reduce_by = max(1, math.ceil(max(facts[0][0].width, facts[0][0].height) / params.long_edge_px))
-    views: list[Float32[np.ndarray, "h w 3"]] = []
-    lost: list[Bool[np.ndarray, "h w"]] = []
+    reduce_by = max(1, math.ceil(max(width, height) / params.long_edge_px))
+    shape = len(shots), height // reduce_by, width // reduce_by
+    radiance, clipped = place((*shape, 3)), np.empty(shape, bool)
     fits = np.full((len(shots), stated.shape[1] - 1), np.nan)
     variances = np.empty((len(shots), 2))
-    for n, shot in enumerate(shots):
-        progress.step(0.05 + 0.95 * n / len(shots), f"merging {shot.name}")
-        mosaics = [read_mosaic(path) for path in paths[n]]
-        stack = [exposures.exposure(mosaic, saturation) for mosaic in mosaics]
-        fits[n] = [exposures.ratio(a, b) for a, b in itertools.pairwise(stack)]
+
+    def merge_one(n: int) -> None:
+        mosaics = decoded.pop(n, None) or _decoded(paths[n])
+        sample = [exposures.exposure(exposures.sampled(mosaic), saturation) for mosaic in mosaics]
+        fits[n] = [exposures.ratio(a, b) for a, b in itertools.pairwise(sample)]
         times = exposures.times(stated[n], np.where(np.isnan(fits[n]), usual, fits[n]))
-        noise = learnt or SensorNoise(stack[0].full / ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS)
-        merged = exposures.merge(stack, times, noise)
-        _check_usable(shot.name, merged, params)
-        to_radiance = scale / stack[0].full
+        noise = learnt or SensorNoise(sample[0].full / ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS)
+        merged = exposures.merge(sample, times, noise)
+        _check_usable(shots[n].name, merged, params)
+        to_radiance = scale / sample[0].full
         variances[n] = variance(mosaics[0], merged, noise) * [to_radiance, to_radiance**2]
-        radiance = develop(mosaics[0], merged, noise) * np.float32(to_radiance)
-        # Each colour of a pixel leans on the sites around it; a clipped one spoils all it was used for.
-        spoiled = cv2.dilate(merged.clipped.astype(np.uint8), np.ones((5, 5), np.uint8))
-        views.append(averaged(radiance, reduce_by))
-        lost.append(averaged(spoiled.astype(np.float32), reduce_by) > 0)
+        near_zero = toe(mosaics[0], merged, noise)
+        for outer, inner, to in _tiles(height, width, reduce_by):
+            tile = [replace(mosaic, counts=mosaic.counts[outer]) for mosaic in mosaics]
+            merged = exposures.merge([exposures.exposure(one, saturation) for one in tile], times, noise)
+            # Each colour of a pixel leans on the sites around it; a clipped one spoils all it was used for.
+            spoiled = cv2.dilate(merged.clipped.astype(np.float32), np.ones((5, 5), np.uint8))[inner]
+            developed = develop(tile[0], merged, near_zero)[inner]
+            radiance[n][to] = averaged(developed, reduce_by) * np.float32(to_radiance)
+            clipped[n][to] = averaged(spoiled, reduce_by) > 0
+
+    for n, _ in enumerate(abreast(merge_one, range(len(shots)), most)):
+        progress.step(0.05 + 0.95 * n / len(shots), f"merging {shots[n].name}")
 
     shot_noise, floor = np.median(variances, axis=0) / reduce_by**2
-    radiance, clipped = np.stack(views), np.stack(lost)
-    dark = luminance(radiance) < params.dark_sigmas * np.sqrt(floor)
+    dark = np.stack([luminance(view) < params.dark_sigmas * np.sqrt(floor) for view in radiance])
     frames = Frames(
         tuple(shot.name for shot in shots),
         radiance,
@@ -190,6 +219,35 @@ def stack(
         most_clipped=frames.names[most],
         most_clipped_share=float(clipped[most].mean()),
     )
+
+
+def _decoded(paths: Sequence[Path]) -> list[Mosaic]:
+    return [read_mosaic(path) for path in paths]
+
+
+Window = tuple[slice, slice]
+"""Rows and columns."""
+
+
+def _tiles(height: int, width: int, by: int) -> Iterator[tuple[Window, Window, Window]]:
+    """Windows that cover a mosaic in whole cells and whole blocks of `by`: with the sites that count around each, the window
+    inside of that, and where its blocks go. What fills no block is left out.
+    """
+    step = max(1, TILE_EDGE // (2 * by)) * 2 * by
+    whole = [edge // by * by for edge in (height, width)]
+    for corner in itertools.product(*(range(0, edge, step) for edge in whole)):
+        inside = [(at, min(at + step, edge)) for at, edge in zip(corner, whole, strict=True)]
+        around = [max(0, at - REACH) for at, _ in inside]
+        yield (
+            _window((at, end + REACH) for at, (_, end) in zip(around, inside, strict=True)),
+            _window((at - first, end - first) for first, (at, end) in zip(around, inside, strict=True)),
+            _window((at // by, end // by) for at, end in inside),
+        )
+
+
+def _window(edges: Iterable[tuple[int, int]]) -> Window:
+    rows, columns = (slice(*edge) for edge in edges)
+    return rows, columns
 
 
 def _sorted_by_exposure(shots: Sequence[Bracket]) -> tuple[list[list[Path]], list[list[Facts]]]:

@@ -17,12 +17,12 @@ import numpy as np
 import OpenEXR
 from jaxtyping import Bool, Float
 
+from engine.conventions import NORMAL_FRAMES
 from engine.errors import ImportFault, reason
 from engine.geometry import opencv_from_opengl
 from engine.io.formats.arrays import UNREADABLE
 from engine.io.images import UNREADABLE_PICTURE, opened, srgb_decode
 
-FRAMES = ("opencv", "opengl")
 UNIT_TOLERANCE = 0.05
 """How far from 1 a normal's length may be: eight bits leave 0.01."""
 ANSWERED = 0.5
@@ -35,7 +35,7 @@ def read_normals(path: Path, mask: Bool[np.ndarray, "h w"], frame: str) -> Float
     Raises:
         ImportFault: the file is missing, unreadable, of another size, not of unit vectors or of another frame.
     """
-    if frame not in FRAMES:
+    if frame not in NORMAL_FRAMES:
         raise ImportFault(
             f'frame "{frame}": give "opencv" (y down, z ahead) or "opengl" (y up, z to the camera)'
         )

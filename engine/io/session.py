@@ -21,7 +21,7 @@ from typing import Any
 
 import tomli_w
 
-from engine import orientation
+from engine import conventions
 from engine.errors import BusyError, SessionError, reason
 
 SCHEMA = 1
@@ -195,7 +195,7 @@ def open_session(folder: Path) -> Session:
     if facts.get("kind") not in ("raw", "linear"):
         raise SessionError(f"{path}: damaged (kind {facts.get('kind')!r}); import the photographs again")
     camera, sentences = facts.get("camera"), facts.get("notes", [])
-    whole = isinstance(camera, dict) and camera.get("orientation", 0) in tuple(orientation.QUARTERS)
+    whole = isinstance(camera, dict) and camera.get("orientation", 0) in tuple(conventions.QUARTERS)
     if not (whole and isinstance(sentences, list) and all(isinstance(one, str) for one in sentences)):
         raise SessionError(
             f"{path}: damaged (camera {camera!r}, notes {sentences!r}); restore it from a copy or import the photographs"
@@ -329,7 +329,7 @@ def notes(session: Session) -> tuple[str, ...]:
     flips = [
         facts.get("orientation", session.orientation) for shot in shots(session) for facts in shot.exposures
     ]
-    return (*session.facts.get("notes", ()), *orientation.differing(flips, session.orientation))
+    return (*session.facts.get("notes", ()), *conventions.differing(flips, session.orientation))
 
 
 def verify(shot: Shot) -> None:

@@ -46,6 +46,21 @@ def save(folder: Path, name: str, record: Any) -> None:
     save_json(folder / f"{name}.json", content)
 
 
+def place(folder: Path, array: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Room on disk for one array of float32 (`<name>.<field>`) of a record that is larger than memory need be; `save` leaves it there.
+
+    Raises:
+        SessionError: the disk has no such room.
+    """
+    path = folder / f"{array}.npy"
+    empty = np.broadcast_to(np.float32(0), shape)
+    with told(path), path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(empty))
+        # Taken now: a full disk under a mapped file would end the program.
+        os.posix_fallocate(file.fileno(), file.tell(), empty.nbytes)
+    return np.load(path, mmap_mode="r+")
+
+
 def _holds_arrays(value: Any) -> bool:
     return dataclasses.is_dataclass(value) and any(
         isinstance(getattr(value, field.name), np.ndarray) for field in dataclasses.fields(value)
@@ -99,6 +114,10 @@ def save_json(path: Path, content: Any) -> None:
 
 def _save_array(path: Path, array: np.ndarray) -> dict[str, Any]:
     entry: dict[str, Any] = {}
+    if isinstance(array, np.memmap) and array.filename == path.resolve():
+        with told(path):
+            array.flush()
+        return entry
     stored = np.ascontiguousarray(array)
     if array.dtype == bool:
         entry["shape"] = list(array.shape)

@@ -10,6 +10,7 @@ import math
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
 from engine.io.session import Session, shots, verify
 from engine.orientation import turned
+from engine.pipeline import artifacts
 from engine.pipeline.stages import Work
 from engine.types import (
     Camera,
@@ -50,7 +52,9 @@ def hdr(work: Work) -> Records:
         checking.step(i / len(views), f"checking {view.name}")
         verify(view)
     if work.session.kind == "raw":
-        frames, report = merge([Bracket(view.name, view.files) for view in views], work.params, merging)
+        place = partial(artifacts.place, work.folder, "frames.radiance")
+        brackets = [Bracket(view.name, view.files) for view in views]
+        frames, report = merge(brackets, work.params, merging, place)
     else:
         names, paths = [view.name for view in views], [view.files[0] for view in views]
         frames, report = stack(names, paths, work.params, merging)

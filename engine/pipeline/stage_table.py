@@ -5,11 +5,12 @@ the old version then count as stale, and `plan` says so.
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from engine.io.session import Session, edits, shots
-from engine.pipeline import presets, stage_functions
-from engine.pipeline.stages import Hashes, Stage, canonical
+from engine.pipeline import presets
+from engine.pipeline.stages import Hashes, Stage, Work, canonical
 
 
 def stages(solver: str = "transport") -> tuple[Stage, ...]:
@@ -22,33 +23,44 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
 
     return (
         Stage(
-            "hdr", 3, HdrParams(), (), stage_functions.hdr, reads=_shots, presets=presets.of_stage("hdr")
+            "hdr", 4, HdrParams(), (), _produce("hdr"), reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
-            "segment", 5, SegmentParams(), ("hdr",), stage_functions.segment, reads=_edits("mask.png", "strokes.png"),
+            "segment", 5, SegmentParams(), ("hdr",), _produce("segment"), reads=_edits("mask.png", "strokes.png"),
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
-            "poses", 7, PoseParams(), ("hdr", "segment"), stage_functions.poses, reads=_pose_inputs, given="poses.json",
+            "poses", 7, PoseParams(), ("hdr", "segment"), _produce("poses"), reads=_pose_inputs, given="poses.json",
             given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 11, LightParams(), ("hdr", "segment", "poses"), stage_functions.light, seeded=True,
+            "light", 11, LightParams(), ("hdr", "segment", "poses"), _produce("light"), seeded=True,
             presets=presets.of_stage("light"),
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), stage_functions.export, reads=_orientation,
+            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), _produce("export"), reads=_orientation,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
+
+
+def _produce(name: str) -> Callable[[Work], Mapping[str, Any]]:
+    """One of `stage_functions`, which come with numbers' libraries: a plan does without."""
+
+    def produce(work: Work) -> Mapping[str, Any]:
+        from engine.pipeline import stage_functions
+
+        return getattr(stage_functions, name)(work)
+
+    return produce
 
 
 def _transport() -> Stage:
     from engine.surface.params import SurfaceParams
 
     return Stage(
-        "surface", 45, SurfaceParams(), ("hdr", "segment", "poses", "light"), stage_functions.surface, seeded=True,
+        "surface", 45, SurfaceParams(), ("hdr", "segment", "poses", "light"), _produce("surface"), seeded=True,
         reads=_orientation, presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
     )  # fmt: skip
 
@@ -58,7 +70,7 @@ def _reference() -> Stage:
     from engine.reference.params import ReferenceParams
 
     return Stage(
-        "surface", 5, ReferenceParams(), ("hdr", "segment", "poses", "light"), stage_functions.reference, seeded=True,
+        "surface", 5, ReferenceParams(), ("hdr", "segment", "poses", "light"), _produce("reference"), seeded=True,
         reads=_orientation, files=("start_maps",), presets=presets.of_reference(),
     )  # fmt: skip
 

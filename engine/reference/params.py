@@ -6,8 +6,8 @@ Source: the paper, Sec. 4, "Implementation details": every default is as publish
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from engine.conventions import NORMAL_FRAMES
 from engine.errors import SurfaceError
-from engine.io.normal_maps import FRAMES
 from engine.surface.lighting.distance_search import Distance
 from engine.validation import MORE, check
 
@@ -61,7 +61,7 @@ class ReferenceParams:
     emitter_most: int = MOST  # Gaussians that it may end with
 
     def __post_init__(self) -> None:
-        choices = {"start_frame": FRAMES, "emitter": get_args(Emitter)}
+        choices = {"start_frame": NORMAL_FRAMES, "emitter": get_args(Emitter)}
         check(self, "surface", SurfaceError, BOUNDS, choices)
 
 

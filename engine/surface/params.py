@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from engine.conventions import NORMAL_FRAMES
 from engine.errors import SurfaceError
-from engine.io.normal_maps import FRAMES
 from engine.validation import MORE, check
 
 LEAST_VIEWS = 8
@@ -71,6 +71,6 @@ class SurfaceParams:
     start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
 
     def __post_init__(self) -> None:
-        check(self, "surface", SurfaceError, BOUNDS, {"start_frame": FRAMES}, OR_NONE)
+        check(self, "surface", SurfaceError, BOUNDS, {"start_frame": NORMAL_FRAMES}, OR_NONE)
         if self.start_roughness and not self.start_maps:
             raise SurfaceError("surface.start_roughness begins nothing alone; give surface.start_maps too")

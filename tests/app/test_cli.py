@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import cv2
@@ -49,17 +50,26 @@ def session(folder: Path, tmp_path: Path) -> Path:
     return tmp_path / "a.session"
 
 
-def test_help_starts_without_the_rooms() -> None:
+def test_help_and_plan_load_no_library_that_they_do_not_use(session: Path) -> None:
+    heavy = ("numpy", "torch", "numba", "mitsuba", "cv2", "PIL", "rich", "jaxtyping", "importlib.metadata")
     code = (
         "import sys; from app.cli import main\n"
+        f"loaded = lambda: print([name for name in {heavy} if name in sys.modules])\n"
         "try: main(['--help'])\n"
-        "except SystemExit: pass\n"
-        "print([name for name in ('numpy', 'torch', 'numba', 'mitsuba', 'cv2') if name in sys.modules])"
+        "except SystemExit: loaded()\n"
+        f"main(['plan', {str(session)!r}]); loaded()"
     )
     answer = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert answer.stdout.splitlines()[-1] == "[]"
+    assert [line for line in answer.stdout.splitlines() if line.startswith("[")] == ["[]", "['numpy']"]
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out == f"roomlight {version('roomlight')}\n"
 
 
 def test_import_then_plan(session: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,13 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app import studio
 from app.cli import main
 from engine.io import session as sessions
 from engine.io.ground_truth import read_truth
+from engine.io.raw import read_mosaic
+from hardware.virtual import sensor
 from hardware.virtual.studio import meshes, objects, rooms, samples, solids, tracer
 from hardware.virtual.studio.interior import gather
 from hardware.virtual.studio.objects import Body
 from hardware.virtual.studio.rooms import Panel, Room, Sheet
+from hardware.virtual.studio.shoot import View
 from tests.app.calls import digest, refused
 from tests.hardware.virtual.studio.interior import scenes
 
@@ -136,3 +140,13 @@ def test_a_scene_file_and_a_mesh_make_a_session_and_say_what_was_done(
     assert "inside out" in said
     assert len(sessions.shots(sessions.open_session(tmp_path / "out" / "session"))) == 2
     assert read_truth(tmp_path / "out" / "truth").mask.any()
+
+
+def test_photographs_larger_than_what_is_drawn_have_noise_of_their_own(tmp_path: Path) -> None:
+    view = View(0, np.eye(3, 4), np.full((8, 12, 3), 0.3), None)
+    files, facts = studio._brackets([view], sensor.Sensor(), seed=0, enlarged=3)(view, tmp_path)
+    counts = read_mosaic(files[1]).counts
+    assert counts.shape == (24, 36)
+    assert len(facts) == len(files) == 3
+    green = counts[::2, 1::2].reshape(4, 3, 6, 3)
+    assert green.std(axis=(1, 3)).min() > 0  # inside of what was one pixel

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine import orientation
+from engine import conventions
 from engine.errors import RawError
 from engine.geometry import project, rays, transform
 from engine.orientation import back, turn_camera, turn_picture, turn_poses, turn_vectors, turned
@@ -101,12 +101,12 @@ def test_a_mirrored_picture_is_refused_by_its_tag(flip: int, tag: int) -> None:
     with pytest.raises(
         RawError, match=rf"a\.CR2: its Orientation tag \({tag}\) says that the picture is mirrored.*correct"
     ):
-        orientation.check(flip, "a.CR2")
+        conventions.check(flip, "a.CR2")
 
 
 def test_a_session_has_the_most_frequent_orientation_and_says_what_differs() -> None:
-    assert orientation.common([6, 0, 6, 3]) == 6
-    assert orientation.common([]) == 0
-    assert orientation.differing([6, 6], 6) == ()
-    (said,) = orientation.differing([6, 0, 6, 3], 6)
+    assert conventions.common([6, 0, 6, 3]) == 6
+    assert conventions.common([]) == 0
+    assert conventions.differing([6, 6], 6) == ()
+    (said,) = conventions.differing([6, 0, 6, 3], 6)
     assert "2 of 4 photographs" in said

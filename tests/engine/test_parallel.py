@@ -1,6 +1,8 @@
 """Blocks abreast: in order, alike on any number of cores, and stopped soon."""
 
 import os
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -20,6 +22,21 @@ def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> in
 def test_answers_come_in_the_order_of_the_things(cores: int) -> None:
     assert list(abreast(lambda x: x * x, range(40))) == [x * x for x in range(40)]
     assert list(abreast(str, [])) == []
+
+
+def test_no_more_at_once_than_memory_allows(cores: int) -> None:
+    lock, running, most = threading.Lock(), [0], [0]
+
+    def work(_: int) -> None:
+        with lock:
+            running[0] += 1
+            most[0] = max(most[0], running[0])
+        time.sleep(1e-3)
+        with lock:
+            running[0] -= 1
+
+    assert len(list(abreast(work, range(20), 2))) == 20
+    assert most[0] <= 2
 
 
 def test_what_goes_wrong_is_raised_where_it_is_asked_for(cores: int) -> None:

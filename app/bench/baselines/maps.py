@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
+from engine.conventions import NORMAL_FRAMES
 from engine.errors import ImportFault
-from engine.io.normal_maps import FRAMES, read_albedo, read_normals, read_roughness
+from engine.io.normal_maps import read_albedo, read_normals, read_roughness
 from engine.progress import Progress
 from engine.surface.depth.normal_integration import integrate_normals
 from engine.types import Camera, Surface
@@ -42,7 +43,7 @@ def read_maps(
     Raises:
         ImportFault: a file is missing, unreadable, of another size, or holds what cannot be such a map.
     """
-    if files.frame not in FRAMES or files.coding not in ("srgb", "linear"):
+    if files.frame not in NORMAL_FRAMES or files.coding not in ("srgb", "linear"):
         raise ImportFault(
             f'frame "{files.frame}", coding "{files.coding}": a frame is "opencv" or "opengl", a coding'
             ' "srgb" or "linear"'

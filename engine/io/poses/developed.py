@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from engine import orientation
+from engine import conventions, orientation
+from engine.conventions import WORDS
 from engine.errors import MaskError, PoseError
 from engine.io.images import read_mask
 from engine.io.poses.pose_files import GivenPoses
-from engine.orientation import WORDS, turn_camera, turn_picture, turn_poses
+from engine.orientation import turn_camera, turn_picture, turn_poses
 from engine.types import Camera
 
 ALIKE = 0.02
@@ -57,7 +58,7 @@ def poses(
         PoseError: as `read`, or cameras of pictures turned otherwise are not one.
     """
     first: PoseError | None = None
-    alike = [orientation.common(flips)] * len(flips)
+    alike = [conventions.common(flips)] * len(flips)
     for turns in dict.fromkeys(map(tuple, (flips, alike, [0] * len(flips)))):
         try:
             return _read(read, turns, size), _notes("The poses were", size, turns, flips)
@@ -72,7 +73,7 @@ def _read(read: Callable[[Sequence[int], Size], GivenPoses], turns: Sequence[int
     sizes = [orientation.size(size, turn) for turn in turns]
     groups = {one: [i for i, other in enumerate(sizes) if other == one] for one in dict.fromkeys(sizes)}
     parts = {one: read(views, one) for one, views in groups.items()}
-    most = orientation.common(turns)
+    most = conventions.common(turns)
     cam_from_world, registered = np.full((len(turns), 3, 4), np.nan), np.zeros(len(turns), bool)
     cameras: dict[int, Camera] = {}
     for one, views in groups.items():

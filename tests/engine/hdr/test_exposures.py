@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from engine.hdr import exposures
 from engine.hdr.exposures import Exposure, SensorNoise
+from engine.io.raw import Facts, Mosaic
 from hardware.virtual import sensor
 
 CAMERA = sensor.Sensor()
@@ -102,3 +103,14 @@ def test_sensor_noise_is_learnt_from_brackets():
 
 def test_single_exposures_do_not_tell_the_noise():
     assert exposures.sensor_noise([]) is None
+
+
+def test_a_sample_of_a_large_mosaic_has_whole_cells_from_all_over():
+    facts = Facts("none", 2000, 1201, 0.1, 100.0, 1.0, np.nan, 0)
+    y, x = np.mgrid[:1201, :2000]
+    counts = (2 * (y % 2) + x % 2 + 4 * (y // 300)).astype(np.uint16)
+    mosaic = Mosaic(counts, np.array([[0, 1], [3, 2]]), (0.0,) * 4, (99.0,) * 4, np.eye(3), facts)
+    found = exposures.sampled(mosaic).counts
+    assert 0.5 < found.size / exposures.SAMPLED_SITES < 2
+    np.testing.assert_array_equal(found[:2, :4] % 4, [[0, 1, 0, 1], [2, 3, 2, 3]])
+    assert set(np.unique(found // 4)) == {0, 1, 2, 3}

@@ -178,3 +178,27 @@ def test_photographs_are_averaged_down_by_a_whole_factor(tmp_path: Path) -> None
     assert small.radiance.shape == (2, 21, 32, 3)
     block = whole.radiance[1, 30:33, 60:63].mean((0, 1))
     np.testing.assert_allclose(small.radiance[1, 10, 20], block, rtol=1e-5)
+
+
+@pytest.mark.parametrize("long_edge_px", [40, 200])
+def test_tiles_make_one_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long_edge_px: int) -> None:
+    shot = disk.write(tmp_path, "view0", disk.scene(HEIGHT, WIDTH, 0, lamp=1e5), SHUTTER_S)
+    params = HdrParams(long_edge_px=long_edge_px)
+    whole, _ = merge.merge([shot], params, Progress())
+    monkeypatch.setattr(merge, "TILE_EDGE", 18)
+    tiled, _ = merge.merge([shot], params, Progress())
+    np.testing.assert_allclose(tiled.radiance, whole.radiance, rtol=1e-4, atol=1e-6)
+    np.testing.assert_array_equal(tiled.clipped, whole.clipped)
+
+
+def test_every_photograph_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shots = [disk.write(tmp_path, f"view{i}", disk.scene(HEIGHT, WIDTH, i), SHUTTER_S) for i in range(3)]
+    decoded: list[Path] = []
+    read = merge.read_mosaic
+    monkeypatch.setattr(merge, "read_mosaic", lambda path: (decoded.append(path), read(path))[1])
+    place = np.zeros((3, HEIGHT, WIDTH, 3), np.float32)
+    frames, _ = merge.merge(
+        shots, HdrParams(learning_views=2), Progress(), lambda shape: place.reshape(shape)
+    )
+    assert sorted(decoded) == sorted(path for shot in shots for path in shot.exposures)
+    assert frames.radiance.base is place

@@ -1,7 +1,9 @@
 """Records survive the disk, and equal records give equal bytes."""
 
+import errno
 import hashlib
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +83,29 @@ def test_equal_records_give_equal_bytes_whatever_the_memory_layout(tmp_path: Pat
     assert digest(one) == digest(two)
     artifacts.save(two, "frames", frames(1))
     assert digest(one) != digest(two)
+
+
+def test_an_array_that_grew_in_its_place_is_left_there_with_the_same_bytes(tmp_path: Path) -> None:
+    one, two, before = tmp_path / "one", tmp_path / "two", frames()
+    one.mkdir(), two.mkdir()
+    artifacts.save(one, "frames", before)
+    placed = artifacts.place(two, "frames.radiance", before.radiance.shape)
+    placed[:] = before.radiance
+    inode = (two / "frames.radiance.npy").stat().st_ino
+    artifacts.save(two, "frames", replace(before, radiance=placed))
+    assert (two / "frames.radiance.npy").stat().st_ino == inode
+    assert digest(one) == digest(two)
+
+
+def test_a_disk_without_room_for_an_array_is_told_before_it_is_needed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(SessionError, match=r"frames\.radiance\.npy.*(?i:space|full)"):
+        artifacts.place(tmp_path, "frames.radiance", (3, 4))
 
 
 @dataclass(frozen=True, slots=True)
