@@ -109,6 +109,8 @@ class RelightPage(QWidget):
         if folder != self._session:
             self._forget()
             self._session = folder
+            self.controls.as_photographed()
+            self.controls.ev.setValue(0)
         self.refresh()
 
     def refresh(self) -> None:
@@ -124,6 +126,8 @@ class RelightPage(QWidget):
         super().showEvent(event)
         if self._session is not None:
             self.refresh()
+        if self._stale and not self._drawing:
+            self.draw()
 
     def hideEvent(self, event) -> None:
         self.controls.play.setChecked(False)
@@ -135,9 +139,9 @@ class RelightPage(QWidget):
     def draw(self) -> None:
         """Draw the newest wish; while one is being drawn, the next waits for it."""
         transfer, light = self._transfer, self._light
-        if transfer is None or light is None or not self.isVisible():
+        if transfer is None or light is None:
             return
-        if self._drawing:
+        if self._drawing or not self.isVisible():
             self._stale = True
             return
         self._drawing, self._stale = True, False

@@ -331,6 +331,22 @@ def test_closing_the_session_takes_the_picture_away(page: RelightPage, qtbot: Qt
     assert not page.controls.isEnabled()
 
 
+def test_a_session_opened_while_the_page_is_hidden_is_drawn_at_the_next_show_as_photographed(
+    page: RelightPage, qtbot: QtBot, session: Path, prepared: Path
+) -> None:
+    ready(page, session, qtbot)
+    page.controls.yaw.setValue(40)
+    page.controls.ev.setValue(1)
+    still(page, qtbot)
+    page.hide()
+    page.show_session(prepared)
+    until(qtbot, lambda: page.controls.isEnabled())
+    page.show()
+    until(qtbot, lambda: page.canvas.image is not None)
+    assert page.controls.setting() == Setting(0, 0, 0, 1.0, (1.0,))
+    assert page.controls.exposure_ev == 0
+
+
 def test_the_surface_in_this_light_is_handed_to_the_3d_page(
     page: RelightPage, qtbot: QtBot, session: Path, shell: Shell
 ) -> None:
