@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QCheckBox, QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QFrame, QLabel, QVBoxLayout, QWidget
 
 from app.capture.panel import PanelState
 from app.capture.panel_state import Picture, Where
@@ -14,6 +14,7 @@ from app.views.capture.jog import Jog
 from app.views.capture.parts import action_button
 from app.views.capture.place import PlaceBox
 from app.views.capture.plan import PlanBox
+from app.views.column import Column
 from app.views.theme import LIGHT
 from app.words import QT_TRANSLATE_NOOP
 from hardware.interfaces import CameraStatus, State
@@ -39,7 +40,6 @@ class CaptureSetup(QFrame):
     def __init__(self, parent: QWidget | None, stop: QAction, clipping: QAction) -> None:
         super().__init__(parent)
         self.setObjectName("panel")
-        self.setFixedWidth(WIDTH)
         self.histogram = Histogram()
         self.clipping = QCheckBox(clipping.text())
         self.clipping.setAccessibleName(clipping.text().replace("&", ""))
@@ -65,12 +65,7 @@ class CaptureSetup(QFrame):
         for section in (self.devices, self.jog, self.bracket, self.plan, self.place):
             column.addWidget(section)
         column.addStretch(1)
-        scroll = QScrollArea()
-        scroll.setWidget(sections)
-        scroll.setWidgetResizable(True)
-        scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll = Column(sections, WIDTH, self)
         scroll.setAccessibleName(self.tr("Capture settings"))
         for part in (sections, scroll.viewport()):
             part.setAutoFillBackground(False)

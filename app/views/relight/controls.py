@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPushButton,
-    QScrollArea,
     QSlider,
     QVBoxLayout,
     QWidget,
@@ -21,6 +20,7 @@ from PySide6.QtWidgets import (
 from app.inspect.falsecolour import MINUS
 from app.relight.relit import Setting
 from app.views.boxes import box_of
+from app.views.column import Column
 from app.views.pixels import image_of
 
 WIDTH = 310
@@ -31,7 +31,7 @@ EV_STEPS = 3
 EV_RANGE = 6
 
 
-class RelightControls(QScrollArea):
+class RelightControls(Column):
     """A column of sliders; every change is told once."""
 
     changed = Signal()
@@ -42,18 +42,14 @@ class RelightControls(QScrollArea):
     playing = Signal(bool)
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setFixedWidth(WIDTH)
-        self.setWidgetResizable(True)
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setAccessibleName(self.tr("Light and camera"))
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         body = QFrame()
+        super().__init__(body, WIDTH)
+        self.setParent(parent)
+        self.setAccessibleName(self.tr("Light and camera"))
         body.setObjectName("panel")
         self._column = QVBoxLayout(body)
         self._column.setContentsMargins(14, 12, 14, 12)
         self._column.setSpacing(6)
-        self.setWidget(body)
 
         self._heading(self.tr("Light"))
         self.picture = QLabel()

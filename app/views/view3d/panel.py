@@ -10,7 +10,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QLabel,
-    QScrollArea,
     QSlider,
     QToolButton,
     QVBoxLayout,
@@ -20,6 +19,7 @@ from PySide6.QtWidgets import (
 from app.inspect.falsecolour import Scale
 from app.viewer import showing
 from app.viewer.showing import Showing
+from app.views.column import Column
 from app.views.legend import Legend
 
 WIDTH = 262
@@ -48,7 +48,6 @@ class ViewPanel(QFrame):
     def __init__(self, parent: QWidget | None, actions: dict[str, QAction]) -> None:
         super().__init__(parent)
         self.setObjectName("panel")
-        self.setFixedWidth(WIDTH)
         self._actions = actions
         self.layers: dict[str, QCheckBox] = {}
         self.counts: dict[str, QLabel] = {}
@@ -58,12 +57,7 @@ class ViewPanel(QFrame):
         self._build()
         inside = QWidget()
         inside.setLayout(self._column)
-        scroll = QScrollArea()
-        scroll.setWidget(inside)
-        scroll.setWidgetResizable(True)
-        scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll = Column(inside, WIDTH, self)
         scroll.setAccessibleName(self.tr("Layers and view"))
         for part in (inside, scroll.viewport()):
             part.setAutoFillBackground(False)
