@@ -310,6 +310,7 @@ class CapturePage(QWidget):
     def _ended(self) -> None:
         if self._shell is not None and self.panel.job is not None:
             self._shell.board.leave(self.panel.job)
+        self._ask_plan()  # the one that is shown was the capture's
         ended = self.state.ended
         if ended is None or self._shell is None or not ended.taken:
             return

@@ -268,6 +268,18 @@ def test_the_sphere_tells_poses_done_under_way_missing_and_to_come(
     assert "about" in page.bar.left.text()
 
 
+def test_the_sphere_shows_the_plan_that_is_captured_and_then_the_one_that_stands_on_the_page(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot, tmp_path: Path
+) -> None:
+    ready(page, desk, qtbot, poses=6)
+    desk.begin(tmp_path / "a.session")
+    desk.plan(2)
+    until(qtbot, lambda: len(page.scene.sphere.dots) == 2)
+    asked = desk.commands.count("plan")
+    desk.end(tmp_path / "a.session", 2, 2)
+    until(qtbot, lambda: desk.commands.count("plan") > asked)
+
+
 def test_the_sphere_turns_by_drag_and_by_keys(page: CapturePage, qtbot: QtBot) -> None:
     sphere = page.scene.sphere
     before = sphere.place(0.0, 0.0)[0]

@@ -79,6 +79,8 @@ def test_a_capture_is_told_from_its_start_to_its_end_and_leaves_the_devices_open
         bench.order("open", rig="quick:", camera="quick:")
         bench.rigs[0].settle_s = 0.0
         state = bench.order("start", **start(session, settle=0.001))
+        assert state.planned is not None
+        assert len(state.planned.poses) == 4  # told by the capture itself: nobody asked for a plan
         assert state.ended is not None
         assert (state.ended.session, state.ended.taken, state.ended.total) == (session, 4, 4)
         assert not state.ended.cancelled
