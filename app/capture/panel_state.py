@@ -223,7 +223,7 @@ class PanelState:
 
 def heard(state: PanelState, event: Mapping[str, Any]) -> PanelState:
     """The state after one event of the desk's child; what is not known changes nothing."""
-    if event.get("event") == "progress":
+    if event.get("event") == "progress" and "left_s" not in event:
         if not state.order:
             return state  # a room goes on being baked when nobody waits for it any more
         share = float(event["fraction"])

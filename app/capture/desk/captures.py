@@ -185,6 +185,8 @@ class Run:
             self._emit("finding", pose=finding.pose, text=finding.text, severity=finding.severity.value)
 
     def _emit_status(self, status: Status) -> None:
+        share = status.taken / status.total if status.total else 0.0
+        self._link.emit("progress", fraction=share, note=status.message, left_s=status.left_s)
         angles = None if status.pose is None else status.pose.angles
         self._emit(
             "status",

@@ -10,7 +10,7 @@ plan are answered beside them; stop, pause, go_on, end and answer are obeyed at 
 
 Events are `data` with a kind; `app/capture/panel_state.py` says what each tells: order (one begins, or "" when it is
 over), devices, opened, closed, where, camera, picture, planned, status, finding, coverage, ask, answered, ended, trouble.
-`progress` tells of a virtual room that is baked for its first photograph.
+`progress` tells of a virtual room that is baked for its first photograph and, with `left_s`, of the capture.
 """
 
 import contextlib
