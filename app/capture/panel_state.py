@@ -198,13 +198,15 @@ class PanelState:
     camera_now: CameraStatus | None = None
     picture: Picture | None = None
     planned: Planned | None = None
+    plan_fault: Trouble | None = None  # why the newest plan that was asked for is none
     session: Path | None = None  # of the capture under way, or of the last one
     going: Going | None = None  # likewise
     findings: tuple[Noticed, ...] = ()  # likewise
     coverage: Covered | None = None  # likewise
     ended: Ended | None = None  # of the last one; None while one is under way
     ask: Ask | None = None
-    told: Told | None = None
+    told: Told | None = None  # until the next order: whoever gives one has read it
+    troubles: int = 0  # told so far
 
     @property
     def open(self) -> bool:
@@ -249,12 +251,14 @@ def lost(state: PanelState, what: Trouble | None) -> PanelState:
 
 
 def _trouble(state: PanelState, command: str, what: Trouble) -> PanelState:
-    return replace(state, told=Told(command, what, 1 + (state.told.number if state.told else 0)))
+    if command == "plan":
+        return replace(state, plan_fault=what)
+    return replace(state, told=Told(command, what, state.troubles + 1), troubles=state.troubles + 1)
 
 
 def _order(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
     command = str(facts["command"])
-    state = replace(state, order=command, working=None)
+    state = replace(state, order=command, working=None, told=None if command else state.told)
     if command not in CAPTURES:
         return state
     session = Path(facts["session"])
@@ -304,7 +308,7 @@ def _picture(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
 
 def _planned(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
     poses = tuple(PlannedPose(pose["name"], pose["pan"], pose["tilt"]) for pose in facts["poses"])
-    return replace(state, planned=Planned(poses, tuple(facts["warnings"])))
+    return replace(state, planned=Planned(poses, tuple(facts["warnings"])), plan_fault=None)
 
 
 def _status(state: PanelState, facts: Mapping[str, Any]) -> PanelState:

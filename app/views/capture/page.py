@@ -46,7 +46,6 @@ class CapturePage(QWidget):
         self._folder: Path | None = None
         self._looked = False  # for what is plugged in
         self._seen = Seen()
-        self._plan_fault = 0  # number of the latest trouble before the plan was asked for
         self._course = Course()
         self._background = Background(self, "capture")
         self._bridge = Bridge(self)
@@ -85,8 +84,7 @@ class CapturePage(QWidget):
         """Make ready for a new session; a capture under way goes on."""
         if self.state.capturing:
             return
-        told = self.state.told
-        self._see(told=told.number if told else 0, ended=self.state.ended, captured=self.captured)
+        self._see(told=self.state.troubles, ended=self.state.ended, captured=self.captured)
         self.setup.place.named = False
         self._offer_place()
         (self.setup.plan.kind if self.state.open else self.setup.devices.toggle).setFocus()
@@ -196,10 +194,10 @@ class CapturePage(QWidget):
 
     def _plan_trouble(self) -> str:
         """What is wrong with the plan that stands there, or ""."""
-        told = self.state.told
-        if told is None or told.command != "plan" or told.number <= self._plan_fault:
+        fault = self.state.plan_fault
+        if fault is None:
             return ""
-        return f"{told.trouble.what}; {told.trouble.remedy}" if told.trouble.remedy else told.trouble.what
+        return f"{fault.what}; {fault.remedy}" if fault.remedy else fault.what
 
     def _count(self) -> str:
         """What the plan comes to; "" before it is known."""
@@ -245,7 +243,7 @@ class CapturePage(QWidget):
         found = notice(self.state, self.captured, self._seen)
         state = self.state
         if found is not None and found[0] is Matter.TROUBLE:
-            self._see(told=state.told.number if state.told is not None else 0)
+            self._see(told=state.troubles)
         else:
             self._see(ended=state.ended, captured=self.captured)
 
@@ -295,15 +293,13 @@ class CapturePage(QWidget):
         plan = self.setup.plan.plan()
         known = plan is not None and (plan["kind"] != "suited" or self.state.open)
         if plan is not None and known and self._looked and not self.state.capturing:
-            self._plan_fault = self.state.told.number if self.state.told is not None else 0
             self.panel.plan(plan)
         self._show_able()
 
     # What follows from a capture's begin and end, and from the session that is open
 
     def _begun(self, state: PanelState) -> None:
-        told = state.told.number if state.told is not None else 0
-        self._seen = Seen(told=told, captured=self.captured)
+        self._seen = Seen(told=state.troubles, captured=self.captured)
         if self._shell is not None and self.panel.job is not None:
             self._shell.board.start(self.panel.job)  # closing the window asks now
 

@@ -523,6 +523,22 @@ def test_troubles_are_told_until_they_are_put_away(page: CapturePage, desk: Play
         assert not page.banner.isVisible()
 
 
+def test_a_trouble_goes_when_the_next_order_is_given_and_a_faulty_plan_stays_one(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot
+) -> None:
+    desk.say("trouble", command="open", text="'canon' is no camera; choose another")
+    until(qtbot, lambda: page.banner.isVisible())
+    desk.open()
+    until(qtbot, lambda: not page.banner.isVisible())
+    desk.say("trouble", command="plan", text="no such poses; choose another plan")
+    desk.say("order", command="jog")
+    desk.say("trouble", command="jog", text="pan 400 lies beyond 365; choose less")
+    desk.say("order", command="")
+    until(qtbot, lambda: page.banner.isVisible())
+    assert "no such poses" in page.setup.plan.about.text()
+    assert not page.does.start.isEnabled()
+
+
 def test_every_control_has_a_name_while_everything_shows(
     page: CapturePage, desk: PlayedDesk, qtbot: QtBot
 ) -> None:
