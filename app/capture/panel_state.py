@@ -14,6 +14,7 @@ from hardware.find import Port
 from hardware.interfaces import CameraStatus, State
 
 CAPTURES = frozenset({"start", "resume"})  # the orders that are captures
+PAUSES = {"pause": True, "go_on": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +191,7 @@ class PanelState:
 
     alive: bool = False  # the desk's child runs
     order: str = ""  # the command under way, "" for none; others are refused meanwhile
+    asked: str = ""  # pause, go_on, end or stop, while the desk has not answered it
     working: tuple[float, str] | None = None  # a room is baked: share done, words
     found: Found = field(default_factory=Found)
     rig: RigFacts | None = None  # None: no devices are open
@@ -220,7 +222,26 @@ class PanelState:
     @property
     def paused(self) -> bool:
         """A capture stands still, or will once the step under way is done."""
+        if self.asked in PAUSES:
+            return self.capturing and PAUSES[self.asked]
         return self.capturing and self.going is not None and self.going.paused
+
+    @property
+    def rig_well(self) -> bool:
+        """One that is being stopped may be silent meanwhile: its controller starts anew."""
+        return self.asked == "stop" or self.where.state not in (State.FAULT, State.OFFLINE)
+
+    @property
+    def ending(self) -> bool:
+        """What is under way was asked to end."""
+        return self.asked in ("end", "stop")
+
+
+def asked(state: PanelState, command: str) -> PanelState:
+    """The state after a person asked the order under way to pause, go_on, end or stop; its end is never taken back."""
+    if not state.order or state.asked == "stop" or (state.ending and command in PAUSES):
+        return state
+    return replace(state, asked=command)
 
 
 def heard(state: PanelState, event: Mapping[str, Any]) -> PanelState:
@@ -244,7 +265,7 @@ def lost(state: PanelState, what: Trouble | None) -> PanelState:
         going = state.going or Going()
         ended = Ended(state.session, going.taken, going.total, what is None, going.missing, what)
     state = replace(
-        state, alive=False, order="", working=None, rig=None, camera=None, where=Where(), camera_now=None,
+        state, alive=False, order="", asked="", working=None, rig=None, camera=None, where=Where(), camera_now=None,
         ask=None, ended=ended,
     )  # fmt: skip
     return state if what is None else _trouble(state, "", what)
@@ -258,7 +279,7 @@ def _trouble(state: PanelState, command: str, what: Trouble) -> PanelState:
 
 def _order(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
     command = str(facts["command"])
-    state = replace(state, order=command, working=None, told=None if command else state.told)
+    state = replace(state, order=command, asked="", working=None, told=None if command else state.told)
     if command not in CAPTURES:
         return state
     session = Path(facts["session"])
@@ -317,7 +338,8 @@ def _status(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
         facts["left_s"], facts["message"], _missed(facts), facts["paused"],
     )  # fmt: skip
     working = state.working if going.phase is Phase.EXPOSING else None
-    return replace(state, going=going, working=working)
+    answered = PAUSES.get(state.asked) is going.paused
+    return replace(state, going=going, working=working, asked="" if answered else state.asked)
 
 
 def _missed(facts: Mapping[str, Any]) -> tuple[Missed, ...]:

@@ -26,7 +26,7 @@ from app.views.capture.bar import CaptureBar
 from app.views.capture.choices import Answers, choices
 from app.views.capture.notices import Matter, Seen, notice, stops
 from app.views.capture.scene import CaptureScene
-from app.views.capture.setup import UNWELL, CaptureSetup
+from app.views.capture.setup import CaptureSetup
 from app.views.pages import Shell
 
 OPENING = frozenset({"open", "resume"})
@@ -175,6 +175,8 @@ class CapturePage(QWidget):
         self.does.pause.setVisible(state.capturing)
         self.does.pause.setText(self.tr("&Go on") if state.paused else self.tr("&Pause"))
         self.does.end.setVisible(state.capturing)
+        for does in (self.does.pause, self.does.end):
+            does.setEnabled(not state.ending)
         self.does.stop.setVisible(state.open or state.order in OPENING)
         self.does.answer.setEnabled(state.ask is not None and state.ask.confirm)
         self.bar.show_state(state, self._idle(complete))
@@ -216,16 +218,15 @@ class CapturePage(QWidget):
     def _show_devices(self, before: PanelState) -> None:
         """In the status bar of the window."""
         state = self.state
-        if self._shell is None or (state.rig, state.camera, state.where.state) == (
-            before.rig, before.camera, before.where.state
+        if self._shell is None or (state.rig, state.camera, state.rig_well) == (
+            before.rig, before.camera, before.rig_well
         ):  # fmt: skip
             return
         if state.rig is None or state.camera is None:
             for key in ("rig", "camera"):
                 self._shell.state.drop_device(key)
             return
-        well = state.where.state not in UNWELL
-        self._shell.state.set_device(Device("rig", self.tr("rig"), well, state.rig.name))
+        self._shell.state.set_device(Device("rig", self.tr("rig"), state.rig_well, state.rig.name))
         self._shell.state.set_device(Device("camera", self.tr("camera"), True, state.camera.name))
 
     # The banner

@@ -31,7 +31,6 @@ STATES = {
     State.FAULT: QT_TRANSLATE_NOOP("CaptureSetup", "fault"),
     State.OFFLINE: QT_TRANSLATE_NOOP("CaptureSetup", "does not answer"),
 }  # fmt: skip
-UNWELL = frozenset({State.FAULT, State.OFFLINE})
 
 
 class CaptureSetup(QFrame):
@@ -100,7 +99,11 @@ class CaptureSetup(QFrame):
             share, words = state.working if state.working is not None else (None, "")
             self.devices.show_progress(share, words)
         self.devices.show_live(
-            Live(rig.name if rig else "", self._told_rig(state.where), state.where.state not in UNWELL),
+            Live(
+                rig.name if rig else "",
+                self.tr("stopping…") if state.asked == "stop" else self._told_rig(state.where),
+                state.rig_well,
+            ),
             Live(camera.name if camera else "", self._told_camera(state.camera_now), _well(state.camera_now)),
         )
         axes = frozenset(axis.name for axis in rig.axes) if rig is not None else frozenset()

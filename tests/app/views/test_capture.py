@@ -368,7 +368,9 @@ def test_a_finding_that_stops_asks_whether_to_go_on(
     pressed(page, "Go on")
     assert desk.commands[-1] == "go_on"
     assert not page.banner.isVisible()  # decided: a pause by hand later does not ask this again
+    desk.status("moving", 2, 1, 4)
     desk.say("finding", pose="pose0002", text="it moved again; fasten it", severity="stop")
+    desk.status("paused", 2, 2, 4, paused=True)
     until(qtbot, lambda: page.banner.isVisible())
     pressed(page, "End")
     assert desk.commands[-1] == "end"
@@ -416,6 +418,32 @@ def test_pause_go_on_and_end_go_to_the_desk(
     assert desk.commands[-1] == "go_on"
     qtbot.keyClick(page, Qt.Key.Key_Period, Qt.KeyboardModifier.ControlModifier)
     assert desk.commands[-1] == "end"
+
+
+def test_pause_end_and_stop_are_seen_at_once_however_long_the_desk_takes(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot, tmp_path: Path
+) -> None:
+    ready(page, desk, qtbot)
+    desk.begin(tmp_path / "a.session")
+    desk.status("moving", 0, 0, 4)
+    until(qtbot, lambda: page.does.pause.isVisible())
+    page.does.pause.trigger()
+    until(qtbot, lambda: "then pauses" in page.bar.phase.text())
+    assert page.does.pause.text() == "&Go on"
+    desk.status("moving", 0, 0, 4)  # of before
+    qtbot.wait(1)
+    assert page.does.pause.text() == "&Go on"
+    page.does.end.trigger()
+    until(qtbot, lambda: "ending" in page.bar.phase.text())
+    assert not page.does.pause.isEnabled()
+    desk.say("where", state="offline", pan=None, tilt=None, message="")
+    page.does.stop.trigger()
+    until(qtbot, lambda: page.bar.phase.text() == "stopping…")
+    assert page.setup.devices.rig_live.told.text() == "stopping…"
+    assert page.does.stop.isEnabled()
+    desk.end(tmp_path / "a.session", 0, 4, cancelled=True)
+    until(qtbot, lambda: page.does.start.isVisible())
+    assert "stopping" not in page.bar.phase.text()
 
 
 def test_only_a_capture_counts_as_running(
