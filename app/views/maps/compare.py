@@ -23,7 +23,8 @@ from app.inspect import falsecolour
 from app.inspect.comparing import Comparison, compare
 from app.inspect.falsecolour import MINUS
 from app.inspect.maps import LAYERS, Maps
-from app.inspect.runs import differences
+from app.inspect.runs import changes
+from app.plan import told_reason
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
@@ -248,7 +249,7 @@ class MapsCompare(QWidget):
             )
             self.changed.clear()
         else:
-            asked = differences(a.maps.run, b.run)
+            asked = [told_reason(change) for change in changes(a.maps.run, b.run)]
             self.changed.setText(" · ".join(asked) if asked else self.tr("asked for the same"))
             factor = (
                 ""

@@ -137,7 +137,7 @@ class StatusLine(QFrame):
         if not now.segment.done:
             if now.developed.object is None:
                 return self.tr("The object was not found yet; find it, or paint it and find it then")
-            why = ", ".join(told_reason(reason) for reason in now.segment.reasons)
+            why = ", ".join(told_reason(reason, "segment") for reason in now.segment.reasons)
             return self.tr("The outline is older than what is asked now ({0}); find again").format(why)
         if now.developed.object is None:
             return ""

@@ -101,7 +101,8 @@ def told(card: Card) -> str:
         if card.given:
             return translate("StageColumn", "Will take what is given")
         return translate("StageColumn", "Has not run yet")
-    return translate("StageColumn", "Will run because {0}").format(", ".join(map(told_reason, card.reasons)))
+    reasons = ", ".join(told_reason(reason, card.name) for reason in card.reasons)
+    return translate("StageColumn", "Will run: {0}").format(reasons)
 
 
 def tooltip(card: Card) -> str:

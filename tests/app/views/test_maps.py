@@ -251,7 +251,7 @@ def test_two_runs_are_compared_with_numbers(page: MapsPage, qtbot: QtBot, two_ru
     assert [page.compare.table.item(row, column).text() for column in (0, 1, 4)] == [  # type: ignore[union-attr]
         "Roughness, 0 to 1", "0.1", "\u22120.1",
     ]  # fmt: skip
-    assert "surface.directions 2048 -> 600" in page.compare.changed.text()
+    assert "directions of light 2048 → 600" in page.compare.changed.text()
     page.compare.quantity.setCurrentIndex(row)
     until(qtbot, lambda: page.compare.difference.full is not None)
     until(qtbot, lambda: page.compare.legend.accessibleDescription().startswith("\u22120.1 … 0.1"))
