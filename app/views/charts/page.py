@@ -28,6 +28,7 @@ from app.relight import lights as light_files
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
+from app.views.elided import Elided
 from app.views.errand import Errand
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
@@ -114,7 +115,7 @@ class ChartsPage(QWidget):
         self.message.setWordWrap(True)
         self.stack = QStackedWidget()
         self.stack.addWidget(self.message)
-        self.pointed = QLabel()
+        self.pointed = Elided()
         self.pointed.setAccessibleName(self.tr("Value under the mouse"))
         self.pointed.setContentsMargins(14, 4, 14, 6)
         right = QVBoxLayout()
@@ -295,6 +296,7 @@ class ChartsPage(QWidget):
         self.draw()
 
     def _show(self, chart: Chart) -> None:
+        self.pointed.setText("")
         if chart.missing:
             self.message.setText(told(sentence(chart.missing)))
             self.stack.setCurrentWidget(self.message)
