@@ -119,6 +119,7 @@ class CaptureSetup(QFrame):
         self.bracket.show_able(free)
         for section in (self.bracket, self.plan, self.place):
             section.setEnabled(not state.capturing)
+        self.place.show_under_way(state.session if state.capturing else None)
         self._show_picture(state.picture)
 
     def _show_picture(self, picture: Picture | None) -> None:

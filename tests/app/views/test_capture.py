@@ -520,10 +520,14 @@ def test_a_resumed_capture_shows_what_was_done_before(
     page.show_session(session)
     until(qtbot, lambda: page.captured is not None)
     desk.open()
+    offered = page.setup.place.folder.text()
     desk.begin(session, "resume")
     desk.status("moving", 2, 2, 3)
     until(qtbot, lambda: page.scene.sphere.dots and page.scene.sphere.dots[2].state == "current")
     assert [dot.state for dot in page.scene.sphere.dots] == ["done", "done", "current"]
+    assert page.setup.place.folder.text() == str(session)
+    desk.end(session, 2, 3, cancelled=True)
+    until(qtbot, lambda: page.setup.place.folder.text() == offered)
 
 
 def test_a_desk_that_dies_is_told_and_the_capture_can_be_resumed(
