@@ -26,6 +26,13 @@ from engine.errors import RoomlightError
 from engine.io.session import open_session
 
 
+SHOWS = {
+    "desk": "capture", "relight": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
+    "export": "export", "report": "export",
+}  # fmt: skip
+"""Task -> the page that shows it; the others are shown by the Process page."""
+
+
 class MainWindow(QMainWindow):
     """Owns the shell: state, jobs, settings, questions."""
 
@@ -179,7 +186,7 @@ class MainWindow(QMainWindow):
 
     def _show_job(self) -> None:
         active = self.shell.board.active
-        self.show_page("capture" if active and active[0].task == "desk" else "process")
+        self.show_page(SHOWS.get(active[0].task, "process") if active else "process")
 
     def show_shortcuts(self) -> None:
         """The sheet of every shortcut of the window and of the pages that have been shown."""

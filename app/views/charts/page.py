@@ -137,6 +137,7 @@ class ChartsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.errand.board = shell.board
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's charts; returns at once."""
@@ -159,10 +160,6 @@ class ChartsPage(QWidget):
         super().showEvent(event)
         if self._session is not None:
             self.refresh()
-
-    def hideEvent(self, event) -> None:
-        self.errand.stop()
-        super().hideEvent(event)
 
     # Choices
 

@@ -91,6 +91,7 @@ class MapsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.swipe.errand.board = shell.board
         shell.state.view.listen(self._turn_to)
         self._turn_to(shell.state.view.value)
 

@@ -1,6 +1,6 @@
 """The relight page: the recovered surface under its own light turned, its lamps dimmed, or a panorama, in real time.
 
-A child prepares the surface once (its result is kept with the session); frames are drawn in a thread of the page's
+A child prepares the surface once (its result is kept with the session), whatever page is shown; frames are drawn in a thread of the page's
 own, and only the newest wish is drawn.
 """
 
@@ -103,6 +103,7 @@ class RelightPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.errand.board = shell.board
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's surface; returns at once."""
@@ -131,7 +132,6 @@ class RelightPage(QWidget):
 
     def hideEvent(self, event) -> None:
         self.controls.play.setChecked(False)
-        self.errand.stop()
         super().hideEvent(event)
 
     # Drawing
@@ -182,7 +182,8 @@ class RelightPage(QWidget):
             self._forget()
             self._say_nothing(runs.nothing_yet(self._session))
             return
-        if self._run is not None and run.fingerprint == self._run.fingerprint and self._transfer is not None:
+        ours = self._run is not None and run.fingerprint == self._run.fingerprint
+        if ours and (self._transfer is not None or self.errand.busy):
             return
         self._forget()
         self._run, self._grid = run, shown.surface.mask.shape
@@ -228,6 +229,8 @@ class RelightPage(QWidget):
             self._load_panorama(Path(result["light"]))
         elif self._run is not None:
             self._load(self._run, int(result["view"]))
+            if self._shell is not None and not self.isVisible():
+                self._shell.wishes.say.emit(self.tr("Relighting is prepared"))
 
     def _fail(self, fault: Trouble) -> None:
         if self._transfer is None:

@@ -205,7 +205,7 @@ def test_coverage_is_worked_out_on_demand(page: ChartsPage, qtbot: QtBot, sessio
     assert not page.errand.start.isVisible()
 
 
-def test_residuals_of_all_views_are_offered_and_stopped_when_left(page: ChartsPage, qtbot: QtBot) -> None:
+def test_residuals_of_all_views_are_offered_and_go_on_until_they_are_stopped(page: ChartsPage, qtbot: QtBot) -> None:
     choose(page, "views", qtbot)
     assert "2 of 9 views" in page.said.text()
     assert page.errand.start.isVisible()
@@ -215,6 +215,8 @@ def test_residuals_of_all_views_are_offered_and_stopped_when_left(page: ChartsPa
     assert child is not None
     assert child.task == "rerender"
     page.hide()
+    assert page.errand.busy
+    page.errand.cancel.click()
     assert child.wait(20).ended
 
 

@@ -218,7 +218,9 @@ def test_an_unprepared_surface_is_prepared_at_once(page: RelightPage, qtbot: QtB
     assert not page.errand.start.isVisible()
 
 
-def test_preparing_can_be_stopped_and_begun_again(page: RelightPage, qtbot: QtBot, session: Path) -> None:
+def test_preparing_goes_on_while_another_page_is_shown_and_can_be_stopped(
+    page: RelightPage, qtbot: QtBot, session: Path, shell: Shell
+) -> None:
     shutil.rmtree(relighting_files.folder(runs.runs_of(session)[0]))
     page.errand._make_job = lambda name, task, request: job(WILLING, name, task, request)
     page.show_session(session)
@@ -234,7 +236,12 @@ def test_preparing_can_be_stopped_and_begun_again(page: RelightPage, qtbot: QtBo
     second = page.errand._job
     assert second is not None
     page.hide()
-    assert second.wait(20).ended
+    page.show()
+    until(qtbot, lambda: not page._background.busy)
+    assert page.errand._job is second
+    assert shell.board.active == (second,)  # the status bar shows it, and closing the window asks
+    page.errand.cancel.click()
+    until(qtbot, lambda: not shell.board.active)
 
 
 def test_what_cannot_be_prepared_says_why(page: RelightPage, qtbot: QtBot, session: Path) -> None:
