@@ -59,7 +59,13 @@ def write(
     place(to, fill)
 
 
-def copy(exported: Path, to: Path, green: str | None = None, files: Collection[str] | None = None) -> None:
+def copy(
+    exported: Path,
+    to: Path,
+    green: str | None = None,
+    files: Collection[str] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Copy a finished export to folder `to`, whole or not at all; an earlier export there is replaced.
 
     Args:
@@ -69,7 +75,9 @@ def copy(exported: Path, to: Path, green: str | None = None, files: Collection[s
     Raises:
         ExportError: `exported` is no export or holds no such file, `green` is unknown, `to` holds other files,
             the disk is full, or `to` is closed.
+        Cancelled: `progress` said so; `to` is as it was.
     """
+    progress = progress or Progress()
     names = _listed(exported)
     if names is None:
         raise ExportError(
@@ -85,7 +93,8 @@ def copy(exported: Path, to: Path, green: str | None = None, files: Collection[s
         index["png"]["normal"] = {"green": preview_images.checked(green)}
 
     def fill(folder: Path) -> None:
-        for name in wanted:
+        for i, name in enumerate(wanted):
+            progress.step(i / len(wanted), name)
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if green is not None and turned and name in preview_images.NORMALS:
                 (folder / name).write_bytes(preview_images.with_green((exported / name).read_bytes(), green))

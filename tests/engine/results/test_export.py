@@ -440,6 +440,11 @@ def test_a_copy_of_some_files_lists_those_and_can_be_replaced(exported, tmp_path
     }
     assert there == {"normal.png", "colmap/cameras.bin", "export.json"}
     export.copy(exported, tmp_path / "there", files={"albedo.png"})
+    stopped = Progress(cancelled=lambda: True)
+    with pytest.raises(Cancelled):
+        export.copy(exported, tmp_path / "there", progress=stopped)
+    assert (tmp_path / "there" / "albedo.png").is_file()
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
     assert not (tmp_path / "there" / "normal.png").exists()
 
 
