@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QTimer
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -57,6 +58,7 @@ class RelightPage(QWidget):
         self._white = 1.0
         self._drawing = self._stale = False
         self._ends: deque[float] = deque(maxlen=FRAMES)
+        self._lit: list[QAction] = []  # what needs a surface and its light
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._background = Background(self, "relight")
 
@@ -241,7 +243,7 @@ class RelightPage(QWidget):
     def _show_state(self) -> None:
         """What can be done now."""
         ready = self._transfer is not None
-        self.controls.setEnabled(ready)
+        self._enable(ready)
         self.errand.offer(self.tr("&Prepare") if self._run is not None and not ready else "")
         if not self.errand.busy:
             self.said.setText(self._told())
@@ -308,7 +310,7 @@ class RelightPage(QWidget):
         self._drawing = self._stale = False
         self._run = self._transfer = self._light = None
         self.errand.stop()
-        self.controls.setEnabled(False)
+        self._enable(False)
         self.controls.offer([], None)
         self.canvas.show_words("")
 
@@ -396,9 +398,16 @@ class RelightPage(QWidget):
             (self.tr("Show the surface in this light on the 3D page"), "Ctrl+Shift+D", self.show_in_space),
             (self.tr("Brighter"), "E", lambda: self.controls.ev.setValue(self.controls.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.controls.ev.setValue(self.controls.ev.value() - 1)),
-            (self.tr("Look for new results"), "F5", self.refresh),
         ):
-            page_action(self, text, keys, call)
+            self._lit.append(page_action(self, text, keys, call))
+        page_action(self, self.tr("Look for new results"), "F5", self.refresh)
+        self._enable(False)
+
+    def _enable(self, ready: bool) -> None:
+        """The controls, and the keys that do as they do."""
+        self.controls.setEnabled(ready)
+        for action in self._lit:
+            action.setEnabled(ready)
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)

@@ -21,7 +21,7 @@ from app.views.relight.controls import strength
 from app.views.relight.page import RelightPage
 from tests.app import furnace
 from tests.app.relight.test_relit import arrays, light_of, sky, with_lamp
-from tests.app.views.conftest import until
+from tests.app.views.conftest import active, until
 from tests.app.views.test_maps import nameless
 from tests.app.work.children import QUICK, WILLING, job
 
@@ -81,6 +81,11 @@ def test_without_results_it_says_what_to_do(page: RelightPage, qtbot: QtBot, tmp
     until(qtbot, lambda: "no finished surface" in page.canvas._words)
     assert not page.controls.isEnabled()
     assert not page.errand.start.isVisible()
+    active(page, qtbot)
+    page.setFocus()
+    qtbot.keyClicks(page, "pee")
+    assert not page.controls.play.isChecked()
+    assert page.controls.ev.value() == 0
 
 
 def test_a_prepared_surface_is_lit_as_it_was(page: RelightPage, qtbot: QtBot, session: Path) -> None:
