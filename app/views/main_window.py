@@ -16,7 +16,7 @@ from app.views.bridge import Bridge
 from app.views.closing import Closing
 from app.views.menus import Menus
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
-from app.views.shortcuts import ShortcutsDialog, collect
+from app.views.shortcuts import ShortcutsDialog, collect, mouse
 from app.views.status import StatusBar
 from app.views.trouble import show_trouble
 from app.work import queue_file
@@ -189,14 +189,15 @@ class MainWindow(QMainWindow):
         self.show_page(SHOWS.get(active[0].task, "process") if active else "process")
 
     def show_shortcuts(self) -> None:
-        """The sheet of every shortcut of the window and of the pages that have been shown."""
+        """The sheet of every shortcut of the window and its pages, and of what the mouse does."""
         everywhere = self.tr("Everywhere")
         groups: list[tuple[str, QWidget]] = [
-            (rail.title(row), self._pages[row.key]) for row in PAGES if row.key in self._pages
+            (rail.title(row), self.page(row.key)) for row in PAGES
         ]
         # Pages are children of the window too: what is theirs is listed under their names first.
         found = collect([*groups, (everywhere, self)])
-        ShortcutsDialog(self, sorted(found, key=lambda shortcut: shortcut.group != everywhere)).open()
+        keys = sorted(found, key=lambda shortcut: shortcut.group != everywhere)
+        ShortcutsDialog(self, [*keys, *mouse()]).open()
 
     # --- drag and drop
 

@@ -53,7 +53,7 @@ def make(page: QWidget, intents: Intents) -> Actions:
         action(tr("E&nd"), "Ctrl+.", end, intents.end),
         action(tr("Stop rig and camera"), "Esc", tr("Stop rig and camera at once"), intents.stop),
         action(tr("&Done"), "Space", tr("What was asked for is done"), intents.answer),
-        action(tr("Mark what is clipped"), "C", tr("Mark clipped pixels in the photograph")),
+        action(tr("Mark what is clipped"), "O", tr("Mark clipped pixels in the photograph")),
     )
     made.stop.setIconText(tr("STOP  (Esc)"))
     made.clipping.setCheckable(True)

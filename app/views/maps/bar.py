@@ -216,8 +216,8 @@ class MapsBar(QFrame):
             (self.tr("All maps"), "G", lambda: self.mode_picked.emit(0)),
             (self.tr("Photograph against re-rendering"), "S", lambda: self.mode_picked.emit(1)),
             (self.tr("Compare runs"), "C", lambda: self.mode_picked.emit(2)),
-            (self.tr("Previous view"), "[", lambda: self.step_view(-1)),
-            (self.tr("Next view"), "]", lambda: self.step_view(1)),
+            (self.tr("Previous view"), ("[", "PgUp"), lambda: self.step_view(-1)),
+            (self.tr("Next view"), ("]", "PgDown"), lambda: self.step_view(1)),
             (self.tr("Brighter"), "E", lambda: self.ev.setValue(self.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.ev.setValue(self.ev.value() - 1)),
             (self.tr("Exposure 0"), "Shift+0", lambda: self.ev.setValue(0)),
@@ -226,7 +226,12 @@ class MapsBar(QFrame):
             self._action(page, text, keys, call)
 
     def _action(
-        self, page: QWidget, text: str, keys: str, call: Callable[[], object], menu: QMenu | None = None
+        self,
+        page: QWidget,
+        text: str,
+        keys: str | tuple[str, ...],
+        call: Callable[[], object],
+        menu: QMenu | None = None,
     ) -> QAction:
         action = page_action(page, text, keys, call)
         if menu is not None:
