@@ -28,7 +28,8 @@ EV_RANGE = 6
 MINUS = "\N{MINUS SIGN}"
 SEGMENT = """QToolButton { padding: 3px 4px; border: 1px solid palette(mid); border-radius: 3px; }
 QToolButton:checked { background: palette(highlight); color: palette(highlighted-text); }
-QToolButton:focus { border-color: palette(highlight); }"""
+QToolButton:focus { border-color: palette(highlight); }
+QToolButton:checked:focus { border-color: palette(text); }"""
 PLAIN = """QToolButton { padding: 3px 6px; border: 1px solid palette(mid); border-radius: 3px; }
 QToolButton:hover { background: palette(button); }
 QToolButton:pressed { background: palette(mid); }

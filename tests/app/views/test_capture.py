@@ -153,6 +153,12 @@ def test_arrow_keys_on_the_pad_jog_by_the_step_that_was_chosen(
     jog.steps.button(0).click()
     qtbot.mouseClick(jog.arrows["right"], Qt.MouseButton.LeftButton)
     assert desk.last("jog") == {"pan": 1.0, "tilt": 0.0}
+    jog.arrows["right"].setFocus()
+    desk.say("order", command="jog")
+    until(qtbot, lambda: not jog.arrows["right"].isEnabled())
+    assert jog.hasFocus()
+    desk.say("order", command="")
+    until(qtbot, lambda: jog.arrows["right"].hasFocus())
 
 
 def test_an_axis_that_is_not_there_and_a_rig_that_is_busy_or_lost_are_not_turned(
