@@ -323,10 +323,10 @@ def _refuse_strangers(to: Path) -> None:
     there = {str(path.relative_to(to)) for path in to.rglob("*") if not path.is_dir()}
     strangers = sorted(there - {*(_listed(to) or ()), INDEX})
     if strangers:
-        raise ExportError(
-            f"{to}: holds {len(strangers)} files that no export wrote, such as {strangers[0]};"
-            " name a new or empty folder"
-        )
+        what = f"{strangers[0]}, which no export wrote"
+        if len(strangers) > 1:
+            what = f"{len(strangers)} files that no export wrote, such as {strangers[0]}"
+        raise ExportError(f"{to}: holds {what}; name a new or empty folder")
 
 
 def _listed(folder: Path) -> list[str] | None:

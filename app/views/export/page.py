@@ -201,7 +201,10 @@ class ExportPage(QWidget):
             item.setText(3, _translated(entry.unit).replace("{length}", unit))
             item.setText(4, exports.told_bytes(there[entry.key].bytes) if entry.key in there else "")
             item.setToolTip(0, ", ".join(entry.files))
-            item.setDisabled(bool(there) and entry.key not in there)
+            absent = bool(there) and entry.key not in there
+            if absent != item.isDisabled():
+                item.setCheckState(0, Qt.CheckState.Unchecked if absent else Qt.CheckState.Checked)
+            item.setDisabled(absent)
         self._enable()
 
     def _enable(self) -> None:

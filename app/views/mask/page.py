@@ -316,7 +316,7 @@ class MaskPage(QWidget):
         fault = model.trouble.value if model is not None else None
         return Standing(
             self._session, self._row("hdr"), self._row("segment"), fault, developed, model.job.value if busy and model is not None else None,
-            self.saving.saved, self._planned, self.saving.waits,
+            self.editor.painting is not None and not self.editor.painting.empty, self.saving.saved, self._planned, self.saving.waits,
         )  # fmt: skip
 
     def _show_state(self) -> None:

@@ -26,7 +26,8 @@ class Standing:
     fault: Trouble | None  # why there is no plan
     developed: Developed | None  # the photographs that are shown, and the object found in them
     job: JobStatus | None  # a run of this session that waits or runs
-    saved: bool  # the strokes are on disk
+    painted: bool  # there are strokes
+    saved: bool  # and they are on disk
     planned: bool  # and the plan knows them
     waits: str  # why saved strokes are not in their place yet
 
@@ -153,4 +154,4 @@ class StatusLine(QFrame):
             return self.tr("saving strokes…")
         if now.waits:
             return self.tr("strokes are kept and will be taken over: {0}").format(now.waits)
-        return self.tr("strokes saved") if now.developed is not None else ""
+        return self.tr("strokes saved") if now.painted else ""
