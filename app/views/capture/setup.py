@@ -72,7 +72,7 @@ class CaptureSetup(QFrame):
         self.stop.setFixedHeight(STOP_HEIGHT)
         # The same red in both themes, as on the machines themselves.
         self.stop.setStyleSheet(
-            f"background: {LIGHT.bad}; color: {LIGHT.on_accent}; font-size: 14pt; border: 2px solid {LIGHT.bad};"
+            f"QPushButton {{ background: {LIGHT.bad}; color: {LIGHT.on_accent}; font-size: 14pt; border: 2px solid {LIGHT.bad}; }}"
         )
         foot = QVBoxLayout()
         foot.setContentsMargins(14, 8, 14, 10)
