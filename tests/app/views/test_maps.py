@@ -179,6 +179,15 @@ def rerendering(page: MapsPage, session: Path, qtbot: QtBot, script: str) -> Non
     page.swipe.errand._make_job = lambda name, task, request: job(script, name, task, request)
 
 
+def test_arrows_stay_in_the_swipe_that_was_clicked(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
+    shown(page, two_runs, qtbot)
+    active(page, qtbot)
+    page.bar.mode_picked.emit(1)
+    assert page.swipe.view.hasFocus()
+    qtbot.keyClick(page.swipe.view, Qt.Key.Key_Left)
+    assert page.pane is page.swipe
+
+
 def test_a_view_is_re_rendered_on_demand(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
     script = """
 emit("progress", fraction=0.5, note="view00")
