@@ -49,6 +49,9 @@ class Devices(Section):
                 "The virtual studio needs no hardware. Its room is built the first time, which takes some minutes."
             )
         )
+        policy = self.hint.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)  # the button below stays under the mouse
+        self.hint.setSizePolicy(policy)
         self.note = Elided()
         self.note.setObjectName("dim")
         self.bar = QProgressBar()

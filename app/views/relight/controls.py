@@ -80,6 +80,9 @@ class RelightControls(Column):
         self.source = QLabel()
         self.source.setObjectName("dim")
         self.source.setWordWrap(True)
+        # Room for two lines, so that the sliders stay where they are.
+        self.source.setMinimumHeight(2 * self.source.fontMetrics().lineSpacing())
+        self.source.setAlignment(Qt.AlignmentFlag.AlignTop)
         self._column.addWidget(self.source)
 
         self._heading(self.tr("Turn"))
