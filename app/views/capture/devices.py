@@ -49,9 +49,6 @@ class Devices(Section):
                 "The virtual studio needs no hardware. Its room is built the first time, which takes some minutes."
             )
         )
-        policy = self.hint.sizePolicy()
-        policy.setRetainSizeWhenHidden(True)  # the button below stays under the mouse
-        self.hint.setSizePolicy(policy)
         self.note = Elided()
         self.note.setObjectName("dim")
         self.bar = QProgressBar()
@@ -131,6 +128,9 @@ class Devices(Section):
         self.rig_live.setVisible(not choosing)
         self.camera_live.setVisible(not choosing)
         virtual = any(url.startswith("virtual:") for url in self.urls)
+        policy = self.hint.sizePolicy()
+        policy.setRetainSizeWhenHidden(choosing)  # the button below stays under the mouse
+        self.hint.setSizePolicy(policy)
         self.hint.setVisible(choosing and virtual and not self._opening)
         self.note.setVisible(self._opening)
         self.bar.setVisible(self._opening)
