@@ -62,14 +62,10 @@ class ViewPanel(QFrame):
         scroll.setAccessibleName(self.tr("Layers and view"))
         for part in (inside, scroll.viewport()):
             part.setAutoFillBackground(False)
-        self.renderer = QLabel()
-        self.renderer.setObjectName("dim")
-        self.renderer.setContentsMargins(14, 4, 12, 8)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(scroll, 1)
-        layout.addWidget(self.renderer)
 
     def show_state(self, state: Showing) -> None:
         """Everything as it is; emits nothing."""
@@ -107,7 +103,8 @@ class ViewPanel(QFrame):
         self._show_views(state)
 
     def show_renderer(self, text: str) -> None:
-        self.renderer.setText(text)
+        """For who asks; nobody else needs it."""
+        self.layers["surface"].setToolTip(text)
 
     # Building
 
