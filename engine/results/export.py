@@ -225,7 +225,9 @@ FRAME = "camera: x right, y down, z forward; a normal that faces the camera has 
 
 def told(fault: OSError, place: Path) -> ExportError:
     """An operating system's refusal in one line: file, cause, remedy."""
-    where = fault.filename or place
+    # Of a copy, the second name is the one that is written, in a folder that becomes `place`.
+    named = str(fault.filename2 or fault.filename or place)
+    where = named.replace(f".{place.name}.partial", place.name)
     remedy = {
         28: "free space or export to another disk",
         122: "free space or export to another disk",

@@ -368,12 +368,13 @@ def test_a_refusal_of_the_system_is_one_line_with_a_remedy(tmp_path, monkeypatch
     before = sorted(path.name for path in to.rglob("*"))
 
     def refuse(*_args):
-        raise OSError(code, os.strerror(code), str(to / "surface.ply"))
+        partial = str(tmp_path / ".out.partial" / "surface.ply")
+        raise OSError(code, os.strerror(code), "/session/surface.ply", None, partial)
 
     monkeypatch.setattr(ply, "surface_ply", refuse)
     with pytest.raises(ExportError, match=remedy) as told:
         write(to)
-    assert "surface.ply" in str(told.value)
+    assert str(told.value).startswith(f"{to / 'surface.ply'}: ")
     assert "\n" not in str(told.value)
     assert sorted(path.name for path in to.rglob("*")) == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
