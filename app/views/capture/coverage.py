@@ -78,9 +78,9 @@ class Coverage(QWidget):
         if seen is None:
             told = self.tr("Nothing of the room is seen yet")
         elif unclipped is None or unclipped >= seen - 0.005:
-            told = self.tr("{0:.0%} of the room seen").format(seen)
+            told = self.tr("Room covered: {0:.0%}").format(seen)
         else:
-            told = self.tr("{0:.0%} of the room seen, {1:.0%} unclipped").format(seen, unclipped)
+            told = self.tr("Room covered: {0:.0%}, {1:.0%} of it unclipped").format(seen, unclipped)
         self.share.setText(told)
         self.next.setText(next_[:1].upper() + next_[1:])
         self.next.setToolTip(next_)

@@ -30,8 +30,8 @@ class Jog(Section):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("", parent)
-        self.setAccessibleName(self.tr("Turn"))
-        self.heading.setText(self.tr("Turn"))
+        self.setAccessibleName(self.tr("Move the rig"))
+        self.heading.setText(self.tr("Move the rig"))
         self._axes: frozenset[str] = frozenset()
         self._turns = False
         self._waits: QWidget | None = None  # for the keyboard, while the rig turns
@@ -140,7 +140,7 @@ class Jog(Section):
 
     def show_where(self, pan_deg: float | None, tilt_deg: float | None) -> None:
         if pan_deg is None and self.home.isEnabled():
-            first = self.tr("Home it first") if self._finds_zero else self.tr("Turn it to its zero first")
+            first = self.tr("Find the zero position first") if self._finds_zero else self.tr("Turn it to its zero first")
             self.where.setText(first)
             return
         parts = [self.tr("pan {0}").format(told_angle(pan_deg))]

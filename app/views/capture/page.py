@@ -173,7 +173,7 @@ class CapturePage(QWidget):
         self.does.start.setVisible(not state.capturing)
         self.does.start.setEnabled(state.open and not state.order and complete)
         self.does.pause.setVisible(state.capturing)
-        self.does.pause.setText(self.tr("&Go on") if state.paused else self.tr("&Pause"))
+        self.does.pause.setText(self.tr("&Resume") if state.paused else self.tr("&Pause"))
         self.does.end.setVisible(state.capturing)
         for does in (self.does.pause, self.does.end):
             does.setEnabled(not state.ending)

@@ -23,10 +23,10 @@ WIDTH = 304
 STOP_HEIGHT = 46
 
 STATES = {
-    State.UNHOMED: QT_TRANSLATE_NOOP("CaptureSetup", "not homed"),
-    State.IDLE: QT_TRANSLATE_NOOP("CaptureSetup", "stands"),
-    State.MOVING: QT_TRANSLATE_NOOP("CaptureSetup", "moves"),
-    State.HOMING: QT_TRANSLATE_NOOP("CaptureSetup", "finds its zero"),
+    State.UNHOMED: QT_TRANSLATE_NOOP("CaptureSetup", "not homed yet"),
+    State.IDLE: QT_TRANSLATE_NOOP("CaptureSetup", "idle"),
+    State.MOVING: QT_TRANSLATE_NOOP("CaptureSetup", "moving"),
+    State.HOMING: QT_TRANSLATE_NOOP("CaptureSetup", "homing…"),
     State.HELD: QT_TRANSLATE_NOOP("CaptureSetup", "held"),
     State.FAULT: QT_TRANSLATE_NOOP("CaptureSetup", "fault"),
     State.OFFLINE: QT_TRANSLATE_NOOP("CaptureSetup", "does not answer"),
@@ -131,7 +131,7 @@ class CaptureSetup(QFrame):
             self.histogram.show_counts(channels, counts.white)
         told = ""
         if picture is not None:
-            told = self.tr("clipped in every exposure {0:.1%}, dark {1:.1%}").format(
+            told = self.tr("Clipped in all: {0:.1%}. Too dark: {1:.1%}").format(
                 picture.clipped, picture.dark
             )
         self.shares.setText(told)

@@ -370,15 +370,15 @@ def test_a_finding_that_stops_asks_whether_to_go_on(
     desk.status("paused", 1, 1, 4, paused=True)
     until(qtbot, lambda: page.banner.isVisible())
     assert "the object moved" in page.banner.what.text()
-    assert banner_buttons(page) == ["Go on", "End"]
-    pressed(page, "Go on")
+    assert banner_buttons(page) == ["Resume", "Finish"]
+    pressed(page, "Resume")
     assert desk.commands[-1] == "go_on"
     assert not page.banner.isVisible()  # decided: a pause by hand later does not ask this again
     desk.status("moving", 2, 1, 4)
     desk.say("finding", pose="pose0002", text="it moved again; fasten it", severity="stop")
     desk.status("paused", 2, 2, 4, paused=True)
     until(qtbot, lambda: page.banner.isVisible())
-    pressed(page, "End")
+    pressed(page, "Finish")
     assert desk.commands[-1] == "end"
 
 
@@ -418,7 +418,7 @@ def test_pause_go_on_and_end_go_to_the_desk(
     qtbot.keyClick(page, Qt.Key.Key_F6)
     assert desk.commands[-1] == "pause"
     desk.status("moving", 0, 0, 4, paused=True)
-    until(qtbot, lambda: page.does.pause.text() == "&Go on")
+    until(qtbot, lambda: page.does.pause.text() == "&Resume")
     assert "then pauses" in page.bar.phase.text()
     qtbot.keyClick(page, Qt.Key.Key_F6)
     assert desk.commands[-1] == "go_on"
@@ -435,10 +435,10 @@ def test_pause_end_and_stop_are_seen_at_once_however_long_the_desk_takes(
     until(qtbot, lambda: page.does.pause.isVisible())
     page.does.pause.trigger()
     until(qtbot, lambda: "then pauses" in page.bar.phase.text())
-    assert page.does.pause.text() == "&Go on"
+    assert page.does.pause.text() == "&Resume"
     desk.status("moving", 0, 0, 4)  # of before
     qtbot.wait(1)
-    assert page.does.pause.text() == "&Go on"
+    assert page.does.pause.text() == "&Resume"
     page.does.end.trigger()
     until(qtbot, lambda: "ending" in page.bar.phase.text())
     assert not page.does.pause.isEnabled()
