@@ -256,4 +256,4 @@ class MainWindow(QMainWindow):
         self.shell.board.hold(True)
         for job in jobs:
             self.shell.board.enqueue(job)
-        self.status.say(self.tr("The queue of last time waits on the Process page; let it go on there"))
+        self.status.say(self.tr("The queue of last time is paused on the Process page; resume it there"))

@@ -91,7 +91,7 @@ def test_times_are_as_short_as_they_are_worth_knowing(seconds: float, told: str)
         ("params.brand_new 1 -> 2", "brand_new 1 → 2"),
         ("surface.directions 512 -> 2048", "directions of light 512 → 2048"),
         ("preset standard -> draft", "preset standard → draft"),
-        ("input segment changed", "object changed"),
+        ("input segment changed", "mask changed"),
         ("input edits/strokes.png added", "strokes added"),
         ("input shots: 5 added", "5 photographs added"),
         ("input shots/0003 removed", "photograph 0003 removed"),

@@ -73,7 +73,7 @@ def test_the_truth_beside_a_simulated_session_is_known(tmp_path: Path) -> None:
 def test_the_stages_times_are_stacked(session: Path) -> None:
     chart = charting.stage_times(runs.runs_of(session))
     assert {series.name: series.y for series in chart.series} == {
-        "Photographs": (2.0, 2.0), "Object": (1.0, 1.0), "Poses": (3.0, 3.0), "Light": (4.0, 4.0), "Surface": (10.0, 5.0),
+        "Merge brackets": (2.0, 2.0), "Mask": (1.0, 1.0), "Poses": (3.0, 3.0), "Light": (4.0, 4.0), "Surface": (10.0, 5.0),
     }  # fmt: skip
     assert chart.stacked
     assert len(chart.ticks) == 2

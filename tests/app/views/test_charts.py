@@ -86,7 +86,7 @@ def test_bars_of_runs_keep_their_names_and_the_readout_goes_with_its_chart(
 ) -> None:
     choose(page, "times", qtbot)
     assert page.chart is not None
-    assert [series.name for series in page.chart.series][:2] == ["Photographs", "Object"]
+    assert [series.name for series in page.chart.series][:2] == ["Merge brackets", "Mask"]
     assert page._view is not None
     axis = page._view._plots[0][0].getAxis("left")
     widest = max(QFontMetrics(axis.style["tickFont"]).horizontalAdvance(name) for name in page.chart.ticks.values())

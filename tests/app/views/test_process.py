@@ -116,7 +116,7 @@ def test_an_edit_is_kept_shows_what_it_touches_and_can_be_undone(
     until(qtbot, lambda: page.column.card(0).state is CardState.STALE)
     assert asked(questions)[-1]["settings"]["hdr"] == {"long_edge_px": 1024}
     assert "longest edge" in told(page.column.card(0))
-    assert page.undo_stack.undoText() == "Photographs: Longest edge"
+    assert page.undo_stack.undoText() == "Merge brackets: Longest edge"
     page.undo_stack.undo()
     until(qtbot, lambda: page.column.card(0).state is CardState.DONE)
     assert "hdr" not in asked(questions)[-1]["settings"]
