@@ -83,8 +83,8 @@ class ChartsPage(QWidget):
             self.error_box.addItem(told(title), key)
         widened(self.error_box)
         self.error_box.currentIndexChanged.connect(lambda index: self.draw())
-        self.truth = QPushButton(self.tr("&Truth…"))
-        self.truth.setAccessibleName(self.tr("Choose a truth"))
+        self.truth = QPushButton(self.tr("Ground &truth…"))
+        self.truth.setAccessibleName(self.tr("Choose a ground truth"))
         self.truth.setToolTip(
             self.tr("A truth.npz to hold the runs against, as the virtual studio writes it")
         )
@@ -326,7 +326,7 @@ class ChartsPage(QWidget):
         self.run_box.setVisible(there and key not in OF_ALL_RUNS)
         offered = ""
         if there and self._lacks():
-            offered = self.tr("&Re-render all views") if key == "views" else self.tr("&Work it out")
+            offered = self.tr("&Re-render all views") if key == "views" else self.tr("Com&pute")
         self.errand.offer(offered)
         self.export.setEnabled(self._chart is not None and not self._chart.missing)
 

@@ -86,7 +86,7 @@ class ExportPage(QWidget):
             length = (
                 ""
                 if export.length != "unknown"
-                else self.tr("; the unit of length is unknown: nothing fixed the scale")
+                else self.tr("; no real-world scale: lengths are relative")
             )
             self.state.setText(self.tr("up to date") + length)
         self._show()

@@ -136,7 +136,7 @@ class MapsBar(QFrame):
         self.view_box.blockSignals(True)
         self.view_box.clear()
         for i, name in enumerate(maps.names):
-            mark = " · held out" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
+            mark = " · kept out as a check" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
             self.view_box.addItem(name + mark)
         first = self.view_box.findText(before) if before else -1
         if first < 0:
@@ -205,7 +205,7 @@ class MapsBar(QFrame):
         for text, keys, call in (
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
-            (self.tr("Pixels as they are"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
             (self.tr("Save picture…"), "Ctrl+Shift+S", self.save_wanted.emit),
             (self.tr("Copy picture"), "Ctrl+Shift+C", self.copy_wanted.emit),
         ):

@@ -254,7 +254,7 @@ class MapsCompare(QWidget):
             factor = (
                 ""
                 if math.isnan(found.depth_factor)
-                else self.tr(" · A's depth times {factor:.4f} before comparing").format(
+                else self.tr(" · depth of A scaled by {factor:.4f} to match").format(
                     factor=found.depth_factor
                 )
             )

@@ -139,7 +139,7 @@ class MaskPage(QWidget):
             (self.tr("Show or hide the outline"), "L", views.outline.toggle),
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
-            (self.tr("Pixels as they are"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
             (self.tr("Zoom in"), "+", lambda: port.zoom(1.25, port.cursor)),
             (self.tr("Zoom out"), "-", lambda: port.zoom(0.8, port.cursor)),
             (self.tr("To the photograph"), "Ctrl+L", self.canvas.setFocus),

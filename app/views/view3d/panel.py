@@ -117,7 +117,7 @@ class ViewPanel(QFrame):
         self.legend = Legend()
         self._inside(self.legend)
         self._gap()
-        self._layer("emitters", self.tr("Light emitters"), bold=True)
+        self._layer("emitters", self.tr("Room light (Gaussians)"), bold=True)
         row = QHBoxLayout()
         row.setSpacing(4)
         self.ways: dict[str, QToolButton] = {}
@@ -155,8 +155,8 @@ class ViewPanel(QFrame):
         row.addWidget(self.exposure, 1)
         row.addWidget(self.stops)
         self._inside(row)
-        self.front = QCheckBox(self.tr("Open the front"))
-        self.front.setAccessibleName(self.tr("Open the front"))
+        self.front = QCheckBox(self.tr("Cut away the near side"))
+        self.front.setAccessibleName(self.tr("Cut away the near side"))
         self.front.setToolTip(self.tr("Leave out the emitters between the eye and the cameras"))
         self.front.toggled.connect(self.front_opened)
         self._inside(self.front)
@@ -291,7 +291,7 @@ def title(surface: str) -> str:
         "albedo": QCoreApplication.translate("ViewPanel", "Albedo"),
         "normals": QCoreApplication.translate("ViewPanel", "Normals"),
         "roughness": QCoreApplication.translate("ViewPanel", "Roughness"),
-        "confidence": QCoreApplication.translate("ViewPanel", "Confidence (error of the normal)"),
+        "confidence": QCoreApplication.translate("ViewPanel", "Uncertainty of normals"),
         "relit": QCoreApplication.translate("ViewPanel", "Relit"),
     }
     return known.get(surface, surface)

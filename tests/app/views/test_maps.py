@@ -77,7 +77,7 @@ def test_a_run_is_drawn_in_every_panel_with_its_legend(page: MapsPage, qtbot: Qt
     assert "OpenGL" in legends["normal"]
     assert page.bar.run_box.count() == 2
     assert "directions of light 2048" in page.bar.run_box.currentText()
-    assert "held out" in page.bar.view_box.currentText()
+    assert "kept out" in page.bar.view_box.currentText()
 
 
 def test_results_that_arrive_later_appear(page: MapsPage, qtbot: QtBot, tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_another_layer_is_drawn_when_it_is_chosen(page: MapsPage, qtbot: QtBot, 
     panel = page.grid.panels[2]
     panel.set_layer("residual")
     until(qtbot, lambda: panel.legend.accessibleDescription().endswith("% of the radiance"))
-    assert panel.view.accessibleName() == "Misfit"
+    assert panel.view.accessibleName() == "Rendering error"
 
 
 def test_keys_change_mode_and_view(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
