@@ -146,6 +146,7 @@ def _sheet(ours: Palette) -> str:
     QLineEdit:focus, QComboBox:focus, QAbstractSpinBox:focus {{ border-color: {ours.accent}; }}
     QLineEdit:disabled, QComboBox:disabled, QAbstractSpinBox:disabled {{ color: {ours.disabled}; }}
     QComboBox {{ padding-right: 18px; }}
+    QComboBox QAbstractItemView {{ padding: 4px; }}
     QComboBox::drop-down {{ border: none; width: 18px; }}
     QComboBox::down-arrow, QAbstractSpinBox::down-arrow {{ image: url({MARKS}/down.svg); width: 12px; height: 12px; }}
     QAbstractSpinBox::up-arrow {{ image: url({MARKS}/up.svg); width: 12px; height: 12px; }}
