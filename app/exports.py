@@ -54,7 +54,7 @@ FORMATS = (
            CAMERA, QT_TRANSLATE_NOOP("exports", "{length}, between near and far in the file's text")),
     Format("errors", "PNG", ("stderr_normal_16.png",),
            QT_TRANSLATE_NOOP("exports", "Standard error of the normals, 16 bits"),
-           SEEN, QT_TRANSLATE_NOOP("exports", "degrees, of the scale in the file's text")),
+           SEEN, QT_TRANSLATE_NOOP("exports", "degrees; the file's text tells the scale")),
     Format("pictures", "PNG", ("mask.png", "photograph.png"),
            QT_TRANSLATE_NOOP("exports", "Mask of the object, and one view"),
            SEEN, QT_TRANSLATE_NOOP("exports", "0 or 255; sRGB")),

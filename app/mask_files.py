@@ -53,12 +53,15 @@ def load(session: Path, hdr: Path, segment: Path, known: Developed | None) -> De
     """The photographs, and the object found in them; `known` again where it still is so, None before the first run.
 
     Args:
-        hdr, segment: folders as the plan has them; the stage's newest result stands in for what has not run.
+        hdr, segment: folders as the plan has them; what was shown last, or else the stage's newest result, stands in
+            for what has not run.
 
     Raises:
         SessionError: a result cannot be read back.
     """
-    pictures, found = _present(hdr), _present(segment)
+    ours = known if known is not None and known.session == session else None
+    pictures = _present(hdr, ours.hdr if ours is not None else None)
+    found = _present(segment, ours.segment if ours is not None else None)
     if pictures is None:
         return None
     if known is not None and (known.session, known.hdr, known.segment) == (session, pictures, found):
@@ -197,10 +200,11 @@ def _settle(session: sessions.Session) -> str:
     return ""
 
 
-def _present(folder: Path) -> Path | None:
-    """This result, or else the stage's newest."""
-    if (folder / "record.json").is_file():
-        return folder
+def _present(folder: Path, shown: Path | None) -> Path | None:
+    """This result, or else the one that was shown last, or else the stage's newest."""
+    for known in (folder, shown):
+        if known is not None and (known / "record.json").is_file():
+            return known
     finished = []
     for record in folder.parent.glob("*/record.json"):
         try:

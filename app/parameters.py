@@ -44,7 +44,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Sensor sites above this share of the way from black to white count as saturated."),
         0.5, 1)),
     ("hdr.dark_sigmas", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Dark below"), QT_TRANSLATE_NOOP("parameters", "noise floors"),
+        QT_TRANSLATE_NOOP("parameters", "Dark below"), QT_TRANSLATE_NOOP("parameters", "times the noise"),
         QT_TRANSLATE_NOOP("parameters", "Pixels whose luminance is less than so many noise floors count as dark."),
         0, 100)),
     ("hdr.ratio_tolerance", Meaning(
@@ -52,7 +52,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "A view is called suspect when its exposure steps differ by more between pixels and file facts."),
         0, 1)),
     ("hdr.hopeless_share", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Hopeless above"), SHARE,
+        QT_TRANSLATE_NOOP("parameters", "Reject a photograph above"), SHARE,
         QT_TRANSLATE_NOOP("parameters", "A view is refused when more of it than this is clipped, or dark, in every exposure."),
         0, 1)),
     ("hdr.learning_views", Meaning(
@@ -93,7 +93,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Patterns of light that explain the object's shading."),
         1, 64)),
     ("segment.pull", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Pull of one pixel"), "",
+        QT_TRANSLATE_NOOP("parameters", "Weight of one pixel"), "",
         QT_TRANSLATE_NOOP("parameters", "Most that one pixel's own evidence weighs."),
         0, 100)),
     ("segment.evidence", Meaning(
@@ -105,7 +105,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Against guesses that run along the border of the picture."),
         0, 1000)),
     ("segment.least_score", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Least score"), QT_TRANSLATE_NOOP("parameters", "log"),
+        QT_TRANSLATE_NOOP("parameters", "Least contrast"), QT_TRANSLATE_NOOP("parameters", "log"),
         QT_TRANSLATE_NOOP("parameters", "How much more has to change across the outline than within and outside, or nothing is found."),
         0, 100)),
     ("segment.same_share", Meaning(
@@ -222,11 +222,11 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.directions", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Directions of light"), "",
         QT_TRANSLATE_NOOP("parameters", "Cells on the sphere of incident directions: more resolve smaller lights, and take time in proportion."),
-        0, 65536, nothing=QT_TRANSLATE_NOOP("parameters", "as the gloss asks"), advanced=False)),
+        0, 65536, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"), advanced=False)),
     ("surface.object_distance", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Distance of the object"), SCENE,
         QT_TRANSLATE_NOOP("parameters", "From camera to object along the optical axis, where it is known. 0: found from the near light."),
-        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "found"), advanced=False)),
+        0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"), advanced=False)),
     ("surface.together", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Pixels solved together"), PX,
         QT_TRANSLATE_NOOP("parameters", "Of a larger object a smaller picture is solved first, then every pixel in tiles: memory stays bounded."),
@@ -306,11 +306,11 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
     ("surface.probes_across", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Probes across"), "",
         QT_TRANSLATE_NOOP("parameters", "Points along each image axis of the object's box at which the light is gathered."),
-        0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "as the light asks"))),
+        0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
     ("surface.probes_deep", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Probes deep"), "",
         QT_TRANSLATE_NOOP("parameters", "The same along the viewing axis."),
-        0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "as the light asks"))),
+        0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
     ("surface.probe_face_px", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Face of a probe"), PX,
         QT_TRANSLATE_NOOP("parameters", "Resolution of one face of each probe's cube."),
@@ -354,11 +354,11 @@ MEANINGS: Mapping[str, Meaning] = dict(_TABLE)
 STAGES: Mapping[str, tuple[str, str]] = {
     # stage -> its title and what it does, translated in the context "parameters"
     "hdr": (
-        QT_TRANSLATE_NOOP("parameters", "Photographs"),
+        QT_TRANSLATE_NOOP("parameters", "Merge brackets"),
         QT_TRANSLATE_NOOP("parameters", "Merge brackets to linear radiance"),
     ),
     "segment": (
-        QT_TRANSLATE_NOOP("parameters", "Object"),
+        QT_TRANSLATE_NOOP("parameters", "Mask"),
         QT_TRANSLATE_NOOP("parameters", "Tell the object from the room"),
     ),
     "poses": (

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from app.parameters import MEANINGS, Meaning
+from app.parameters import MEANINGS, STAGES, Meaning
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
 from engine.results.quality import Quality
@@ -126,9 +126,22 @@ def parse_list(text: str) -> tuple[int, ...] | None:
     return tuple(int(part) for part in parts)
 
 
-def told_reason(reason: str) -> str:
-    """One reason of the plan, with arrows for people: "directions 512 → 2048"."""
-    return reason.removeprefix("params.").replace(" -> ", " → ")
+INPUTS = {"edits/strokes.png": "strokes", "edits/mask.png": "given mask", "edits/poses.json": "given poses"}
+"""Inputs that are no stages, in words."""
+
+
+def told_reason(reason: str, stage: str = "") -> str:
+    """One reason of a stage's plan in the window's words: "directions of light 512 → 2048", "strokes changed"."""
+    what, _, how = reason.partition(" ")
+    if what == "input":
+        what, _, how = how.partition(" ")
+        if what == "shots:":  # so many added
+            return how.replace(" ", " photographs ")
+        title = STAGES[what][0].casefold() if what in STAGES else what.replace("shots/", "photograph ")
+        return f"{INPUTS.get(what, title)} {how}"
+    key = what.replace("params.", f"{stage}.")
+    name = MEANINGS[key].label.casefold() if key in MEANINGS else what.removeprefix("params.")
+    return f"{name} {how}".replace(" -> ", " → ")
 
 
 def told_seconds(seconds: float) -> str:

@@ -17,6 +17,7 @@ from engine.orientation import turn_maps, turned
 from engine.pipeline import artifacts, run, stage_functions, stage_table, stages
 from engine.pipeline import settings as asked
 from engine.pipeline.stages import Step
+from engine.progress import Progress
 from engine.results import metrics
 from engine.results.report import report
 from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses, Renders, Surface
@@ -67,8 +68,16 @@ def told(scores: Scores) -> str:
     return "\n".join(lines)
 
 
-def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Path:
-    """Write the HTML page about what is there so far; returns where it is."""
+def write_report(
+    folder: Path, to: Path | None, truth: Path | None = None, progress: Progress | None = None
+) -> Path:
+    """Write the HTML page about what is there so far; returns where it is.
+
+    Raises:
+        Cancelled: `progress` said so; nothing was written.
+    """
+    progress = progress or Progress()
+    progress.step(0.0, "reading the results")
     steps = {step.stage.name: step for step in steps_of(folder)}
     session = sessions.open_session(folder)
     there = _there(tuple(steps.values()), session.orientation)
@@ -76,6 +85,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
     renders = there("surface", "renders", Renders)
     view = stage_functions.middle_view(poses) if poses is not None else 0
     scores = evaluate(folder, truth) if truth is not None and steps["surface"].done else None
+    progress.step(0.3, "drawing the page")
     page = report.html(
         report.Contents(
             title=called(folder.resolve()),
@@ -97,6 +107,7 @@ def write_report(folder: Path, to: Path | None, truth: Path | None = None) -> Pa
             notes=sessions.notes(session),
         )
     )
+    progress.step(0.9, "writing the page")
     to = to or folder / "exports" / "report.html"
     with sessions.told(to):
         to.parent.mkdir(parents=True, exist_ok=True)

@@ -79,7 +79,9 @@ class Course:
             own = captured is not None and captured.session == now.session
             self.poses = planned(captured) if captured is not None and own else ()
             self.done = captured.done if captured is not None and own else frozenset()
-        if now.capturing and not self.poses and now.planned is not None:
+        # The plan that was shown stands in for the capture's own until the desk tells that.
+        told = now.planned is not before.planned
+        if now.capturing and (told or not self.poses) and now.planned is not None:
             self.poses = now.planned.poses
         if now.going is not None and now.going is not before.going:
             self.done = done_after(self.done, before.going, now.going)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from app.capture.panel_state import CAPTURES, PanelState, heard, lost
+from app.capture.panel_state import CAPTURES, PanelState, asked, heard, lost
 from app.state import trouble
 from app.work.jobs import Event, Job, JobState, JobStatus
 
@@ -84,7 +84,7 @@ class Panel:
 
     def stop(self) -> None:
         """Rig and camera, at once; a capture ends."""
-        self._send("stop")
+        self._ask("stop")
 
     def preview(
         self, shutter_s: float | None = None, iso: int | None = None, aperture: float | None = None
@@ -124,15 +124,15 @@ class Panel:
 
     def pause(self) -> None:
         """Before the next pose; a rig that moves and can hold does so now."""
-        self._send("pause")
+        self._ask("pause")
 
     def go_on(self) -> None:
         """After `pause`, or after a finding that paused the capture."""
-        self._send("go_on")
+        self._ask("go_on")
 
     def end(self) -> None:
         """End the capture after the exposure under way."""
-        self._send("end")
+        self._ask("end")
 
     def answer(self) -> None:
         """What `PanelState.ask` asked is done."""
@@ -147,6 +147,12 @@ class Panel:
             job.cancel()
 
     # ---- the child
+
+    def _ask(self, command: str) -> None:
+        """Of the order under way; seen at once, however long the desk takes to answer."""
+        self._send(command)
+        with self._lock:
+            self._change(asked(self._state, command))
 
     def _send(self, command: str, **facts: Any) -> None:
         with self._lock:

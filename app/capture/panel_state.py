@@ -14,6 +14,7 @@ from hardware.find import Port
 from hardware.interfaces import CameraStatus, State
 
 CAPTURES = frozenset({"start", "resume"})  # the orders that are captures
+PAUSES = {"pause": True, "go_on": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +191,7 @@ class PanelState:
 
     alive: bool = False  # the desk's child runs
     order: str = ""  # the command under way, "" for none; others are refused meanwhile
+    asked: str = ""  # pause, go_on, end or stop, while the desk has not answered it
     working: tuple[float, str] | None = None  # a room is baked: share done, words
     found: Found = field(default_factory=Found)
     rig: RigFacts | None = None  # None: no devices are open
@@ -198,13 +200,15 @@ class PanelState:
     camera_now: CameraStatus | None = None
     picture: Picture | None = None
     planned: Planned | None = None
+    plan_fault: Trouble | None = None  # why the newest plan that was asked for is none
     session: Path | None = None  # of the capture under way, or of the last one
     going: Going | None = None  # likewise
     findings: tuple[Noticed, ...] = ()  # likewise
     coverage: Covered | None = None  # likewise
     ended: Ended | None = None  # of the last one; None while one is under way
     ask: Ask | None = None
-    told: Told | None = None
+    told: Told | None = None  # until the next order: whoever gives one has read it
+    troubles: int = 0  # told so far
 
     @property
     def open(self) -> bool:
@@ -218,12 +222,31 @@ class PanelState:
     @property
     def paused(self) -> bool:
         """A capture stands still, or will once the step under way is done."""
+        if self.asked in PAUSES:
+            return self.capturing and PAUSES[self.asked]
         return self.capturing and self.going is not None and self.going.paused
+
+    @property
+    def rig_well(self) -> bool:
+        """One that is being stopped may be silent meanwhile: its controller starts anew."""
+        return self.asked == "stop" or self.where.state not in (State.FAULT, State.OFFLINE)
+
+    @property
+    def ending(self) -> bool:
+        """What is under way was asked to end."""
+        return self.asked in ("end", "stop")
+
+
+def asked(state: PanelState, command: str) -> PanelState:
+    """The state after a person asked the order under way to pause, go_on, end or stop; its end is never taken back."""
+    if not state.order or state.asked == "stop" or (state.ending and command in PAUSES):
+        return state
+    return replace(state, asked=command)
 
 
 def heard(state: PanelState, event: Mapping[str, Any]) -> PanelState:
     """The state after one event of the desk's child; what is not known changes nothing."""
-    if event.get("event") == "progress":
+    if event.get("event") == "progress" and "left_s" not in event:
         if not state.order:
             return state  # a room goes on being baked when nobody waits for it any more
         share = float(event["fraction"])
@@ -242,19 +265,21 @@ def lost(state: PanelState, what: Trouble | None) -> PanelState:
         going = state.going or Going()
         ended = Ended(state.session, going.taken, going.total, what is None, going.missing, what)
     state = replace(
-        state, alive=False, order="", working=None, rig=None, camera=None, where=Where(), camera_now=None,
+        state, alive=False, order="", asked="", working=None, rig=None, camera=None, where=Where(), camera_now=None,
         ask=None, ended=ended,
     )  # fmt: skip
     return state if what is None else _trouble(state, "", what)
 
 
 def _trouble(state: PanelState, command: str, what: Trouble) -> PanelState:
-    return replace(state, told=Told(command, what, 1 + (state.told.number if state.told else 0)))
+    if command == "plan":
+        return replace(state, plan_fault=what)
+    return replace(state, told=Told(command, what, state.troubles + 1), troubles=state.troubles + 1)
 
 
 def _order(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
     command = str(facts["command"])
-    state = replace(state, order=command, working=None)
+    state = replace(state, order=command, asked="", working=None, told=None if command else state.told)
     if command not in CAPTURES:
         return state
     session = Path(facts["session"])
@@ -304,7 +329,7 @@ def _picture(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
 
 def _planned(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
     poses = tuple(PlannedPose(pose["name"], pose["pan"], pose["tilt"]) for pose in facts["poses"])
-    return replace(state, planned=Planned(poses, tuple(facts["warnings"])))
+    return replace(state, planned=Planned(poses, tuple(facts["warnings"])), plan_fault=None)
 
 
 def _status(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
@@ -313,7 +338,8 @@ def _status(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
         facts["left_s"], facts["message"], _missed(facts), facts["paused"],
     )  # fmt: skip
     working = state.working if going.phase is Phase.EXPOSING else None
-    return replace(state, going=going, working=working)
+    answered = PAUSES.get(state.asked) is going.paused
+    return replace(state, going=going, working=working, asked="" if answered else state.asked)
 
 
 def _missed(facts: Mapping[str, Any]) -> tuple[Missed, ...]:

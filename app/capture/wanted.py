@@ -116,6 +116,8 @@ class Choice:
 def rig_choices(examples: Sequence[str], ports: Sequence[Mapping[str, Any]]) -> tuple[Choice, ...]:
     """Rigs to choose from: the virtual one, those that may hang on a port that was found, then hands.
 
+    Where no port was found, the examples stand there all the same: a port can be written into them.
+
     Args:
         examples: a URL of each kind.
         ports: path, description and likely kind ("" where nobody knows) of each.
@@ -129,15 +131,17 @@ def rig_choices(examples: Sequence[str], ports: Sequence[Mapping[str, Any]]) -> 
             Choice(wired[kind].replace(USUAL_PORT, str(port["path"])), kind, str(port["description"]))
             for kind in likely
         ]
+    found = found or [Choice(example, kind) for kind, example in wired.items()]
     by_hand = [Choice(by_kind[kind], kind) for kind in ("manual", "none") if kind in by_kind]
     return (Choice(VIRTUAL_RIG, "virtual"), *found, *by_hand)
 
 
 def camera_choices(cameras: Sequence[Mapping[str, Any]]) -> tuple[Choice, ...]:
-    """Cameras to choose from, the virtual one first."""
+    """Cameras to choose from, the virtual one first, a folder into which another program puts files last."""
     found = [
         Choice(str(camera["url"]), str(camera["url"]).partition(":")[0], str(camera["name"]))
         for camera in cameras
         if not str(camera["url"]).startswith("virtual:")
     ]
-    return (Choice(VIRTUAL_CAMERA, "virtual"), *found)
+    watched = Choice(f"folder:{Path.home() / 'Pictures'}", "folder")
+    return (Choice(VIRTUAL_CAMERA, "virtual"), *found, watched)

@@ -17,6 +17,7 @@ from jaxtyping import UInt8
 from app.inspect import maps, runs
 from app.inspect.maps import Maps
 from app.inspect.runs import Run
+from app.parameters import STAGES
 from app.relight.lights import Light
 from app.words import QT_TRANSLATE_NOOP
 from engine.errors import TruthError
@@ -69,7 +70,7 @@ TITLES = {
     "times": QT_TRANSLATE_NOOP("maps", "Time of the stages"),
     "views": QT_TRANSLATE_NOOP("maps", "Residual of each view"),
     "coverage": QT_TRANSLATE_NOOP("maps", "Coverage of the light"),
-    "settling": QT_TRANSLATE_NOOP("maps", "Settling of light and shape"),
+    "settling": QT_TRANSLATE_NOOP("maps", "Convergence of light and shape"),
     "distance": QT_TRANSLATE_NOOP("maps", "Distance of the object"),
     "exposures": QT_TRANSLATE_NOOP("maps", "Exposure of each view"),
 }
@@ -122,8 +123,13 @@ def stage_times(found: Sequence[Run]) -> Chart:
         seconds = tuple(
             float(run.records[stage]["seconds"]) if stage in run.records else 0.0 for run in found
         )
-        labels = tuple(f"{name}: {stage} {second:.1f} s" for name, second in zip(names, seconds, strict=True))
-        series.append(Series(stage, tuple(map(float, range(len(found)))), seconds, labels, "bars", i))
+        title = STAGES[stage][0]
+        # The labels of one bar are told in a row, and its name once.
+        labels = tuple(
+            f"{title} {second:.1f} s" if i else f"{name}: {title} {second:.1f} s"
+            for name, second in zip(names, seconds, strict=True)
+        )
+        series.append(Series(title, tuple(map(float, range(len(found)))), seconds, labels, "bars", i))
     return Chart(
         "times",
         TITLES["times"],

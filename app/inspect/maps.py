@@ -46,7 +46,7 @@ LAYERS = {
         Layer("rerendered", QT_TRANSLATE_NOOP("maps", "Re-rendered"), RADIANCE_UNIT),
         Layer(
             "difference",
-            QT_TRANSLATE_NOOP("maps", "Re-rendered less photograph"),
+            QT_TRANSLATE_NOOP("maps", "Difference: rendering less photograph"),
             QT_TRANSLATE_NOOP("maps", "% of the photograph's luminance"),
             "signed",
         ),
@@ -92,7 +92,7 @@ LAYERS = {
         ),
         Layer(
             "residual",
-            QT_TRANSLATE_NOOP("maps", "Misfit"),
+            QT_TRANSLATE_NOOP("maps", "Rendering error"),
             QT_TRANSLATE_NOOP("maps", "% of the radiance"),
             "viridis",
         ),

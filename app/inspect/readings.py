@@ -51,7 +51,7 @@ def under(maps: Maps, x: int, y: int, view: int, normal_frame: str) -> tuple[Rea
         Reading("Albedo", " ".join(f"{v:.3f}" for v in s.albedo[y, x]), "R G B", f"{float(s.stderr_albedo[y, x]):.2g}"),
         Reading("Roughness", f"{float(s.roughness[y, x]):.3f}", _material(s, x, y), f"{float(s.stderr_roughness[y, x]):.2g}"),
         Reading("Depth", f"{depth:.5g}" if depth > 0 else "unknown", _depth_unit(maps, x, y) if depth > 0 else ""),
-        Reading("Misfit", f"{100 * float(s.residual[y, x]):.2g}", "%"),
+        Reading("Rendering error", f"{100 * float(s.residual[y, x]):.2g}", "%"),
         Reading("Flags", falsecolour.told_flags(int(s.flags[y, x]))),
     ]  # fmt: skip
     return tuple(readings)

@@ -11,10 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.parameters import MEANINGS
 from app.state import Trouble
-from engine.pipeline.stages import brief, dotted
+from engine.pipeline import differences, stage_table
+from engine.pipeline.artifacts import plain
+from engine.pipeline.differences import brief
 
 STAGES = ("hdr", "segment", "poses", "light", "surface", "export")
+PAPER = "paper's solver"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +29,8 @@ class Run:
     fingerprint: str  # of the surface stage
     records: Mapping[str, Mapping[str, Any]]  # stage -> its record.json; the stages that are there
     current: bool  # the one that exports/latest shows, or else the newest
+    preset: str  # with which its surface was solved, as far as its parameters tell; or `PAPER`
+    besides: Mapping[str, Any]  # what was set besides, by dotted names
 
     def folder(self, stage: str) -> Path:
         """Where a stage of this run lies."""
@@ -81,7 +87,7 @@ def runs_of(session: Path) -> tuple[Run, ...]:
     found.sort(reverse=True, key=lambda run: run[:2])
     shown = [latest is not None and of.get("export", {}).get("fingerprint") == latest for _, _, of in found]
     first = shown.index(True) if True in shown else 0
-    return tuple(Run(session, name, of, i == first) for i, (_, name, of) in enumerate(found))
+    return tuple(Run(session, name, of, i == first, *_asked(of)) for i, (_, name, of) in enumerate(found))
 
 
 def current(runs: Sequence[Run]) -> Run | None:
@@ -89,40 +95,54 @@ def current(runs: Sequence[Run]) -> Run | None:
     return next((run for run in runs if run.current), None)
 
 
-def differences(a: Run, b: Run) -> tuple[str, ...]:
-    """What was asked otherwise, stage by stage: "surface.directions 1024 -> 2048"."""
+def changes(a: Run, b: Run) -> tuple[str, ...]:
+    """What was asked otherwise: "preset standard -> draft", then "surface.directions 1024 -> 2048"."""
+    table = {stage.name: stage for stage in stage_table.stages()}
     told = []
-    for stage in STAGES[:-1]:
-        before, after = (dotted(run.records.get(stage, {}).get("params", {})) for run in (a, b))
-        told += [
-            f"{stage}.{name} {brief(before.get(name))} -> {brief(after.get(name))}"
-            for name in sorted(before.keys() | after.keys())
-            if before.get(name) != after.get(name)
-        ]
-        versions = [run.records.get(stage, {}).get("version") for run in (a, b)]
+    for name in STAGES[:-1]:
+        if name == "surface" and PAPER in (a.preset, b.preset):
+            told += [f"{a.preset} -> {b.preset}"] if a.preset != b.preset else []
+        else:
+            before, after = (run.records.get(name, {}).get("params", {}) for run in (a, b))
+            reasons = differences.told(table[name], before, after, (a.preset, b.preset))
+            told += [reason.replace("params.", f"{name}.", 1) for reason in reasons]
+        versions = [run.records.get(name, {}).get("version") for run in (a, b)]
         if versions[0] != versions[1]:
-            told.append(f"{stage}: method of version {versions[0]} -> {versions[1]}")
+            told.append(f"{name}: method of version {versions[0]} -> {versions[1]}")
     return tuple(told)
 
 
 def names(runs: Sequence[Run]) -> tuple[str, ...]:
-    """A short name for each run: when it ended, and the parameters in which it differs from the others."""
-    flat = [
-        {
-            f"{stage}.{name}": value
-            for stage in STAGES[:-1]
-            for name, value in dotted(run.records.get(stage, {}).get("params", {})).items()
-        }
-        for run in runs
-    ]
-    keys = sorted({key for one in flat for key in one})
-    differing = [key for key in keys if len({json.dumps(one.get(key)) for one in flat}) > 1]
+    """A short name for each run: its preset, when it ended, and what was set besides that others were not given."""
     told = []
-    for run, one in zip(runs, flat, strict=True):
-        values = [f"{key.partition('.')[2]} {brief(one.get(key))}" for key in differing]
-        rest = [f"{len(values) - 3} more"] if len(values) > 3 else []
-        told.append(" · ".join([run.finished.strftime("%d %b %H:%M"), *values[:3], *rest]))
+    for run in runs:
+        values = [
+            f"{_label(name)} {brief(value)}"
+            for name, value in run.besides.items()
+            if any(other.besides.get(name) != value for other in runs)
+        ]
+        rest = [f"{len(values) - 2} more"] if len(values) > 2 else []
+        told.append(" · ".join([f"{run.preset}, {run.finished.strftime('%d %b %H:%M')}", *values[:2], *rest]))
     return tuple(told)
+
+
+def _asked(records: Mapping[str, Mapping[str, Any]]) -> tuple[str, dict[str, Any]]:
+    """The preset, and by dotted names what was set besides it."""
+    table = {stage.name: stage for stage in stage_table.stages()}
+    surface, asked = table["surface"], records["surface"]["params"]
+    known, ours = differences.dotted(asked).keys(), differences.dotted(plain(surface.defaults)).keys()
+    # The other solver's own table would load the whole of it, for a name.
+    preset = differences.preset_of(surface, asked) if 2 * len(known & ours) >= len(known) else PAPER
+    return preset, {
+        f"{stage}.{name}": value
+        for stage, record in records.items()
+        if stage in STAGES[:-1]
+        for name, value in differences.beside(table[stage], preset, record["params"]).items()
+    }
+
+
+def _label(name: str) -> str:
+    return MEANINGS[name].label.casefold() if name in MEANINGS else name.rpartition(".")[2]
 
 
 def nothing_yet(session: Path | None) -> Trouble:

@@ -6,8 +6,8 @@ A field shows a `Parameter` and tells `edited` once a person has finished with i
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QValidator
-from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QHBoxLayout, QLineEdit, QWidget
+from PySide6.QtGui import QKeyEvent, QKeySequence, QValidator
+from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QHBoxLayout, QLineEdit, QToolTip, QWidget
 
 from app.parameters import Meaning
 from app.plan import Parameter, parse_list
@@ -26,6 +26,23 @@ class Number(QDoubleSpinBox):
         self.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+
+    def event(self, event: QEvent) -> bool:
+        # What was taken over is undone as an edit of the page, what is only typed as text.
+        if event.type() == QEvent.Type.ShortcutOverride and _undoes(event) and not self._unfinished:
+            event.ignore()
+            return False
+        return super().event(event)
+
+    @property
+    def _unfinished(self) -> bool:
+        return self.cleanText() not in (self.textFromValue(self.value()), self.specialValueText())
+
+    def fixup(self, text: str) -> str:
+        within = QCoreApplication.translate("Field", "Between {0} and {1}")
+        low, high = (self.textFromValue(end) for end in (self.minimum(), self.maximum()))
+        QToolTip.showText(self.mapToGlobal(self.rect().bottomLeft()), within.format(low, high), self)
+        return text
 
     def textFromValue(self, value: float) -> str:
         return f"{value:.0f}" if self._whole else f"{value:.7g}"
@@ -103,8 +120,12 @@ class Field(QWidget):
         self.control.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if isinstance(self.control, QLineEdit) and not self.control.isModified():
+            if event.type() == QEvent.Type.ShortcutOverride and _undoes(event):
+                event.ignore()
+                return True
         # Escape leaves a text as it was.
-        if (
+        elif (
             isinstance(self.control, QLineEdit)
             and event.type() == QEvent.Type.KeyPress
             and event.key() == Qt.Key.Key_Escape  # pyright: ignore[reportAttributeAccessIssue]
@@ -137,6 +158,11 @@ class Field(QWidget):
                 self._tell(numbers)
         else:
             self._tell(text)
+
+
+def _undoes(event: QEvent) -> bool:
+    keys = QKeySequence.StandardKey
+    return isinstance(event, QKeyEvent) and any(event.matches(key) for key in (keys.Undo, keys.Redo))
 
 
 def _control(parameter: Parameter) -> QWidget:

@@ -1,6 +1,6 @@
 """Something a page lets a child work out on demand: a button to start it, its progress, a button to stop it.
 
-The child ends when the page is left; what it has finished stays on disk.
+The child works on when the page is left; the board counts it, so that the status bar shows it and closing asks.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QWidget
 from app.state import Trouble, trouble
 from app.views.bridge import Bridge
 from app.work.jobs import Job, JobState, JobStatus
+from app.work.queue import Board
 
 PATIENCE_S = 3.0  # a child that is stopped has nothing to tidy up
 
@@ -34,6 +35,7 @@ class Errand(QWidget):
 
     def __init__(self, parent: QWidget | None = None, make_job: MakeJob = job) -> None:
         super().__init__(parent)
+        self.board: Board | None = None  # where it counts; None: nowhere
         self._make_job = make_job
         self._bridge = Bridge(self)
         self._job: Job | None = None
@@ -46,6 +48,7 @@ class Errand(QWidget):
         self.start = QPushButton()
         self.start.setAccessibleName(self.tr("Start"))
         self.start.clicked.connect(self.wanted)
+        self._by = self.start
         self.cancel = QPushButton(self.tr("S&top"))
         self.cancel.setAccessibleName(self.tr("Stop"))
         self.cancel.clicked.connect(self.stop)
@@ -67,17 +70,30 @@ class Errand(QWidget):
         self.start.setAccessibleName(text.replace("&", "") or self.tr("Start"))
         self._show()
 
-    def begin(self, name: str, task: str, request: Mapping[str, Any]) -> None:
-        """Start a child; an earlier one is stopped."""
+    def begin(
+        self, name: str, task: str, request: Mapping[str, Any], by: QPushButton | None = None
+    ) -> None:
+        """Start a child; an earlier one is stopped.
+
+        Args:
+            by: the button that was pressed, which is not to be pressed meanwhile; the keyboard waits on the stop button.
+        """
         self.stop()
+        self._by = by or self.start
         fresh = self._make_job(name, task, request)
         self._job = fresh
         fresh.listen_events(self._bridge.queued(lambda event: self._hear(fresh, event)))
         fresh.listen(self._bridge.latest(lambda status: self._follow(fresh, status)))
         self.bar.setValue(0)
+        focused = self._by.hasFocus()
         self._show()
+        if focused:
+            self.cancel.setFocus()
         self.changed.emit()
-        fresh.start()
+        if self.board is None:
+            fresh.start()
+        else:
+            self.board.start(fresh)
 
     def send(self, command: str, **facts: Any) -> None:
         if self._job is not None:
@@ -88,8 +104,7 @@ class Errand(QWidget):
         ended, self._job = self._job, None
         if ended is not None:
             ended.cancel()
-            self._show()
-            self.changed.emit()
+            self._over()
 
     def _hear(self, of: Job, event: Mapping[str, Any]) -> None:
         if of is self._job and event["event"] == "data":
@@ -104,12 +119,19 @@ class Errand(QWidget):
         if not status.ended:
             return
         self._job = None
-        self._show()
-        self.changed.emit()
+        self._over()
         if status.state is JobState.FAILED:
             self.failed.emit(trouble(status.message, status.details))
         elif status.state is JobState.DONE:
             self.done.emit(of.task, dict(status.result))
+
+    def _over(self) -> None:
+        focused = self.cancel.hasFocus()
+        self.changed.emit()
+        if focused:
+            self._by.show()
+            self._by.setFocus()
+        self._show()
 
     def _show(self) -> None:
         self.bar.setVisible(self.busy)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from PySide6.QtCore import QCoreApplication, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, Signal
 from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -63,12 +63,26 @@ def browsed(
             chosen()
 
     browse.clicked.connect(fill)
+    field.installEventFilter(_Follows(browse))
     both = QWidget()
     row = QHBoxLayout(both)
     row.setContentsMargins(0, 0, 0, 0)
     row.addWidget(field, 1)
     row.addWidget(browse)
     return both
+
+
+class _Follows(QObject):
+    """Enables a button with the field it is installed on."""
+
+    def __init__(self, button: QPushButton) -> None:
+        super().__init__(button)
+        self._button = button
+
+    def eventFilter(self, of: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.EnabledChange and isinstance(of, QWidget):
+            self._button.setEnabled(of.isEnabled())
+        return False
 
 
 class JobFoot(QWidget):
@@ -149,7 +163,7 @@ class JobFoot(QWidget):
                 self.note.setText(status.note)
             return
         self.bar.hide()
-        self.note.setText("")
+        self.note.setText(self.tr("Stopped") if status.state is JobState.CANCELLED else "")
         self.changed.emit()
         if status.state is JobState.DONE:
             self.done.emit(dict(status.result))

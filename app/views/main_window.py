@@ -16,7 +16,7 @@ from app.views.bridge import Bridge
 from app.views.closing import Closing
 from app.views.menus import Menus
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
-from app.views.shortcuts import ShortcutsDialog, collect
+from app.views.shortcuts import ShortcutsDialog, collect, mouse
 from app.views.status import StatusBar
 from app.views.trouble import show_trouble
 from app.work import queue_file
@@ -24,6 +24,13 @@ from app.work.enquiries import Enquiries
 from app.work.queue import Board
 from engine.errors import RoomlightError
 from engine.io.session import open_session
+
+
+SHOWS = {
+    "desk": "capture", "relight": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
+    "export": "export", "report": "export",
+}  # fmt: skip
+"""Task -> the page that shows it; the others are shown by the Process page."""
 
 
 class MainWindow(QMainWindow):
@@ -179,17 +186,18 @@ class MainWindow(QMainWindow):
 
     def _show_job(self) -> None:
         active = self.shell.board.active
-        self.show_page("capture" if active and active[0].task == "desk" else "process")
+        self.show_page(SHOWS.get(active[0].task, "process") if active else "process")
 
     def show_shortcuts(self) -> None:
-        """The sheet of every shortcut of the window and of the pages that have been shown."""
+        """The sheet of every shortcut of the window and its pages, and of what the mouse does."""
         everywhere = self.tr("Everywhere")
         groups: list[tuple[str, QWidget]] = [
-            (rail.title(row), self._pages[row.key]) for row in PAGES if row.key in self._pages
+            (rail.title(row), self.page(row.key)) for row in PAGES
         ]
         # Pages are children of the window too: what is theirs is listed under their names first.
         found = collect([*groups, (everywhere, self)])
-        ShortcutsDialog(self, sorted(found, key=lambda shortcut: shortcut.group != everywhere)).open()
+        keys = sorted(found, key=lambda shortcut: shortcut.group != everywhere)
+        ShortcutsDialog(self, [*keys, *mouse()]).open()
 
     # --- drag and drop
 
@@ -248,4 +256,4 @@ class MainWindow(QMainWindow):
         self.shell.board.hold(True)
         for job in jobs:
             self.shell.board.enqueue(job)
-        self.status.say(self.tr("The queue of last time waits on the Process page; let it go on there"))
+        self.status.say(self.tr("The queue of last time is paused on the Process page; resume it there"))

@@ -51,6 +51,9 @@ class Menus(QObject):
         undo = self._window.undo.createUndoAction(self._window, self.tr("Undo"))
         redo = self._window.undo.createRedoAction(self._window, self.tr("Redo"))
         undo.setShortcut(Keys.Undo)
+        # Their texts name the edit there is to undo; the sheet of shortcuts does not.
+        undo.setWhatsThis(self.tr("Undo"))
+        redo.setWhatsThis(self.tr("Redo"))
         redo.setShortcut(Keys.Redo)
         menu.addActions([undo, redo])
 

@@ -44,6 +44,8 @@ class Rail(QFrame):
 
     def show_key(self, key: str) -> None:
         self.buttons[key].setChecked(True)
+        if any(button.hasFocus() for button in self.buttons.values()):
+            self.buttons[key].setFocus()
 
     def changeEvent(self, event) -> None:
         super().changeEvent(event)

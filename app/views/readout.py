@@ -17,7 +17,7 @@ CELLS = (
     ("Albedo", 1, 1, "0.000 0.000 0.000 ± 0.0000"),
     ("Re-rendered", 0, 2, "0.0000 0.0000 0.0000"),
     ("Roughness", 1, 2, "0.000 ± 0.0000 specular 0.00"),
-    ("Misfit", 0, 3, "00.0 %"),
+    ("Rendering error", 0, 3, "00.0 %"),
     ("Depth", 1, 3, "0.00000 scene units"),
     ("Flags", 0, 4, ""),
 )
@@ -80,5 +80,5 @@ class Readout(QFrame):
 def line(reading: Reading) -> str:
     """Value, error and unit; units that are sentences stay in the tooltip."""
     error = f" ± {reading.error}" if reading.error else ""
-    unit = f" {told(reading.unit)}" if reading.title in ("Depth", "Misfit") and reading.unit else ""
+    unit = f" {told(reading.unit)}" if reading.title in ("Depth", "Rendering error") and reading.unit else ""
     return f"{reading.text}{error}{unit}"

@@ -7,7 +7,7 @@ its `whatsThis`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtCore import QCoreApplication, QObject, Qt
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QScrollArea, QVBoxLayout, QWidget
 
@@ -24,19 +24,37 @@ class Shortcut:
 
 
 def collect(groups: Iterable[tuple[str, QWidget]]) -> tuple[Shortcut, ...]:
-    """What there is in each of (title, widget), once each."""
-    found: dict[tuple[str, str], Shortcut] = {}
+    """What there is in each of (title, widget), under the first that has it."""
+    found: dict[Shortcut, None] = {}
+    listed: set[QObject] = set()
     for title, widget in groups:
-        for action in [*widget.actions(), *widget.findChildren(QAction)]:
-            what = action.text().replace("&", "").rstrip(".…") or action.toolTip()
-            keys = ", ".join(_told(keys) for keys in action.shortcuts())
-            if keys and what:
-                found.setdefault((keys, what), Shortcut(title, keys, what))
-        for shortcut in widget.findChildren(QShortcut):
-            keys, what = _told(shortcut.key()), shortcut.whatsThis()
-            if keys and what:
-                found.setdefault((keys, what), Shortcut(title, keys, what))
-    return tuple(found.values())
+        for action in [*widget.actions(), *widget.findChildren(QAction), *widget.findChildren(QShortcut)]:
+            if action in listed:
+                continue
+            listed.add(action)
+            what, keys = action.whatsThis(), action.keys() if isinstance(action, QShortcut) else action.shortcuts()
+            if isinstance(action, QAction):
+                what = what or action.text().replace("&", "").rstrip(".…") or action.toolTip()
+            told = ", ".join(_told(one) for one in keys)
+            if told and what:
+                found.setdefault(Shortcut(title, told, what))
+    return tuple(found)
+
+
+def mouse() -> tuple[Shortcut, ...]:
+    """What the mouse does in pictures, in space and on controls."""
+
+    def tr(text: str) -> str:
+        return QCoreApplication.translate("ShortcutsDialog", text)
+
+    rows = (
+        (tr("Wheel"), tr("Zoom in pictures, maps and 3D; exposure on the relight page")),
+        (tr("Drag"), tr("Move a picture; turn the view in 3D, the poses' sphere, or the light")),
+        (tr("Right drag"), tr("Move the view in 3D")),
+        (tr("Double click"), tr("Enlarge a map; centre a point in 3D; put a slider back to 0")),
+        (tr("Right click"), tr("What else there is to do with a list's line")),
+    )
+    return tuple(Shortcut(tr("Mouse"), keys, what) for keys, what in rows)
 
 
 def _told(keys: QKeySequence) -> str:

@@ -142,8 +142,9 @@ class StatusBar(QStatusBar):
             self._followed = None
             return
         status = active[0].status
-        stage = title(status.stage)
-        parts = [status.name, stage if stage.casefold() != status.name.casefold() else ""]
+        # What does one thing only is named once.
+        alone = status.stage.casefold() in (active[0].task, status.name.casefold())
+        parts = [status.name, "" if alone else title(status.stage)]
         if status.eta_s is not None and status.fraction < 1:
             parts.append(self.tr("{0} left").format(told_seconds(status.eta_s)))
         more = len(active) - 1 + len(waiting)

@@ -138,12 +138,15 @@ def _sheet(ours: Palette) -> str:
     QPushButton:pressed, QPushButton:checked {{ background: {ours.field}; }}
     QPushButton:checked {{ border-color: {ours.accent}; }}
     QPushButton:focus {{ border: 1px solid {ours.accent}; }}
+    QPushButton:checked:focus {{ border: 1px solid {ours.text}; }}
+    QPushButton, QAbstractItemView {{ outline: 0; }}
     QPushButton:disabled {{ color: {ours.disabled}; }}
     QLineEdit, QComboBox, QAbstractSpinBox {{ background: {ours.field}; border: 1px solid {ours.line};
         border-radius: 4px; padding: 2px 6px; min-height: 18px; selection-background-color: {ours.accent}; }}
     QLineEdit:focus, QComboBox:focus, QAbstractSpinBox:focus {{ border-color: {ours.accent}; }}
     QLineEdit:disabled, QComboBox:disabled, QAbstractSpinBox:disabled {{ color: {ours.disabled}; }}
     QComboBox {{ padding-right: 18px; }}
+    QComboBox QAbstractItemView {{ padding: 4px; }}
     QComboBox::drop-down {{ border: none; width: 18px; }}
     QComboBox::down-arrow, QAbstractSpinBox::down-arrow {{ image: url({MARKS}/down.svg); width: 12px; height: 12px; }}
     QAbstractSpinBox::up-arrow {{ image: url({MARKS}/up.svg); width: 12px; height: 12px; }}
@@ -186,7 +189,9 @@ def _sheet(ours: Palette) -> str:
     QPushButton#stop {{ background: {ours.bad}; color: {ours.window}; border-radius: 4px; padding: 5px 14px;
         font-weight: 700; }}
     QPushButton#primary:focus, QPushButton#stop:focus {{ border: 2px solid {ours.text}; padding: 4px 13px; }}
-    QComboBox#flat {{ border: none; background: transparent; padding: 1px 4px; font-weight: 600; }}
+    QComboBox#flat {{ border: 1px solid transparent; background: transparent; padding: 0 3px; font-weight: 600; }}
+    QComboBox#flat:focus {{ border-color: {ours.accent}; }}
+    QListWidget:focus, QTreeWidget:focus, QTableWidget:focus {{ border: 1px solid {ours.accent}; }}
     QToolButton#rail {{ border: none; border-radius: 5px; color: {ours.dim}; font-size: 8pt; padding-top: 4px; }}
     QToolButton#rail:hover {{ background: {ours.window}; }}
     QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}

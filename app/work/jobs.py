@@ -235,6 +235,7 @@ class Job:
                 fraction, passed = float(event["fraction"]), self._clock() - self._stage_start
                 known = fraction >= ETA_FROM and passed >= ETA_AFTER_S
                 eta_s = passed * (1 - fraction) / fraction if known else None
+                eta_s = event.get("left_s", eta_s)  # a task that knows it better says so
                 self._change(fraction=fraction, note=str(event.get("note", "")), eta_s=eta_s)
             elif event["event"] == "stage_done":
                 self._change(fraction=1.0, note="", eta_s=0.0)

@@ -95,7 +95,11 @@ def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
     finished = results.finished(Path(request["session"]), "export").folder
     files = request.get("files")
     exports.copy(
-        finished, Path(request["to"]), request.get("green"), None if files is None else frozenset(files)
+        finished,
+        Path(request["to"]),
+        request.get("green"),
+        None if files is None else frozenset(files),
+        link.progress(),
     )
     return {"to": request["to"]}
 
@@ -106,4 +110,7 @@ def report(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
 
     link.emit("stage", name="report", number=1, count=1)
     to = request.get("to")
-    return {"page": str(results.write_report(Path(request["session"]), Path(to) if to else None))}
+    page = results.write_report(
+        Path(request["session"]), Path(to) if to else None, progress=link.progress()
+    )
+    return {"page": str(page)}

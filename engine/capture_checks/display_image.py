@@ -43,6 +43,7 @@ class _Cells:
     light: Float32[np.ndarray, "h w 3"]  # shares of full
     saturated: Bool[np.ndarray, "h w 3"]
     lost: Float32[np.ndarray, "h w"]  # share of its cells with a saturated site
+    share_clipped: float  # of all sites, as `Glance.share_clipped` counts
 
 
 def picture(mosaics: Sequence[Mosaic], edge_px: int) -> Picture:
@@ -65,8 +66,8 @@ def picture(mosaics: Sequence[Mosaic], edge_px: int) -> Picture:
     full = middle.white[1] - middle.black[1]
     dark = cells[-1].light[..., 1] * full < DARK_SIGMAS * sensor.noise.read
     return Picture(
-        coded, _overlay(cells[0].lost, cells[shown].lost, coded.shape[:2]), float(cells[0].lost.mean()),
-        float(cells[shown].lost.mean()), float(dark.mean()), _histogram(mosaics, cells, shown),
+        coded, _overlay(cells[0].lost, cells[shown].lost, coded.shape[:2]), cells[0].share_clipped,
+        cells[shown].share_clipped, float(dark.mean()), _histogram(mosaics, cells, shown),
         middle.facts.shutter_s,
     )  # fmt: skip
 
@@ -84,7 +85,8 @@ def _cells(mosaic: Mosaic, saturation: float, by: int) -> _Cells:
     clipped = np.stack([np.any(saturated[colour], axis=0) for colour in range(3)], axis=-1)
     mean = np.stack([np.stack(light[colour]).mean(axis=0) for colour in range(3)], axis=-1)
     lost = averaged(np.asarray(clipped.any(axis=-1), np.float32), by)
-    return _Cells(averaged(mean, by), averaged(clipped.astype(np.float32), by) > 0, lost)
+    share = float(np.mean([plane.mean() for planes in saturated.values() for plane in planes]))
+    return _Cells(averaged(mean, by), averaged(clipped.astype(np.float32), by) > 0, lost, share)
 
 
 def _balanced_sites(mosaic: Mosaic) -> Float32[np.ndarray, "h w"]:

@@ -31,7 +31,7 @@ _REMEDY = {
     errno.EDQUOT: "your disk quota is used up; free some space and run again",
     errno.EACCES: "no permission to write here; change the folder's permissions or choose another folder",
     errno.EPERM: "writing here is not permitted; change the folder's permissions or choose another folder",
-    errno.EROFS: "the disk is read-only; choose another folder",
+    errno.EROFS: "the disk is read-only; make it writable or choose another folder",
     errno.EFBIG: "the file grew over the size this disk or process allows; choose another disk",
     errno.ENOENT: "no such file or folder, or the drive takes no new ones; check the path and that its drive is there",
     errno.EISDIR: "is a folder; name a file",
@@ -86,9 +86,10 @@ def told(path: Path) -> Iterator[None]:
         remedy = _REMEDY.get(error.errno or _full_disk(path))
         if remedy is None:
             raise
-        # Of a rename, the second name is the one that was asked for.
+        # Of a rename or a copy, the second name is the one that was asked for; a file under way is nobody's.
         named = [name for name in (error.filename2, error.filename) if isinstance(name, str)]
-        raise SessionError(f"{named[0] if named else path}: {remedy}") from error
+        asked = [name for name in named[:1] if not name.endswith(".partial")]
+        raise SessionError(f"{asked[0] if asked else path}: {remedy}") from error
 
 
 def _full_disk(path: Path) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 
 from engine.errors import SessionError
 from engine.io.session import Session, file_sha256
-from engine.pipeline import artifacts
+from engine.pipeline import artifacts, differences
 from engine.pipeline import settings as asked
 from engine.pipeline.settings import Settings
 from engine.progress import Progress
@@ -113,7 +113,7 @@ def plan(session: Session, table: Sequence[Stage], settings: Settings) -> tuple[
         print_ = fingerprint(stage.name, stage.version, counted, inputs)
         folder = session.folder / "stages" / stage.name / print_
         done = _record(folder) is not None
-        reasons = () if done else _reasons(folder.parent, stage, counted, inputs)
+        reasons = () if done else _reasons(folder.parent, stage, settings.preset, counted, inputs)
         steps[stage.name] = Step(stage, params, inputs, print_, folder, done, given, reasons)
     return tuple(steps.values())
 
@@ -159,7 +159,9 @@ def _record(folder: Path) -> dict[str, Any] | None:
     return record if isinstance(record, dict) else None
 
 
-def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs: Hashes) -> tuple[str, ...]:
+def _reasons(
+    stage_folder: Path, stage: Stage, preset: str, params: Mapping[str, Any], inputs: Hashes
+) -> tuple[str, ...]:
     """How this run differs from the stage's latest finished one."""
     records = [_record(folder) for folder in stage_folder.glob("*") if folder.suffix != ".partial"]
     finished = [record for record in records if record is not None]
@@ -169,13 +171,11 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     reasons = []
     if last["version"] != stage.version:
         reasons.append(f"the stage's method is new (version {last['version']} -> {stage.version})")
-    before, now = dotted(last["params"]), dotted(params)
+    before, now = (differences.dotted(values) for values in (last["params"], params))
     if before and 2 * len(before.keys() & now.keys()) < len(before):
         # Another solver, say: naming all that either has alone would tell nobody anything.
         return ("another method, with other parameters",)
-    for name in sorted(now.keys() | before.keys()):
-        if before.get(name) != now.get(name):
-            reasons.append(f"params.{name} {brief(before.get(name))} -> {brief(now.get(name))}")
+    reasons += differences.told(stage, before, now, (differences.preset_of(stage, before, preset), preset))
     changed = [
         name
         for name in sorted(inputs.keys() | last["inputs"].keys())
@@ -183,17 +183,6 @@ def _reasons(stage_folder: Path, stage: Stage, params: Mapping[str, Any], inputs
     ]
     reasons += _told_inputs(changed, last["inputs"], inputs)
     return tuple(reasons)
-
-
-def dotted(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Groups of parameters as dotted names."""
-    flat: dict[str, Any] = {}
-    for name, value in params.items():
-        if isinstance(value, dict):
-            flat |= {f"{name}.{inner}": item for inner, item in dotted(value).items()}
-        else:
-            flat[name] = value
-    return flat
 
 
 def _told_inputs(changed: Sequence[str], old: Hashes, new: Hashes) -> list[str]:
@@ -209,8 +198,3 @@ def _told_inputs(changed: Sequence[str], old: Hashes, new: Hashes) -> list[str]:
         else:
             told += [f"input {name} {word}" for name in shots]
     return told
-
-
-def brief(value: Any) -> str:
-    """A parameter's value in a reason or a name."""
-    return "unset" if value is None else value if isinstance(value, str) else json.dumps(value)

@@ -59,7 +59,13 @@ def write(
     place(to, fill)
 
 
-def copy(exported: Path, to: Path, green: str | None = None, files: Collection[str] | None = None) -> None:
+def copy(
+    exported: Path,
+    to: Path,
+    green: str | None = None,
+    files: Collection[str] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Copy a finished export to folder `to`, whole or not at all; an earlier export there is replaced.
 
     Args:
@@ -69,7 +75,9 @@ def copy(exported: Path, to: Path, green: str | None = None, files: Collection[s
     Raises:
         ExportError: `exported` is no export or holds no such file, `green` is unknown, `to` holds other files,
             the disk is full, or `to` is closed.
+        Cancelled: `progress` said so; `to` is as it was.
     """
+    progress = progress or Progress()
     names = _listed(exported)
     if names is None:
         raise ExportError(
@@ -85,7 +93,8 @@ def copy(exported: Path, to: Path, green: str | None = None, files: Collection[s
         index["png"]["normal"] = {"green": preview_images.checked(green)}
 
     def fill(folder: Path) -> None:
-        for name in wanted:
+        for i, name in enumerate(wanted):
+            progress.step(i / len(wanted), name)
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if green is not None and turned and name in preview_images.NORMALS:
                 (folder / name).write_bytes(preview_images.with_green((exported / name).read_bytes(), green))
@@ -216,7 +225,9 @@ FRAME = "camera: x right, y down, z forward; a normal that faces the camera has 
 
 def told(fault: OSError, place: Path) -> ExportError:
     """An operating system's refusal in one line: file, cause, remedy."""
-    where = fault.filename or place
+    # Of a copy, the second name is the one that is written, in a folder that becomes `place`.
+    named = str(fault.filename2 or fault.filename or place)
+    where = named.replace(f".{place.name}.partial", place.name)
     remedy = {
         28: "free space or export to another disk",
         122: "free space or export to another disk",
@@ -314,10 +325,10 @@ def _refuse_strangers(to: Path) -> None:
     there = {str(path.relative_to(to)) for path in to.rglob("*") if not path.is_dir()}
     strangers = sorted(there - {*(_listed(to) or ()), INDEX})
     if strangers:
-        raise ExportError(
-            f"{to}: holds {len(strangers)} files that no export wrote, such as {strangers[0]};"
-            " name a new or empty folder"
-        )
+        what = f"{strangers[0]}, which no export wrote"
+        if len(strangers) > 1:
+            what = f"{len(strangers)} files that no export wrote, such as {strangers[0]}"
+        raise ExportError(f"{to}: holds {what}; name a new or empty folder")
 
 
 def _listed(folder: Path) -> list[str] | None:

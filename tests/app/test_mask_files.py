@@ -154,6 +154,8 @@ def test_the_newest_result_stands_in_for_one_that_is_not_there(session: Path) ->
     second = mask_files.load(session, hdr, segment, first)
     assert second is not None
     assert second.segment == segment
+    # Strokes that were taken back, and others: the outline stays, and not the newest's is shown.
+    assert mask_files.load(session, hdr, segment.with_name("another"), first) is first
 
 
 def test_the_mean_is_that_of_the_views(session: Path) -> None:

@@ -84,8 +84,22 @@ def test_times_are_as_short_as_they_are_worth_knowing(seconds: float, told: str)
     assert plans.told_seconds(seconds) == told
 
 
-def test_reasons_are_told_with_arrows() -> None:
-    assert plans.told_reason("params.directions 512 -> 2048") == "directions 512 → 2048"
+@pytest.mark.parametrize(
+    ("reason", "told"),
+    [
+        ("params.directions 512 -> 2048", "directions of light 512 → 2048"),
+        ("params.brand_new 1 -> 2", "brand_new 1 → 2"),
+        ("surface.directions 512 -> 2048", "directions of light 512 → 2048"),
+        ("preset standard -> draft", "preset standard → draft"),
+        ("input segment changed", "mask changed"),
+        ("input edits/strokes.png added", "strokes added"),
+        ("input shots: 5 added", "5 photographs added"),
+        ("input shots/0003 removed", "photograph 0003 removed"),
+        ("the stage's method is new (version 1 -> 2)", "the stage's method is new (version 1 → 2)"),
+    ],
+)
+def test_reasons_are_told_in_the_windows_words(reason: str, told: str) -> None:
+    assert plans.told_reason(reason, "surface") == told
 
 
 def test_a_parameter_the_table_does_not_know_is_shown_all_the_same() -> None:

@@ -18,7 +18,7 @@ from app.capture.desk import wishes
 from app.capture.desk.devices import Devices
 from app.capture.desk.newest import Newest
 from app.capture.desk.pictures import Pictures
-from app.capture.order import Order
+from app.capture.order import Order, Pose
 from app.capture.recovery import Patience
 from app.capture.run import USUAL, Capture
 from app.capture.status import Finding, Missing, Phase, Status
@@ -92,6 +92,11 @@ class Run:
     @property
     def control(self) -> Control:
         return self._capture.control
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """Of all its runs, in the order of the plan."""
+        return self._order.poses
 
     def run(self) -> None:
         """
@@ -180,6 +185,8 @@ class Run:
             self._emit("finding", pose=finding.pose, text=finding.text, severity=finding.severity.value)
 
     def _emit_status(self, status: Status) -> None:
+        share = status.taken / status.total if status.total else 0.0
+        self._link.emit("progress", fraction=share, note=status.message, left_s=status.left_s)
         angles = None if status.pose is None else status.pose.angles
         self._emit(
             "status",

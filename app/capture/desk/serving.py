@@ -10,14 +10,14 @@ plan are answered beside them; stop, pause, go_on, end and answer are obeyed at 
 
 Events are `data` with a kind; `app/capture/panel_state.py` says what each tells: order (one begins, or "" when it is
 over), devices, opened, closed, where, camera, picture, planned, status, finding, coverage, ask, answered, ended, trouble.
-`progress` tells of a virtual room that is baked for its first photograph.
+`progress` tells of a virtual room that is baked for its first photograph and, with `left_s`, of the capture.
 """
 
 import contextlib
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from app.capture.desk import wishes
 from app.capture.desk.devices import Devices, Lookout, Opening, plugged_in
 from app.capture.desk.newest import Newest
 from app.capture.desk.pictures import Pictures
-from app.capture.order import poses_of
+from app.capture.order import Pose, poses_of
 from app.capture.recovery import Patience
 from app.capture.status import Phase
 from app.rigs import within
@@ -182,11 +182,13 @@ class Desk:
 
         make = started if content["command"] == "start" else resumed
         around = Around(self._link, self._devices, self._pictures, self._aside, self._patience)
-        self._run = make(around, content)
+        self._run = run = make(around, content)
+        # What the page shows may be another plan than the one that is captured.
+        self._beside({"command": "plan"}, lambda plan: self._tell_plan(run.poses))
         try:
             if self._leaving or self._stopping:
                 return
-            self._run.run()
+            run.run()
         finally:
             self._run = None
 
@@ -207,20 +209,24 @@ class Desk:
         self._emit("devices", **plugged_in(self._link))
 
     def _plan(self, content: Content) -> None:
-        from app.capture import checks
-
         rig = self._devices.rig
         plan = wishes.plan(content["plan"], None if rig is None else rig.motion.features)
         if rig is not None:
             plan = fitted(plan, rig.motion.features)
-        angles = [place.angles for place in plan if place.angles is not None]
+        self._tell_plan(poses_of(plan))
+
+    def _tell_plan(self, planned: Sequence[Pose]) -> None:
+        from app.capture import checks
+
+        rig = self._devices.rig
+        angles = [pose.angles for pose in planned if pose.angles is not None]
         poses = [
             {
                 "name": pose.name,
                 "pan": None if pose.angles is None else pose.angles.pan_deg,
                 "tilt": None if pose.angles is None else pose.angles.tilt_deg,
             }
-            for pose in poses_of(plan)
+            for pose in planned
         ]
         warnings = checks.of_plan(None if rig is None else rig.geometry, angles) if angles else ()
         self._emit("planned", poses=poses, warnings=warnings)

@@ -50,10 +50,10 @@ def make(page: QWidget, intents: Intents) -> Actions:
     made = Actions(
         action(tr("&Start"), "F5", tr("Start the capture"), intents.start),
         action(tr("&Pause"), "F6", tr("Wait before the next pose"), intents.pause),
-        action(tr("E&nd"), "Ctrl+.", end, intents.end),
+        action(tr("Fi&nish"), "Ctrl+.", end, intents.end),
         action(tr("Stop rig and camera"), "Esc", tr("Stop rig and camera at once"), intents.stop),
         action(tr("&Done"), "Space", tr("What was asked for is done"), intents.answer),
-        action(tr("Mark what is clipped"), "C", tr("Mark clipped pixels in the photograph")),
+        action(tr("Show clipping"), "O", tr("Mark clipped pixels in the photograph")),
     )
     made.stop.setIconText(tr("STOP  (Esc)"))
     made.clipping.setCheckable(True)

@@ -71,12 +71,16 @@ class CaptureBar(QWidget):
         self.name.setText(
             state.session.stem if going is not None and state.session is not None else self.tr("New capture")
         )
-        if state.working is not None:
+        if state.ending:
+            self.phase.setText(
+                self.tr("stopping…") if state.asked == "stop" else self.tr("ending after this exposure…")
+            )
+        elif state.working is not None:
             # A virtual room is built when its camera first exposes.
             share, words = state.working
             self.phase.setText(self.tr("building the virtual room, {0:.0%}: {1}").format(share, words))
         else:
-            self.phase.setText(idle if going is None else _told_phase(going))
+            self.phase.setText(idle if going is None else _told_phase(going, state.paused))
         self.left.setText("" if going is None else self._told_left(going))
         self.bar.setVisible(going is not None or state.working is not None)
         share = going.taken / going.total if going is not None and going.total else 0.0
@@ -91,9 +95,9 @@ class CaptureBar(QWidget):
         return self.tr("{0}, about {1} left").format(count, told_seconds(going.left_s))
 
 
-def _told_phase(going: Going) -> str:
+def _told_phase(going: Going, paused: bool) -> str:
     phase = QCoreApplication.translate("CaptureBar", PHASES[going.phase])
-    if going.paused and going.phase is not Phase.PAUSED:
+    if paused and going.phase is not Phase.PAUSED:
         phase = QCoreApplication.translate("CaptureBar", "{0}, then pauses").format(phase)
     about = going.message or (going.pose or "")
     return f"{phase}: {about}" if about else phase

@@ -54,7 +54,7 @@ class BracketBox(Section):
         self.fault = dim()
         self.body.addWidget(self.fault)
         self.preview = button(
-            self.tr("Take a &look"), self.tr("One photograph with these settings, which is not kept")
+            self.tr("&Test shot"), self.tr("One photograph with these settings, which is not kept")
         )
         self.preview.clicked.connect(self.preview_wanted)
         self.body.addWidget(self.preview)
@@ -77,7 +77,7 @@ class BracketBox(Section):
 
     def show_offered(self, offered: Offered) -> None:
         """What this camera can be set to; a choice that it offers too stays."""
-        asked = self.tr("as the camera has it")
+        asked = self.tr("keep camera setting")
         body = self.tr("set on the camera's body")
         first = asked if offered.sets_exposure else body
         told: tuple[tuple[QComboBox, Sequence[Any], Callable[[Any], str]], ...] = (

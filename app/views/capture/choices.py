@@ -36,8 +36,8 @@ def choices(matter: Matter, state: PanelState, captured: Captured | None, answer
         return [done] if state.ask is not None and state.ask.confirm else []
     if matter is Matter.STOPPED:
         return [
-            Choice(translate("CaptureNotices", "&Go on"), answers.go_on, True),
-            Choice(translate("CaptureNotices", "E&nd"), answers.end),
+            Choice(translate("CaptureNotices", "&Resume"), answers.go_on, True),
+            Choice(translate("CaptureNotices", "Fi&nish"), answers.end),
         ]
     if matter is Matter.TROUBLE and state.told is not None:
         told = state.told.trouble

@@ -1,13 +1,14 @@
 """What of the room's light the photographs have seen: a panorama that grows, its share, and what to photograph next."""
 
-from PySide6.QtCore import QRectF, QSize, QSizeF, Qt
-from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from app.views import theme
 from app.views.background import Background
 from app.views.capture.parts import dim
 from app.views.capture.picture import read_picture
+HATCH_PX = 8
 
 
 class Panorama(QWidget):
@@ -31,7 +32,11 @@ class Panorama(QWidget):
         size = QSizeF(2, 1).scaled(room, Qt.AspectRatioMode.KeepAspectRatio)
         frame = QRectF((room.width() - size.width()) / 2, 0, size.width(), size.height())
         painter.fillRect(frame, QColor(ours.field))
-        painter.fillRect(frame, QBrush(QColor(ours.line), Qt.BrushStyle.BDiagPattern))
+        # Drawn, not a brush's pattern: that is one of the screen's pixels, and fades where they are fine.
+        painter.setClipRect(frame)
+        painter.setPen(theme.pen(ours.line))
+        for x in range(round(frame.left()), round(frame.right() + frame.height()), HATCH_PX):
+            painter.drawLine(QPointF(x, frame.top()), QPointF(x - frame.height(), frame.bottom()))
         if self.image is not None:
             painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
             painter.drawImage(frame, self.image)
@@ -73,9 +78,9 @@ class Coverage(QWidget):
         if seen is None:
             told = self.tr("Nothing of the room is seen yet")
         elif unclipped is None or unclipped >= seen - 0.005:
-            told = self.tr("{0:.0%} of the room seen").format(seen)
+            told = self.tr("Room covered: {0:.0%}").format(seen)
         else:
-            told = self.tr("{0:.0%} of the room seen, {1:.0%} unclipped").format(seen, unclipped)
+            told = self.tr("Room covered: {0:.0%}, {1:.0%} of it unclipped").format(seen, unclipped)
         self.share.setText(told)
         self.next.setText(next_[:1].upper() + next_[1:])
         self.next.setToolTip(next_)

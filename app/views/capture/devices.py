@@ -54,7 +54,7 @@ class Devices(Section):
         self.bar = QProgressBar()
         self.bar.setTextVisible(False)
         self.bar.setAccessibleName(self.tr("Progress of connecting"))
-        self.look = button(self.tr("Loo&k again"), self.tr("Look for ports and cameras again"))
+        self.look = button(self.tr("Refresh &list"), self.tr("Look for ports and cameras again"))
         self.toggle = button(self.tr("&Connect"), look="primary")
         buttons = QHBoxLayout()
         buttons.setSpacing(6)
@@ -128,6 +128,9 @@ class Devices(Section):
         self.rig_live.setVisible(not choosing)
         self.camera_live.setVisible(not choosing)
         virtual = any(url.startswith("virtual:") for url in self.urls)
+        policy = self.hint.sizePolicy()
+        policy.setRetainSizeWhenHidden(choosing)  # the button below stays under the mouse
+        self.hint.setSizePolicy(policy)
         self.hint.setVisible(choosing and virtual and not self._opening)
         self.note.setVisible(self._opening)
         self.bar.setVisible(self._opening)
@@ -152,7 +155,7 @@ class Devices(Section):
         words = {
             "virtual": self.tr("Virtual studio") if rig else self.tr("Virtual camera: an object in a study"),
             "manual": self.tr("A stand that I turn when asked"),
-            "none": self.tr("No rig: I hold it in my hands"),
+            "none": self.tr("No rig (handheld)"),
             "grbl": self.tr("GRBL controller"),
             "zaber": self.tr("Zaber stages"),
             "folder": self.tr("Watched folder"),

@@ -109,7 +109,7 @@ class _Card(QStyledItemDelegate):
             painter.fillRect(option.rect, theme.colour(ours.accent, 0.18))
         ink = {"stop": ours.bad, "warn": ours.warn}.get(severity, ours.dim)
         sign = icons.pixmap(
-            "more" if severity == "note" else "warning", ink, ICON_PX, painter.device().devicePixelRatioF()
+            "note" if severity == "note" else "warning", ink, ICON_PX, painter.device().devicePixelRatioF()
         )
         corner = option.rect.topLeft() + QPoint(GAP, GAP)
         painter.drawPixmap(corner, sign)

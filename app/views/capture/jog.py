@@ -30,10 +30,11 @@ class Jog(Section):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("", parent)
-        self.setAccessibleName(self.tr("Turn"))
-        self.heading.setText(self.tr("Turn"))
+        self.setAccessibleName(self.tr("Move the rig"))
+        self.heading.setText(self.tr("Move the rig"))
         self._axes: frozenset[str] = frozenset()
         self._turns = False
+        self._waits: QWidget | None = None  # for the keyboard, while the rig turns
         self.where = dim()
         self.where.setAccessibleName(self.tr("Where the rig stands"))
         self.where.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
@@ -109,6 +110,7 @@ class Jog(Section):
         """
         self._finds_zero = finds_zero
         self._axes, self._turns = axes, turns
+        focused = next((part for part in (*self.arrows.values(), self.go, self.home) if part.hasFocus()), None)
         self.setVisible(bool(axes))
         for key, arrow in self.arrows.items():
             arrow.setEnabled(turns and ("pan" if key in ("left", "right") else "tilt") in axes)
@@ -124,10 +126,21 @@ class Jog(Section):
         self.home.setText(text)
         self.home.setAccessibleName(text.replace("&", ""))
         self.home.setToolTip(tip)
+        self._keep_focus(focused)
+
+    def _keep_focus(self, focused: QWidget | None) -> None:
+        """What had the keyboard has it again once the rig stands, not the next field meanwhile."""
+        if focused is not None and not focused.isEnabled():
+            self._waits = focused
+            self.setFocus()
+        elif self._waits is not None and self._waits.isEnabled():
+            if self.hasFocus():
+                self._waits.setFocus()
+            self._waits = None
 
     def show_where(self, pan_deg: float | None, tilt_deg: float | None) -> None:
         if pan_deg is None and self.home.isEnabled():
-            first = self.tr("Home it first") if self._finds_zero else self.tr("Turn it to its zero first")
+            first = self.tr("Find the zero position first") if self._finds_zero else self.tr("Turn it to its zero first")
             self.where.setText(first)
             return
         parts = [self.tr("pan {0}").format(told_angle(pan_deg))]

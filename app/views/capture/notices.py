@@ -56,7 +56,7 @@ def notice(state: PanelState, captured: Captured | None, seen: Seen) -> tuple[Ma
         return Matter.STOPPED, Notice(
             translate("CaptureNotices", "Paused. {0}").format(about), _sentence(told.remedy), "bad"
         )
-    if state.told is not None and state.told.number > seen.told and state.told.command != "plan":
+    if state.told is not None and state.told.number > seen.told:
         return Matter.TROUBLE, _of_trouble(state.told.trouble)
     if state.capturing:
         return None

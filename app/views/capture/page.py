@@ -26,7 +26,7 @@ from app.views.capture.bar import CaptureBar
 from app.views.capture.choices import Answers, choices
 from app.views.capture.notices import Matter, Seen, notice, stops
 from app.views.capture.scene import CaptureScene
-from app.views.capture.setup import UNWELL, CaptureSetup
+from app.views.capture.setup import CaptureSetup
 from app.views.pages import Shell
 
 OPENING = frozenset({"open", "resume"})
@@ -46,7 +46,6 @@ class CapturePage(QWidget):
         self._folder: Path | None = None
         self._looked = False  # for what is plugged in
         self._seen = Seen()
-        self._plan_fault = 0  # number of the latest trouble before the plan was asked for
         self._course = Course()
         self._background = Background(self, "capture")
         self._bridge = Bridge(self)
@@ -85,8 +84,7 @@ class CapturePage(QWidget):
         """Make ready for a new session; a capture under way goes on."""
         if self.state.capturing:
             return
-        told = self.state.told
-        self._see(told=told.number if told else 0, ended=self.state.ended, captured=self.captured)
+        self._see(told=self.state.troubles, ended=self.state.ended, captured=self.captured)
         self.setup.place.named = False
         self._offer_place()
         (self.setup.plan.kind if self.state.open else self.setup.devices.toggle).setFocus()
@@ -175,8 +173,10 @@ class CapturePage(QWidget):
         self.does.start.setVisible(not state.capturing)
         self.does.start.setEnabled(state.open and not state.order and complete)
         self.does.pause.setVisible(state.capturing)
-        self.does.pause.setText(self.tr("&Go on") if state.paused else self.tr("&Pause"))
+        self.does.pause.setText(self.tr("&Resume") if state.paused else self.tr("&Pause"))
         self.does.end.setVisible(state.capturing)
+        for does in (self.does.pause, self.does.end):
+            does.setEnabled(not state.ending)
         self.does.stop.setVisible(state.open or state.order in OPENING)
         self.does.answer.setEnabled(state.ask is not None and state.ask.confirm)
         self.bar.show_state(state, self._idle(complete))
@@ -196,10 +196,10 @@ class CapturePage(QWidget):
 
     def _plan_trouble(self) -> str:
         """What is wrong with the plan that stands there, or ""."""
-        told = self.state.told
-        if told is None or told.command != "plan" or told.number <= self._plan_fault:
+        fault = self.state.plan_fault
+        if fault is None:
             return ""
-        return f"{told.trouble.what}; {told.trouble.remedy}" if told.trouble.remedy else told.trouble.what
+        return f"{fault.what}; {fault.remedy}" if fault.remedy else fault.what
 
     def _count(self) -> str:
         """What the plan comes to; "" before it is known."""
@@ -218,16 +218,15 @@ class CapturePage(QWidget):
     def _show_devices(self, before: PanelState) -> None:
         """In the status bar of the window."""
         state = self.state
-        if self._shell is None or (state.rig, state.camera, state.where.state) == (
-            before.rig, before.camera, before.where.state
+        if self._shell is None or (state.rig, state.camera, state.rig_well) == (
+            before.rig, before.camera, before.rig_well
         ):  # fmt: skip
             return
         if state.rig is None or state.camera is None:
             for key in ("rig", "camera"):
                 self._shell.state.drop_device(key)
             return
-        well = state.where.state not in UNWELL
-        self._shell.state.set_device(Device("rig", self.tr("rig"), well, state.rig.name))
+        self._shell.state.set_device(Device("rig", self.tr("rig"), state.rig_well, state.rig.name))
         self._shell.state.set_device(Device("camera", self.tr("camera"), True, state.camera.name))
 
     # The banner
@@ -245,7 +244,7 @@ class CapturePage(QWidget):
         found = notice(self.state, self.captured, self._seen)
         state = self.state
         if found is not None and found[0] is Matter.TROUBLE:
-            self._see(told=state.told.number if state.told is not None else 0)
+            self._see(told=state.troubles)
         else:
             self._see(ended=state.ended, captured=self.captured)
 
@@ -295,21 +294,20 @@ class CapturePage(QWidget):
         plan = self.setup.plan.plan()
         known = plan is not None and (plan["kind"] != "suited" or self.state.open)
         if plan is not None and known and self._looked and not self.state.capturing:
-            self._plan_fault = self.state.told.number if self.state.told is not None else 0
             self.panel.plan(plan)
         self._show_able()
 
     # What follows from a capture's begin and end, and from the session that is open
 
     def _begun(self, state: PanelState) -> None:
-        told = state.told.number if state.told is not None else 0
-        self._seen = Seen(told=told, captured=self.captured)
+        self._seen = Seen(told=state.troubles, captured=self.captured)
         if self._shell is not None and self.panel.job is not None:
             self._shell.board.start(self.panel.job)  # closing the window asks now
 
     def _ended(self) -> None:
         if self._shell is not None and self.panel.job is not None:
             self._shell.board.leave(self.panel.job)
+        self._ask_plan()  # the one that is shown was the capture's
         ended = self.state.ended
         if ended is None or self._shell is None or not ended.taken:
             return

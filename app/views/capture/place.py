@@ -18,6 +18,7 @@ class PlaceBox(Section):
         self.setAccessibleName(self.tr("Session"))
         self.heading.setText(self.tr("Session"))
         self.named = False  # by the person
+        self._next: str | None = None  # what stood here before the capture under way
         self.folder = QLineEdit()
         self.folder.setAccessibleName(self.tr("Folder of the new session"))
         self.folder.setToolTip(self.tr("Folder of the new session; it must not be there yet"))
@@ -45,6 +46,16 @@ class PlaceBox(Section):
         if not self.named:
             self.folder.setText(str(path))
             self.folder.setCursorPosition(len(self.folder.text()))
+
+    def show_under_way(self, session: Path | None) -> None:
+        """The session that is being captured, in place of the next one's name; None: the next one's again."""
+        if session is not None and self._next is None:
+            self._next = self.folder.text()
+        if session is not None:
+            self.folder.setText(str(session))
+        elif self._next is not None:
+            self.folder.setText(self._next)
+            self._next = None
 
     def _name(self) -> None:
         self.named = bool(self.folder.text().strip())

@@ -22,7 +22,7 @@ from hardware.plan import HIGHEST_DEG, LOWEST_DEG, MOST
 SETTLED_MS = 250  # after the last keystroke, before the plan is worked out
 POSES = 72
 COLUMNS = "pan_deg,tilt_deg"  # of a plan's file
-AS_THE_RIG_S = -0.5  # what the settling field shows as "as the rig has it"
+AS_THE_RIG_S = -0.5  # what the settling field shows as "rig's default"
 
 
 class PlanBox(Section):
@@ -37,10 +37,10 @@ class PlanBox(Section):
         grid = self.rows()
         self.kind = box_of("", 14)
         for key, text in (
-            ("suited", self.tr("What suits the rig")),
+            ("suited", self.tr("Automatic (full sphere)")),
             ("turntable", self.tr("Turntable: one circle")),
             ("gimbal", self.tr("Gimbal: rows of tilts")),
-            ("free", self.tr("Free, in my hands")),
+            ("free", self.tr("Handheld, no plan")),
             ("file", self.tr("From a CSV file")),
         ):
             self.kind.addItem(text, key)
@@ -54,7 +54,7 @@ class PlanBox(Section):
         self.browse.setAccessibleName(self.tr("Browse for a plan"))
         self.settle = _number(AS_THE_RIG_S, 60, AS_THE_RIG_S)
         self.settle.setSingleStep(0.5)
-        self.settle.setSpecialValueText(self.tr("as the rig has it"))
+        self.settle.setSpecialValueText(self.tr("rig's default"))
         self.settle.setSuffix(" s")
         self.settle.setToolTip(self.tr("How long to wait after a move before the photograph"))
         for field in (self.lowest, self.highest):
@@ -69,14 +69,14 @@ class PlanBox(Section):
         files = _beside(self.file, self.browse)
         self._row(("file",), row(grid, self.tr("File"), files), files)
         self.file.setAccessibleName(self.tr("File of the plan"))
-        row(grid, self.tr("Settle"), self.settle, self.tr("Settling time, seconds"))
-        self.helpful = QCheckBox(self.tr("Most helpful pose first"))
+        row(grid, self.tr("Wait"), self.settle, self.tr("Wait after moving, seconds"))
+        self.helpful = QCheckBox(self.tr("Most useful pose first"))
         self.helpful.setToolTip(
             self.tr(
                 "Each time the pose that shows most of what no photograph has shown yet; the rig travels more"
             )
         )
-        self.any_format = QCheckBox(self.tr("Keep &other files than RAW"))
+        self.any_format = QCheckBox(self.tr("Als&o keep JPEGs"))
         self.any_format.setToolTip(self.tr("JPEG and others are kept, unchecked; they cannot be processed"))
         for box in (self.helpful, self.any_format):
             box.setAccessibleName(box.text().replace("&", ""))

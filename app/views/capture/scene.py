@@ -83,7 +83,7 @@ class CaptureScene(QSplitter):
         if state.capturing or state.order == "preview":
             return self.tr("The photograph is on its way")
         if state.open:
-            return self.tr("Take a look, or start the capture")
+            return self.tr("Take a test shot, or start the capture")
         return self.tr(
             "The photographs appear here.\n\nChoose rig and camera on the right and connect them: the virtual studio"
             " needs no hardware."

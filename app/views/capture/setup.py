@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QCheckBox, QFrame, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QFrame, QLabel, QVBoxLayout, QWidget
 
 from app.capture.panel import PanelState
 from app.capture.panel_state import Picture, Where
@@ -14,6 +14,7 @@ from app.views.capture.jog import Jog
 from app.views.capture.parts import action_button
 from app.views.capture.place import PlaceBox
 from app.views.capture.plan import PlanBox
+from app.views.column import Column
 from app.views.theme import LIGHT
 from app.words import QT_TRANSLATE_NOOP
 from hardware.interfaces import CameraStatus, State
@@ -22,15 +23,14 @@ WIDTH = 304
 STOP_HEIGHT = 46
 
 STATES = {
-    State.UNHOMED: QT_TRANSLATE_NOOP("CaptureSetup", "not homed"),
-    State.IDLE: QT_TRANSLATE_NOOP("CaptureSetup", "stands"),
-    State.MOVING: QT_TRANSLATE_NOOP("CaptureSetup", "moves"),
-    State.HOMING: QT_TRANSLATE_NOOP("CaptureSetup", "finds its zero"),
+    State.UNHOMED: QT_TRANSLATE_NOOP("CaptureSetup", "not homed yet"),
+    State.IDLE: QT_TRANSLATE_NOOP("CaptureSetup", "idle"),
+    State.MOVING: QT_TRANSLATE_NOOP("CaptureSetup", "moving"),
+    State.HOMING: QT_TRANSLATE_NOOP("CaptureSetup", "homing…"),
     State.HELD: QT_TRANSLATE_NOOP("CaptureSetup", "held"),
     State.FAULT: QT_TRANSLATE_NOOP("CaptureSetup", "fault"),
     State.OFFLINE: QT_TRANSLATE_NOOP("CaptureSetup", "does not answer"),
 }  # fmt: skip
-UNWELL = frozenset({State.FAULT, State.OFFLINE})
 
 
 class CaptureSetup(QFrame):
@@ -39,7 +39,6 @@ class CaptureSetup(QFrame):
     def __init__(self, parent: QWidget | None, stop: QAction, clipping: QAction) -> None:
         super().__init__(parent)
         self.setObjectName("panel")
-        self.setFixedWidth(WIDTH)
         self.histogram = Histogram()
         self.clipping = QCheckBox(clipping.text())
         self.clipping.setAccessibleName(clipping.text().replace("&", ""))
@@ -65,12 +64,7 @@ class CaptureSetup(QFrame):
         for section in (self.devices, self.jog, self.bracket, self.plan, self.place):
             column.addWidget(section)
         column.addStretch(1)
-        scroll = QScrollArea()
-        scroll.setWidget(sections)
-        scroll.setWidgetResizable(True)
-        scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll = Column(sections, WIDTH, self)
         scroll.setAccessibleName(self.tr("Capture settings"))
         for part in (sections, scroll.viewport()):
             part.setAutoFillBackground(False)
@@ -78,7 +72,7 @@ class CaptureSetup(QFrame):
         self.stop.setFixedHeight(STOP_HEIGHT)
         # The same red in both themes, as on the machines themselves.
         self.stop.setStyleSheet(
-            f"background: {LIGHT.bad}; color: {LIGHT.on_accent}; font-size: 14pt; border: 2px solid {LIGHT.bad};"
+            f"QPushButton {{ background: {LIGHT.bad}; color: {LIGHT.on_accent}; font-size: 14pt; border: 2px solid {LIGHT.bad}; }}"
         )
         foot = QVBoxLayout()
         foot.setContentsMargins(14, 8, 14, 10)
@@ -105,7 +99,11 @@ class CaptureSetup(QFrame):
             share, words = state.working if state.working is not None else (None, "")
             self.devices.show_progress(share, words)
         self.devices.show_live(
-            Live(rig.name if rig else "", self._told_rig(state.where), state.where.state not in UNWELL),
+            Live(
+                rig.name if rig else "",
+                self.tr("stopping…") if state.asked == "stop" else self._told_rig(state.where),
+                state.rig_well,
+            ),
             Live(camera.name if camera else "", self._told_camera(state.camera_now), _well(state.camera_now)),
         )
         axes = frozenset(axis.name for axis in rig.axes) if rig is not None else frozenset()
@@ -121,6 +119,7 @@ class CaptureSetup(QFrame):
         self.bracket.show_able(free)
         for section in (self.bracket, self.plan, self.place):
             section.setEnabled(not state.capturing)
+        self.place.show_under_way(state.session if state.capturing else None)
         self._show_picture(state.picture)
 
     def _show_picture(self, picture: Picture | None) -> None:
@@ -132,7 +131,7 @@ class CaptureSetup(QFrame):
             self.histogram.show_counts(channels, counts.white)
         told = ""
         if picture is not None:
-            told = self.tr("clipped in every exposure {0:.1%}, dark {1:.1%}").format(
+            told = self.tr("Clipped in all: {0:.1%}. Too dark: {1:.1%}").format(
                 picture.clipped, picture.dark
             )
         self.shares.setText(told)

@@ -19,6 +19,7 @@ KEY_STEP_DEG = 10.0
 FIRST_LOOK = (0.0, 20.0)  # degrees: turned about the vertical, looked at from above
 MARGIN = 9
 GRID_DEG = 30
+FAR_OPACITY = 0.6
 
 
 class Sphere(QWidget):
@@ -126,12 +127,12 @@ class Sphere(QWidget):
                     painter.drawPolyline(QPolygonF([QPointF(*spot) for spot in spots[run]]))
 
     def _dot(self, painter: QPainter, ours: theme.Palette, dot: Dot, spot: QPointF, near: bool) -> None:
-        radius = 4.0 if near else 2.8
+        radius = 4.0 if near else 3.2
         ink = {"done": ours.good, "current": ours.accent, "missing": ours.bad, "todo": ours.dim}[dot.state]
-        colour = theme.colour(ink, 1.0 if near else 0.45)
+        colour = theme.colour(ink)
         painter.setPen(theme.pen(ink, 1.3))
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setOpacity(1.0 if near else 0.45)
+        painter.setOpacity(1.0 if near else FAR_OPACITY)
         if dot.state == "done":
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(QBrush(colour))
@@ -154,9 +155,10 @@ class Sphere(QWidget):
     def _cross(self, painter: QPainter, ours: theme.Palette, spot: QPointF, near: bool) -> None:
         painter.setOpacity(1.0 if near else 0.5)
         painter.setPen(theme.pen(ours.text, 1.2))
-        for reach in (QPointF(7, 0), QPointF(0, 7)):
-            painter.drawLine(spot - reach, spot - reach / 2.5)
-            painter.drawLine(spot + reach / 2.5, spot + reach)
+        # Around a dot, not over it.
+        for reach in (QPointF(11, 0), QPointF(0, 11)):
+            painter.drawLine(spot - reach, spot - reach / 2)
+            painter.drawLine(spot + reach / 2, spot + reach)
         painter.setOpacity(1.0)
 
     # Turning

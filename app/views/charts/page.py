@@ -28,6 +28,7 @@ from app.relight import lights as light_files
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
+from app.views.elided import Elided
 from app.views.errand import Errand
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
@@ -82,8 +83,8 @@ class ChartsPage(QWidget):
             self.error_box.addItem(told(title), key)
         widened(self.error_box)
         self.error_box.currentIndexChanged.connect(lambda index: self.draw())
-        self.truth = QPushButton(self.tr("&Truth…"))
-        self.truth.setAccessibleName(self.tr("Choose a truth"))
+        self.truth = QPushButton(self.tr("Ground &truth…"))
+        self.truth.setAccessibleName(self.tr("Choose a ground truth"))
         self.truth.setToolTip(
             self.tr("A truth.npz to hold the runs against, as the virtual studio writes it")
         )
@@ -114,7 +115,7 @@ class ChartsPage(QWidget):
         self.message.setWordWrap(True)
         self.stack = QStackedWidget()
         self.stack.addWidget(self.message)
-        self.pointed = QLabel()
+        self.pointed = Elided()
         self.pointed.setAccessibleName(self.tr("Value under the mouse"))
         self.pointed.setContentsMargins(14, 4, 14, 6)
         right = QVBoxLayout()
@@ -136,6 +137,7 @@ class ChartsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.errand.board = shell.board
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's charts; returns at once."""
@@ -158,10 +160,6 @@ class ChartsPage(QWidget):
         super().showEvent(event)
         if self._session is not None:
             self.refresh()
-
-    def hideEvent(self, event) -> None:
-        self.errand.stop()
-        super().hideEvent(event)
 
     # Choices
 
@@ -295,6 +293,7 @@ class ChartsPage(QWidget):
         self.draw()
 
     def _show(self, chart: Chart) -> None:
+        self.pointed.setText("")
         if chart.missing:
             self.message.setText(told(sentence(chart.missing)))
             self.stack.setCurrentWidget(self.message)
@@ -327,7 +326,7 @@ class ChartsPage(QWidget):
         self.run_box.setVisible(there and key not in OF_ALL_RUNS)
         offered = ""
         if there and self._lacks():
-            offered = self.tr("&Re-render all views") if key == "views" else self.tr("&Work it out")
+            offered = self.tr("&Re-render all views") if key == "views" else self.tr("Com&pute")
         self.errand.offer(offered)
         self.export.setEnabled(self._chart is not None and not self._chart.missing)
 

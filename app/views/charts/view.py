@@ -6,13 +6,15 @@ pyqtgraph takes a second to load: this module is imported only once a chart is t
 # pyqtgraph adds its classes' methods at run time.
 # pyright: reportAttributeAccessIssue=false
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QBuffer, QEvent, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QImage, QPaintDevice, QPainter
+from PySide6.QtGui import QColor, QFont, QFontMetrics, QImage, QPaintDevice, QPainter
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsScene, QStackedLayout, QWidget
 
@@ -27,6 +29,7 @@ AXIS_PX = (
     84,
     44,
 )  # width on the left, height below: fitted to their ticks, charts would jump when another is chosen
+TICK_PX = 16  # a tick, and the space between it and its name
 
 
 class ChartView(QWidget):
@@ -131,8 +134,13 @@ class ChartView(QWidget):
             axis.enableAutoSIPrefix(False)
             axis.setLabel(label, **{"color": ours.dim, "font-size": "9pt"})
             axis.showLabel(bool(label))
-            axis.setTicks([list(chart.ticks.items())] if chart.ticks and name == named else None)
-        plot.getAxis("left").setWidth(AXIS_PX[0])
+            ticks = [list(chart.ticks.items())] if chart.ticks and name == named else None
+            if chart.log_x if name == "bottom" else chart.log_y:
+                ticks = _round([value for s in chart.series for value in (s.x if name == "bottom" else s.y)])
+            axis.setTicks(ticks)
+        names = QFontMetrics(small)
+        widest = max(map(names.horizontalAdvance, chart.ticks.values()), default=0) if chart.lying else 0
+        plot.getAxis("left").setWidth(max(AXIS_PX[0], widest + TICK_PX))
         plot.getAxis("bottom").setHeight(AXIS_PX[1])
         legend = plot.addLegend(offset=(-12, 8), labelTextSize="9pt")
         legend.setLabelTextColor(ours.text)
@@ -201,6 +209,11 @@ class ChartView(QWidget):
         if tops and not chart.log_y:
             plot.setYRange(0, (max(tops) or 1.0) * (1.06 if bars else 1.2), padding=0)
             plot.getViewBox().setLimits(yMin=0)
+        if chart.log_y and len(chart.series) > 1:
+            # Room for the legend, which else lies over what rises to the right.
+            heights = [math.log10(value) for series in chart.series for value in series.y if value > 0]
+            room = max(0.3 * (max(heights) - min(heights)), 0.1)
+            plot.setYRange(min(heights) - 0.1 * room, max(heights) + room, padding=0)
         ends = [value for series in chart.series for value in series.x]
         if chart.x_range is not None:
             plot.setXRange(*chart.x_range, padding=0)
@@ -286,3 +299,10 @@ class ChartView(QWidget):
                     elif away == best and label:
                         text = f"{text} · {label}"
         self.pointed.emit(text)
+
+
+def _round(values: Sequence[float]) -> list[list[tuple[float, str]]]:
+    """Where a logarithmic axis has numbers: few a decade, unless there is but one."""
+    few = max(values, default=1.0) > 10 * min(values, default=1.0)
+    digits = (1, 2, 5) if few else (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
+    return [[(k + math.log10(digit), f"{digit * 10.0**k:g}") for k in range(-6, 7) for digit in digits]]

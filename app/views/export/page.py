@@ -1,6 +1,8 @@
 """The Export page: every format with its content, frame and units; where to, and which way green points."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QCoreApplication, Qt, QUrl
 from PySide6.QtGui import QAction, QDesktopServices
@@ -12,7 +14,6 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLabel,
     QLineEdit,
-    QProgressBar,
     QPushButton,
     QRadioButton,
     QTreeWidget,
@@ -24,14 +25,13 @@ from PySide6.QtWidgets import (
 from app import exports
 from app.exports import FORMATS, GREEN, Export, Format
 from app.plan import read_plan
-from app.state import trouble
 from app.views import theme
 from app.views.bridge import Bridge
+from app.views.errand import Errand
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
 from app.views.verdict import Verdict
 from app.work.enquiries import Answer
-from app.work.jobs import Job, JobState, JobStatus
 from engine.errors import ExportError
 from engine.results.quality import Quality
 
@@ -48,13 +48,13 @@ class ExportPage(QWidget):
         self._shell: Shell | None = None
         self._folder: Path | None = None
         self._export: Export | None = None
-        self._job: Job | None = None
         self._newest = 0
         self._build()
         self._show()
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.errand.board = shell.board
         self.show_session(shell.state.session.value)
 
     def show_session(self, folder: Path | None) -> None:
@@ -86,7 +86,7 @@ class ExportPage(QWidget):
             length = (
                 ""
                 if export.length != "unknown"
-                else self.tr("; the unit of length is unknown: nothing fixed the scale")
+                else self.tr("; no real-world scale: lengths are relative")
             )
             self.state.setText(self.tr("up to date") + length)
         self._show()
@@ -165,13 +165,12 @@ class ExportPage(QWidget):
         self.action.triggered.connect(self._start)
         self.addAction(self.action)
         self.go.clicked.connect(self.action.trigger)
-        self.bar = QProgressBar()
-        self.bar.setRange(0, 0)
-        self.bar.setTextVisible(False)
-        self.bar.setAccessibleName(self.tr("Export under way"))
-        self.bar.hide()
+        self.errand = Errand(self)
+        self.errand.changed.connect(self._enable)
+        self.errand.done.connect(self._done)
+        self.errand.failed.connect(lambda fault: show_trouble(self, fault))
         bottom = QHBoxLayout()
-        for part in (to, self.to, browse, self.open, self.report, self.go):
+        for part in (to, self.to, browse, self.open, self.errand, self.report, self.go):
             bottom.addWidget(part, 1 if part is self.to else 0)
 
         layout = QVBoxLayout(self)
@@ -183,7 +182,6 @@ class ExportPage(QWidget):
         layout.addWidget(self.table, 1)
         layout.addLayout(greens)
         layout.addLayout(bottom)
-        layout.addWidget(self.bar)
 
     def keys(self) -> frozenset[str]:
         """The formats that are ticked."""
@@ -203,18 +201,20 @@ class ExportPage(QWidget):
             item.setText(3, _translated(entry.unit).replace("{length}", unit))
             item.setText(4, exports.told_bytes(there[entry.key].bytes) if entry.key in there else "")
             item.setToolTip(0, ", ".join(entry.files))
-            item.setDisabled(bool(there) and entry.key not in there)
+            absent = bool(there) and entry.key not in there
+            if absent != item.isDisabled():
+                item.setCheckState(0, Qt.CheckState.Unchecked if absent else Qt.CheckState.Checked)
+            item.setDisabled(absent)
         self._enable()
 
     def _enable(self) -> None:
-        running = self._job is not None and self._job.status.active
+        running = self.errand.busy
         ready = self._export is not None and not running
         self.go.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
         self.action.setEnabled(self.go.isEnabled())
         self.report.setEnabled(self._folder is not None and not running)
         self.process.setVisible(self._folder is not None and self._export is None)
         self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())
-        self.bar.setVisible(running)
 
     def _go_to_process(self) -> None:
         if self._shell is not None:
@@ -235,32 +235,27 @@ class ExportPage(QWidget):
             return
         to = Path(self.to.text().strip()).expanduser()
         request = exports.request(self._folder, to, self._export, self.keys(), self.green())
-        self._run(Job(self.tr("Export"), "export", request))
+        self.errand.begin(self.tr("Export"), "export", request, self.go)
 
     def _report(self) -> None:
-        if self._folder is not None:
-            self._run(Job(self.tr("Report"), "report", {"session": str(self._folder)}))
-
-    def _run(self, job: Job) -> None:
-        if self._shell is None:
+        if self._folder is None:
             return
-        self._job = job
-        job.listen(self._bridge.latest(self._see))
-        self._shell.board.start(job)
-        self._enable()
+        to, _ = QFileDialog.getSaveFileName(
+            self, self.tr("Report"), str(self._folder / "exports" / "report.html"), "HTML (*.html)"
+        )
+        if to:
+            request = {"session": str(self._folder), "to": to}
+            self.errand.begin(self.tr("Report"), "report", request, self.report)
 
-    def _see(self, status: JobStatus) -> None:
-        self._enable()
-        if self._shell is None:
-            return
-        if status.state is JobState.DONE and "to" in status.result:
-            self._shell.wishes.say.emit(self.tr("Exported to {0}").format(status.result["to"]))
-        elif status.state is JobState.DONE:
-            page = str(status.result["page"])
-            self._shell.wishes.say.emit(self.tr("Report written: {0}").format(page))
-            QDesktopServices.openUrl(QUrl.fromLocalFile(page))
-        elif status.state is JobState.FAILED:
-            show_trouble(self, trouble(status.message, status.details))
+    def _done(self, task: str, result: Mapping[str, Any]) -> None:
+        if task == "export":
+            said = self.tr("Exported to {0}").format(result["to"])
+        else:
+            said = self.tr("Report written: {0}").format(result["page"])
+            QDesktopServices.openUrl(QUrl.fromLocalFile(str(result["page"])))
+        self.state.setText(said)
+        if self._shell is not None:
+            self._shell.wishes.say.emit(said)
 
     def changeEvent(self, event) -> None:
         super().changeEvent(event)

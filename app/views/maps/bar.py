@@ -136,7 +136,7 @@ class MapsBar(QFrame):
         self.view_box.blockSignals(True)
         self.view_box.clear()
         for i, name in enumerate(maps.names):
-            mark = " · held out" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
+            mark = " · kept out as a check" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
             self.view_box.addItem(name + mark)
         first = self.view_box.findText(before) if before else -1
         if first < 0:
@@ -205,7 +205,7 @@ class MapsBar(QFrame):
         for text, keys, call in (
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
-            (self.tr("Pixels as they are"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
             (self.tr("Save picture…"), "Ctrl+Shift+S", self.save_wanted.emit),
             (self.tr("Copy picture"), "Ctrl+Shift+C", self.copy_wanted.emit),
         ):
@@ -216,8 +216,8 @@ class MapsBar(QFrame):
             (self.tr("All maps"), "G", lambda: self.mode_picked.emit(0)),
             (self.tr("Photograph against re-rendering"), "S", lambda: self.mode_picked.emit(1)),
             (self.tr("Compare runs"), "C", lambda: self.mode_picked.emit(2)),
-            (self.tr("Previous view"), "[", lambda: self.step_view(-1)),
-            (self.tr("Next view"), "]", lambda: self.step_view(1)),
+            (self.tr("Previous view"), ("[", "PgUp"), lambda: self.step_view(-1)),
+            (self.tr("Next view"), ("]", "PgDown"), lambda: self.step_view(1)),
             (self.tr("Brighter"), "E", lambda: self.ev.setValue(self.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.ev.setValue(self.ev.value() - 1)),
             (self.tr("Exposure 0"), "Shift+0", lambda: self.ev.setValue(0)),
@@ -226,7 +226,12 @@ class MapsBar(QFrame):
             self._action(page, text, keys, call)
 
     def _action(
-        self, page: QWidget, text: str, keys: str, call: Callable[[], object], menu: QMenu | None = None
+        self,
+        page: QWidget,
+        text: str,
+        keys: str | tuple[str, ...],
+        call: Callable[[], object],
+        menu: QMenu | None = None,
     ) -> QAction:
         action = page_action(page, text, keys, call)
         if menu is not None:

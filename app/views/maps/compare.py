@@ -23,7 +23,8 @@ from app.inspect import falsecolour
 from app.inspect.comparing import Comparison, compare
 from app.inspect.falsecolour import MINUS
 from app.inspect.maps import LAYERS, Maps
-from app.inspect.runs import differences
+from app.inspect.runs import changes
+from app.plan import told_reason
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
@@ -248,12 +249,12 @@ class MapsCompare(QWidget):
             )
             self.changed.clear()
         else:
-            asked = differences(a.maps.run, b.run)
+            asked = [told_reason(change) for change in changes(a.maps.run, b.run)]
             self.changed.setText(" · ".join(asked) if asked else self.tr("asked for the same"))
             factor = (
                 ""
                 if math.isnan(found.depth_factor)
-                else self.tr(" · A's depth times {factor:.4f} before comparing").format(
+                else self.tr(" · depth of A scaled by {factor:.4f} to match").format(
                     factor=found.depth_factor
                 )
             )

@@ -91,6 +91,7 @@ class MapsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.swipe.errand.board = shell.board
         shell.state.view.listen(self._turn_to)
         self._turn_to(shell.state.view.value)
 
@@ -138,6 +139,8 @@ class MapsPage(QWidget):
         self.bar.show_mode(mode)
         self.stack.setCurrentIndex(mode)
         self._show_all()
+        if self.pane is self.swipe:
+            self.swipe.view.setFocus()  # its arrows move the cursor; those of the buttons would leave the swipe
 
     @property
     def pane(self) -> MapsGrid | MapsSwipe | MapsCompare:

@@ -1,7 +1,6 @@
 """A photograph against its re-rendering under a swipe, their difference beside it, and the views not yet rendered.
 
-Views kept out of the fit are part of the result. The others are computed on demand, by a child that ends when the
-page is left.
+Views kept out of the fit are part of the result. The others are computed on demand, by a child.
 """
 
 import numpy as np
@@ -111,10 +110,6 @@ class MapsSwipe(QWidget):
         run = self._showing.maps.run
         request = {"session": str(run.session), "fingerprint": run.fingerprint, "view": self._showing.view}
         self.errand.begin(self.tr("Re-render views"), "rerender", request)
-
-    def hideEvent(self, event) -> None:
-        self.errand.stop()
-        super().hideEvent(event)
 
     def showEvent(self, event) -> None:
         super().showEvent(event)

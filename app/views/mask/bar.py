@@ -56,7 +56,7 @@ class ToolBar(QFrame):
                 row, self.tr("Add"), self.tr("Strokes add to the object (A; X swaps)"), sides
             ),
             False: self._segment(
-                row, self.tr("Take"), self.tr("Strokes take from the object (R; X swaps)"), sides
+                row, self.tr("Subtract"), self.tr("Strokes subtract from the object (R; X swaps)"), sides
             ),
         }
         for tool, button in self.tools.items():
@@ -80,7 +80,7 @@ class ToolBar(QFrame):
         row.addWidget(self.clear)
         row.addStretch(1)
         self.cancel = self._button(stop, self.tr("&Cancel"))
-        self.run = self._button(find, self.tr("&Find again"))
+        self.run = self._button(find, self.tr("&Update mask"))
         self.run.setObjectName("primary")
         row.addWidget(self.cancel)
         row.addWidget(self.run)
@@ -134,7 +134,7 @@ class ViewBar(QFrame):
         row.setContentsMargins(8, 4, 12, 4)
         row.setSpacing(6)
         self.view = self._slider(
-            row, self.tr("&View"), self.tr("The view; far left is the mean over all (Page Up and Down, M)")
+            row, self.tr("&View"), self.tr("Photograph; leftmost: average of all (Page Up and Down, M)")
         )
         self.view.setRange(-1, -1)
         self.view.setPageStep(1)

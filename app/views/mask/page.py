@@ -139,7 +139,7 @@ class MaskPage(QWidget):
             (self.tr("Show or hide the outline"), "L", views.outline.toggle),
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
-            (self.tr("Pixels as they are"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
             (self.tr("Zoom in"), "+", lambda: port.zoom(1.25, port.cursor)),
             (self.tr("Zoom out"), "-", lambda: port.zoom(0.8, port.cursor)),
             (self.tr("To the photograph"), "Ctrl+L", self.canvas.setFocus),
@@ -316,7 +316,7 @@ class MaskPage(QWidget):
         fault = model.trouble.value if model is not None else None
         return Standing(
             self._session, self._row("hdr"), self._row("segment"), fault, developed, model.job.value if busy and model is not None else None,
-            self.saving.saved, self._planned, self.saving.waits,
+            self.editor.painting is not None and not self.editor.painting.empty, self.saving.saved, self._planned, self.saving.waits,
         )  # fmt: skip
 
     def _show_state(self) -> None:

@@ -11,6 +11,7 @@ from app.mask_files import Developed
 from app.plan import Row, told_reason
 from app.state import Trouble
 from app.views.elided import Elided
+from app.words import sentence
 from app.work.jobs import JobState, JobStatus
 
 NOTHING = "\u2013"
@@ -26,7 +27,8 @@ class Standing:
     fault: Trouble | None  # why there is no plan
     developed: Developed | None  # the photographs that are shown, and the object found in them
     job: JobStatus | None  # a run of this session that waits or runs
-    saved: bool  # the strokes are on disk
+    painted: bool  # there are strokes
+    saved: bool  # and they are on disk
     planned: bool  # and the plan knows them
     waits: str  # why saved strokes are not in their place yet
 
@@ -133,12 +135,12 @@ class StatusLine(QFrame):
         if now.segment is None or now.developed is None:
             return ""
         if not now.planned:
-            return self.tr("The strokes are newer than the outline; find again")
+            return self.tr("Strokes changed. Update the mask to see the result")
         if not now.segment.done:
             if now.developed.object is None:
                 return self.tr("The object was not found yet; find it, or paint it and find it then")
-            why = ", ".join(told_reason(reason) for reason in now.segment.reasons)
-            return self.tr("The outline is older than what is asked now ({0}); find again").format(why)
+            why = ", ".join(told_reason(reason, "segment") for reason in now.segment.reasons)
+            return self.tr("{0}. Update the mask to see the result").format(sentence(why))
         if now.developed.object is None:
             return ""
         if now.segment.given:
@@ -153,4 +155,6 @@ class StatusLine(QFrame):
             return self.tr("saving strokes…")
         if now.waits:
             return self.tr("strokes are kept and will be taken over: {0}").format(now.waits)
-        return self.tr("strokes saved") if now.developed is not None else ""
+        if now.painted:
+            return self.tr("strokes saved")
+        return self.tr("one mask serves all photographs; strokes are hints, the outline follows edges")

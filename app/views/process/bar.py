@@ -36,7 +36,7 @@ class RunBar(QWidget):
         self.device = QComboBox()
         self.device.addItems(list(DEVICES))
         self.device.setAccessibleName(self.tr("Device"))
-        self.device.setToolTip(self.tr("Where to compute; nothing reruns for it"))
+        self.device.setToolTip(self.tr("CPU or GPU; changing it does not redo finished stages"))
         self.device.activated.connect(lambda row: self.device_chosen.emit(DEVICES[row]))
         self.seed = Number(whole=True)
         self.seed.setRange(0, 2**31 - 1)

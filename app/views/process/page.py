@@ -327,5 +327,4 @@ class ProcessPage(QWidget):
         if place.kind != "session":
             self._shell.wishes.say.emit(self.tr("{0} is not a session").format(folder))
         elif not self.model.busy(place.folder):
-            self._shell.settings.opened(place.folder)
             self.model.enqueue(place.folder, self._shell.settings.value.device)

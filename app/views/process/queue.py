@@ -53,7 +53,7 @@ class QueuePanel(QWidget):
         self.add = QPushButton(self.tr("&Add session…"))
         self.add.setToolTip(self.tr("Queue another session; it runs with its own settings"))
         self.add.clicked.connect(self._add)
-        self.hold = QPushButton(self.tr("&Hold"))
+        self.hold = QPushButton(self.tr("Pause &queue"))
         self.hold.setCheckable(True)
         self.hold.setToolTip(self.tr("Start nothing further; what runs goes on"))
         self.hold.toggled.connect(board.hold)

@@ -99,9 +99,10 @@ def told(card: Card) -> str:
         return took if card.took_s is not None else translate("StageColumn", "Done")
     if card.reasons == ("never ran",):
         if card.given:
-            return translate("StageColumn", "Will take what is given")
+            return translate("StageColumn", "Uses what you gave")
         return translate("StageColumn", "Has not run yet")
-    return translate("StageColumn", "Will run because {0}").format(", ".join(map(told_reason, card.reasons)))
+    reasons = ", ".join(told_reason(reason, card.name) for reason in card.reasons)
+    return translate("StageColumn", "Will run: {0}").format(reasons)
 
 
 def tooltip(card: Card) -> str:

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPushButton,
-    QScrollArea,
     QSlider,
     QVBoxLayout,
     QWidget,
@@ -21,6 +20,7 @@ from PySide6.QtWidgets import (
 from app.inspect.falsecolour import MINUS
 from app.relight.relit import Setting
 from app.views.boxes import box_of
+from app.views.column import Column
 from app.views.pixels import image_of
 
 WIDTH = 310
@@ -31,7 +31,7 @@ EV_STEPS = 3
 EV_RANGE = 6
 
 
-class RelightControls(QScrollArea):
+class RelightControls(Column):
     """A column of sliders; every change is told once."""
 
     changed = Signal()
@@ -42,18 +42,14 @@ class RelightControls(QScrollArea):
     playing = Signal(bool)
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setFixedWidth(WIDTH)
-        self.setWidgetResizable(True)
-        self.setFrameShape(QFrame.Shape.NoFrame)
-        self.setAccessibleName(self.tr("Light and camera"))
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         body = QFrame()
+        super().__init__(body, WIDTH)
+        self.setParent(parent)
+        self.setAccessibleName(self.tr("Light and camera"))
         body.setObjectName("panel")
         self._column = QVBoxLayout(body)
         self._column.setContentsMargins(14, 12, 14, 12)
         self._column.setSpacing(6)
-        self.setWidget(body)
 
         self._heading(self.tr("Light"))
         self.picture = QLabel()
@@ -75,7 +71,7 @@ class RelightControls(QScrollArea):
         )
         self.panorama.clicked.connect(self.panorama_wanted)
         row = QHBoxLayout()
-        label = QLabel(self.tr("of &view"))
+        label = QLabel(self.tr("from photo&graph"))
         label.setBuddy(self.view)
         row.addWidget(label)
         row.addWidget(self.view, 1)
@@ -84,20 +80,23 @@ class RelightControls(QScrollArea):
         self.source = QLabel()
         self.source.setObjectName("dim")
         self.source.setWordWrap(True)
+        # Room for two lines, so that the sliders stay where they are.
+        self.source.setMinimumHeight(2 * self.source.fontMetrics().lineSpacing())
+        self.source.setAlignment(Qt.AlignmentFlag.AlignTop)
         self._column.addWidget(self.source)
 
         self._heading(self.tr("Turn"))
         grid = QGridLayout()
         grid.setHorizontalSpacing(8)
-        self.yaw = self._slider(grid, 0, self.tr("&Round"), -180, 180, "°")
-        self.pitch = self._slider(grid, 1, self.tr("&Up"), -90, 90, "°")
-        self.roll = self._slider(grid, 2, self.tr("&Tilt"), -180, 180, "°")
+        self.yaw = self._slider(grid, 0, self.tr("&Rotate"), -180, 180, "°")
+        self.pitch = self._slider(grid, 1, self.tr("Ele&vate"), -90, 90, "°")
+        self.roll = self._slider(grid, 2, self.tr("Ro&ll"), -180, 180, "°")
         self._column.addLayout(grid)
         row = QHBoxLayout()
-        self.play = QPushButton(self.tr("Turn &slowly"))
+        self.play = QPushButton(self.tr("Pl&ay"))
         self.play.setCheckable(True)
         self.play.toggled.connect(self.playing)
-        self.reset = QPushButton(self.tr("As &photographed"))
+        self.reset = QPushButton(self.tr("Re&set"))
         self.reset.clicked.connect(self.as_photographed)
         for button in (self.play, self.reset):
             button.setAccessibleName(button.text().replace("&", ""))

@@ -1,6 +1,6 @@
 """The relight page: the recovered surface under its own light turned, its lamps dimmed, or a panorama, in real time.
 
-A child prepares the surface once (its result is kept with the session); frames are drawn in a thread of the page's
+A child prepares the surface once (its result is kept with the session), whatever page is shown; frames are drawn in a thread of the page's
 own, and only the newest wish is drawn.
 """
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QTimer
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -57,6 +58,7 @@ class RelightPage(QWidget):
         self._white = 1.0
         self._drawing = self._stale = False
         self._ends: deque[float] = deque(maxlen=FRAMES)
+        self._lit: list[QAction] = []  # what needs a surface and its light
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._background = Background(self, "relight")
 
@@ -103,12 +105,15 @@ class RelightPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.errand.board = shell.board
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's surface; returns at once."""
         if folder != self._session:
             self._forget()
             self._session = folder
+            self.controls.as_photographed()
+            self.controls.ev.setValue(0)
         self.refresh()
 
     def refresh(self) -> None:
@@ -124,10 +129,11 @@ class RelightPage(QWidget):
         super().showEvent(event)
         if self._session is not None:
             self.refresh()
+        if self._stale and not self._drawing:
+            self.draw()
 
     def hideEvent(self, event) -> None:
         self.controls.play.setChecked(False)
-        self.errand.stop()
         super().hideEvent(event)
 
     # Drawing
@@ -135,9 +141,9 @@ class RelightPage(QWidget):
     def draw(self) -> None:
         """Draw the newest wish; while one is being drawn, the next waits for it."""
         transfer, light = self._transfer, self._light
-        if transfer is None or light is None or not self.isVisible():
+        if transfer is None or light is None:
             return
-        if self._drawing:
+        if self._drawing or not self.isVisible():
             self._stale = True
             return
         self._drawing, self._stale = True, False
@@ -178,7 +184,8 @@ class RelightPage(QWidget):
             self._forget()
             self._say_nothing(runs.nothing_yet(self._session))
             return
-        if self._run is not None and run.fingerprint == self._run.fingerprint and self._transfer is not None:
+        ours = self._run is not None and run.fingerprint == self._run.fingerprint
+        if ours and (self._transfer is not None or self.errand.busy):
             return
         self._forget()
         self._run, self._grid = run, shown.surface.mask.shape
@@ -224,6 +231,8 @@ class RelightPage(QWidget):
             self._load_panorama(Path(result["light"]))
         elif self._run is not None:
             self._load(self._run, int(result["view"]))
+            if self._shell is not None and not self.isVisible():
+                self._shell.wishes.say.emit(self.tr("Relighting is prepared"))
 
     def _fail(self, fault: Trouble) -> None:
         if self._transfer is None:
@@ -234,7 +243,7 @@ class RelightPage(QWidget):
     def _show_state(self) -> None:
         """What can be done now."""
         ready = self._transfer is not None
-        self.controls.setEnabled(ready)
+        self._enable(ready)
         self.errand.offer(self.tr("&Prepare") if self._run is not None and not ready else "")
         if not self.errand.busy:
             self.said.setText(self._told())
@@ -301,7 +310,7 @@ class RelightPage(QWidget):
         self._drawing = self._stale = False
         self._run = self._transfer = self._light = None
         self.errand.stop()
-        self.controls.setEnabled(False)
+        self._enable(False)
         self.controls.offer([], None)
         self.canvas.show_words("")
 
@@ -389,9 +398,16 @@ class RelightPage(QWidget):
             (self.tr("Show the surface in this light on the 3D page"), "Ctrl+Shift+D", self.show_in_space),
             (self.tr("Brighter"), "E", lambda: self.controls.ev.setValue(self.controls.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.controls.ev.setValue(self.controls.ev.value() - 1)),
-            (self.tr("Look for new results"), "F5", self.refresh),
         ):
-            page_action(self, text, keys, call)
+            self._lit.append(page_action(self, text, keys, call))
+        page_action(self, self.tr("Look for new results"), "F5", self.refresh)
+        self._enable(False)
+
+    def _enable(self, ready: bool) -> None:
+        """The controls, and the keys that do as they do."""
+        self.controls.setEnabled(ready)
+        for action in self._lit:
+            action.setEnabled(ready)
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)

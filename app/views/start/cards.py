@@ -6,8 +6,10 @@ from PySide6.QtCore import QCoreApplication, QModelIndex, QPersistentModelIndex,
 from PySide6.QtGui import QFontMetrics, QImage, QPainter, QPainterPath
 from PySide6.QtWidgets import QListWidget, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
+from app.parameters import STAGES
 from app.recent import Glance
 from app.views import icons, theme
+from app.views.process.stages import title
 
 PICTURE = QSize(208, 136)
 CELL = QSize(224, 192)
@@ -30,7 +32,8 @@ def told_state(glance: Glance) -> str:
         return translate("StartPage", "{0}, not processed").format(views)
     if "export" in glance.finished:
         return translate("StartPage", "{0}, processed").format(views)
-    return translate("StartPage", "{0}, up to {1}").format(views, glance.finished[-1])
+    done, left = glance.finished[-1], len(STAGES) - len(glance.finished)
+    return translate("StartPage", "{0}, {1} done, {2} stages left").format(views, title(done), left)
 
 
 def picture(path: Path | None) -> QImage | None:

@@ -249,5 +249,5 @@ def _tile(title: str, about: str, name: str, primary: bool = False) -> QPushButt
     tile.setToolTip(about)
     tile.setAccessibleName(title.replace("&", "").rstrip("…"))
     tile.setAccessibleDescription(about)
-    tile.setStyleSheet("text-align: left; padding-left: 16px;")
+    tile.setStyleSheet("QPushButton { text-align: left; padding-left: 16px; }")
     return tile

@@ -8,7 +8,7 @@ mouse and the chosen one. It is dark in either theme: what shines is judged on d
 import math
 
 import numpy as np
-from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QColor,
     QFocusEvent,
@@ -22,7 +22,7 @@ from PySide6.QtGui import (
     QResizeEvent,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtWidgets import QApplication, QSizePolicy, QWidget
 
 from app.viewer import frusta, orbit, showing
 from app.viewer.events import Picture
@@ -57,6 +57,11 @@ class ViewCanvas(QWidget):
         self._pressed: QPointF | None = None
         self._held: QPointF | None = None
         self._hover = -1
+        self._clicked = QPointF()
+        self._click = QTimer(self)  # a click is one once it is not the first half of a double click
+        self._click.setSingleShot(True)
+        self._click.setInterval(QApplication.doubleClickInterval())
+        self._click.timeout.connect(lambda: self.picked.emit(self._camera_at(self._clicked)))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
@@ -232,11 +237,13 @@ class ViewCanvas(QWidget):
         clicked = self._held is not None and self._held == self._pressed
         self._pressed = self._held = None
         if clicked and event.button() == Qt.MouseButton.LeftButton:
-            self.picked.emit(self._camera_at(event.position()))
+            self._clicked = event.position()
+            self._click.start()
         elif not clicked:
             self.eye_moved.emit(self.showing.eye, False)
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self._click.stop()
         self.probed.emit(event.position().x() / self.width(), event.position().y() / self.height())
 
     def wheelEvent(self, event: QWheelEvent) -> None:

@@ -10,7 +10,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QLabel,
-    QScrollArea,
     QSlider,
     QToolButton,
     QVBoxLayout,
@@ -20,6 +19,7 @@ from PySide6.QtWidgets import (
 from app.inspect.falsecolour import Scale
 from app.viewer import showing
 from app.viewer.showing import Showing
+from app.views.column import Column
 from app.views.legend import Legend
 
 WIDTH = 262
@@ -28,7 +28,8 @@ EV_RANGE = 6
 MINUS = "\N{MINUS SIGN}"
 SEGMENT = """QToolButton { padding: 3px 4px; border: 1px solid palette(mid); border-radius: 3px; }
 QToolButton:checked { background: palette(highlight); color: palette(highlighted-text); }
-QToolButton:focus { border-color: palette(highlight); }"""
+QToolButton:focus { border-color: palette(highlight); }
+QToolButton:checked:focus { border-color: palette(text); }"""
 PLAIN = """QToolButton { padding: 3px 6px; border: 1px solid palette(mid); border-radius: 3px; }
 QToolButton:hover { background: palette(button); }
 QToolButton:pressed { background: palette(mid); }
@@ -48,7 +49,6 @@ class ViewPanel(QFrame):
     def __init__(self, parent: QWidget | None, actions: dict[str, QAction]) -> None:
         super().__init__(parent)
         self.setObjectName("panel")
-        self.setFixedWidth(WIDTH)
         self._actions = actions
         self.layers: dict[str, QCheckBox] = {}
         self.counts: dict[str, QLabel] = {}
@@ -58,23 +58,14 @@ class ViewPanel(QFrame):
         self._build()
         inside = QWidget()
         inside.setLayout(self._column)
-        scroll = QScrollArea()
-        scroll.setWidget(inside)
-        scroll.setWidgetResizable(True)
-        scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll = Column(inside, WIDTH, self)
         scroll.setAccessibleName(self.tr("Layers and view"))
         for part in (inside, scroll.viewport()):
             part.setAutoFillBackground(False)
-        self.renderer = QLabel()
-        self.renderer.setObjectName("dim")
-        self.renderer.setContentsMargins(14, 4, 12, 8)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(scroll, 1)
-        layout.addWidget(self.renderer)
 
     def show_state(self, state: Showing) -> None:
         """Everything as it is; emits nothing."""
@@ -112,7 +103,8 @@ class ViewPanel(QFrame):
         self._show_views(state)
 
     def show_renderer(self, text: str) -> None:
-        self.renderer.setText(text)
+        """For who asks; nobody else needs it."""
+        self.layers["surface"].setToolTip(text)
 
     # Building
 
@@ -125,7 +117,7 @@ class ViewPanel(QFrame):
         self.legend = Legend()
         self._inside(self.legend)
         self._gap()
-        self._layer("emitters", self.tr("Light emitters"), bold=True)
+        self._layer("emitters", self.tr("Room light (Gaussians)"), bold=True)
         row = QHBoxLayout()
         row.setSpacing(4)
         self.ways: dict[str, QToolButton] = {}
@@ -163,8 +155,8 @@ class ViewPanel(QFrame):
         row.addWidget(self.exposure, 1)
         row.addWidget(self.stops)
         self._inside(row)
-        self.front = QCheckBox(self.tr("Open the front"))
-        self.front.setAccessibleName(self.tr("Open the front"))
+        self.front = QCheckBox(self.tr("Cut away the near side"))
+        self.front.setAccessibleName(self.tr("Cut away the near side"))
         self.front.setToolTip(self.tr("Leave out the emitters between the eye and the cameras"))
         self.front.toggled.connect(self.front_opened)
         self._inside(self.front)
@@ -299,7 +291,7 @@ def title(surface: str) -> str:
         "albedo": QCoreApplication.translate("ViewPanel", "Albedo"),
         "normals": QCoreApplication.translate("ViewPanel", "Normals"),
         "roughness": QCoreApplication.translate("ViewPanel", "Roughness"),
-        "confidence": QCoreApplication.translate("ViewPanel", "Confidence (error of the normal)"),
+        "confidence": QCoreApplication.translate("ViewPanel", "Uncertainty of normals"),
         "relit": QCoreApplication.translate("ViewPanel", "Relit"),
     }
     return known.get(surface, surface)

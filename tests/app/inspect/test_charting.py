@@ -73,7 +73,7 @@ def test_the_truth_beside_a_simulated_session_is_known(tmp_path: Path) -> None:
 def test_the_stages_times_are_stacked(session: Path) -> None:
     chart = charting.stage_times(runs.runs_of(session))
     assert {series.name: series.y for series in chart.series} == {
-        "hdr": (2.0, 2.0), "segment": (1.0, 1.0), "poses": (3.0, 3.0), "light": (4.0, 4.0), "surface": (10.0, 5.0),
+        "Merge brackets": (2.0, 2.0), "Mask": (1.0, 1.0), "Poses": (3.0, 3.0), "Light": (4.0, 4.0), "Surface": (10.0, 5.0),
     }  # fmt: skip
     assert chart.stacked
     assert len(chart.ticks) == 2
@@ -184,6 +184,6 @@ def test_a_charts_numbers_come_out_as_csv(session: Path) -> None:
     rows = list(csv.reader(io.StringIO(charting.as_csv(chart))))
     assert rows[0] == ["series", "place", "time [s]", "upper", "label"]
     assert len(rows) == 1 + 5 * 2
-    assert rows[-1][0] == "surface"
+    assert rows[-1][0] == "Surface"
     assert rows[-1][1] == chart.ticks[1.0]
     assert float(rows[-1][2]) == 5.0

@@ -91,7 +91,7 @@ def test_values_carry_units_and_standard_errors(shown: Maps) -> None:
     assert found["Normal"].error == "1.1°"  # 0.02 rad
     assert found["Roughness"].error == "0.03"
     assert found["Depth"].unit == "scene units"
-    assert found["Misfit"] == readings.Reading("Misfit", "5", "%")
+    assert found["Rendering error"] == readings.Reading("Rendering error", "5", "%")
     assert found["Flags"].text == "none"
     assert found["Photograph"].unit == "session radiance"
     assert [float(v) for v in found["Re-rendered"].text.split()] == pytest.approx(

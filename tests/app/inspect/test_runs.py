@@ -1,11 +1,14 @@
 """The finished runs of a session are found, newest first, and told apart."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.inspect import runs
+from engine.pipeline import stage_table
+from engine.pipeline.artifacts import plain
 from tests.app import furnace
 
 
@@ -45,22 +48,29 @@ def test_unfinished_and_damaged_results_are_no_runs(session: Path) -> None:
     assert runs.runs_of(session / "nowhere") == ()
 
 
-def test_runs_are_named_by_what_was_asked_otherwise(session: Path) -> None:
-    path = session / "stages" / "surface" / "older" / "record.json"
+def asked(session: Path, run: str, **facts: object) -> None:
+    path = session / "stages" / "surface" / run / "record.json"
     record = json.loads(path.read_text())
-    record["params"]["directions"] = 2048
-    record["version"] = 2
-    path.write_text(json.dumps(record))
+    path.write_text(json.dumps({**record, **facts}))
+
+
+def test_runs_are_named_by_their_preset_and_what_was_set_besides(session: Path) -> None:
+    surface = next(stage for stage in stage_table.stages() if stage.name == "surface")
+    draft = plain(replace(surface.defaults, **surface.presets["draft"]))
+    asked(session, "newer", params=draft)
+    asked(session, "older", params={**plain(surface.defaults), "directions": 700}, version=2)
     newer, older = runs.runs_of(session)
-    assert [name.split(" · ")[1:] for name in runs.names((newer, older))] == [
-        ["directions 600"],
-        ["directions 2048"],
-    ]
-    assert runs.differences(newer, older) == (
-        "surface.directions 600 -> 2048",
+    names = [name.split(" · ") for name in runs.names((newer, older))]
+    assert [name[0].split(",")[0] for name in names] == ["draft", "standard"]
+    assert [name[1:] for name in names] == [[], ["directions of light 700"]]
+    assert runs.changes(newer, older) == (
+        "preset draft -> standard",
+        "surface.directions 512 -> 700",
         "surface: method of version 1 -> 2",
     )
-    assert runs.differences(newer, newer) == ()
+    assert runs.changes(newer, newer) == ()
+    asked(session, "newer", params={"samples": 8, "iterations": 3})
+    assert runs.names(runs.runs_of(session))[0].startswith("paper's solver, ")
 
 
 def test_nothing_yet_says_what_to_do() -> None:

@@ -153,6 +153,12 @@ def test_arrow_keys_on_the_pad_jog_by_the_step_that_was_chosen(
     jog.steps.button(0).click()
     qtbot.mouseClick(jog.arrows["right"], Qt.MouseButton.LeftButton)
     assert desk.last("jog") == {"pan": 1.0, "tilt": 0.0}
+    jog.arrows["right"].setFocus()
+    desk.say("order", command="jog")
+    until(qtbot, lambda: not jog.arrows["right"].isEnabled())
+    assert jog.hasFocus()
+    desk.say("order", command="")
+    until(qtbot, lambda: jog.arrows["right"].hasFocus())
 
 
 def test_an_axis_that_is_not_there_and_a_rig_that_is_busy_or_lost_are_not_turned(
@@ -268,6 +274,18 @@ def test_the_sphere_tells_poses_done_under_way_missing_and_to_come(
     assert "about" in page.bar.left.text()
 
 
+def test_the_sphere_shows_the_plan_that_is_captured_and_then_the_one_that_stands_on_the_page(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot, tmp_path: Path
+) -> None:
+    ready(page, desk, qtbot, poses=6)
+    desk.begin(tmp_path / "a.session")
+    desk.plan(2)
+    until(qtbot, lambda: len(page.scene.sphere.dots) == 2)
+    asked = desk.commands.count("plan")
+    desk.end(tmp_path / "a.session", 2, 2)
+    until(qtbot, lambda: desk.commands.count("plan") > asked)
+
+
 def test_the_sphere_turns_by_drag_and_by_keys(page: CapturePage, qtbot: QtBot) -> None:
     sphere = page.scene.sphere
     before = sphere.place(0.0, 0.0)[0]
@@ -352,13 +370,15 @@ def test_a_finding_that_stops_asks_whether_to_go_on(
     desk.status("paused", 1, 1, 4, paused=True)
     until(qtbot, lambda: page.banner.isVisible())
     assert "the object moved" in page.banner.what.text()
-    assert banner_buttons(page) == ["Go on", "End"]
-    pressed(page, "Go on")
+    assert banner_buttons(page) == ["Resume", "Finish"]
+    pressed(page, "Resume")
     assert desk.commands[-1] == "go_on"
     assert not page.banner.isVisible()  # decided: a pause by hand later does not ask this again
+    desk.status("moving", 2, 1, 4)
     desk.say("finding", pose="pose0002", text="it moved again; fasten it", severity="stop")
+    desk.status("paused", 2, 2, 4, paused=True)
     until(qtbot, lambda: page.banner.isVisible())
-    pressed(page, "End")
+    pressed(page, "Finish")
     assert desk.commands[-1] == "end"
 
 
@@ -398,12 +418,38 @@ def test_pause_go_on_and_end_go_to_the_desk(
     qtbot.keyClick(page, Qt.Key.Key_F6)
     assert desk.commands[-1] == "pause"
     desk.status("moving", 0, 0, 4, paused=True)
-    until(qtbot, lambda: page.does.pause.text() == "&Go on")
+    until(qtbot, lambda: page.does.pause.text() == "&Resume")
     assert "then pauses" in page.bar.phase.text()
     qtbot.keyClick(page, Qt.Key.Key_F6)
     assert desk.commands[-1] == "go_on"
     qtbot.keyClick(page, Qt.Key.Key_Period, Qt.KeyboardModifier.ControlModifier)
     assert desk.commands[-1] == "end"
+
+
+def test_pause_end_and_stop_are_seen_at_once_however_long_the_desk_takes(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot, tmp_path: Path
+) -> None:
+    ready(page, desk, qtbot)
+    desk.begin(tmp_path / "a.session")
+    desk.status("moving", 0, 0, 4)
+    until(qtbot, lambda: page.does.pause.isVisible())
+    page.does.pause.trigger()
+    until(qtbot, lambda: "then pauses" in page.bar.phase.text())
+    assert page.does.pause.text() == "&Resume"
+    desk.status("moving", 0, 0, 4)  # of before
+    qtbot.wait(1)
+    assert page.does.pause.text() == "&Resume"
+    page.does.end.trigger()
+    until(qtbot, lambda: "ending" in page.bar.phase.text())
+    assert not page.does.pause.isEnabled()
+    desk.say("where", state="offline", pan=None, tilt=None, message="")
+    page.does.stop.trigger()
+    until(qtbot, lambda: page.bar.phase.text() == "stopping…")
+    assert page.setup.devices.rig_live.told.text() == "stopping…"
+    assert page.does.stop.isEnabled()
+    desk.end(tmp_path / "a.session", 0, 4, cancelled=True)
+    until(qtbot, lambda: page.does.start.isVisible())
+    assert "stopping" not in page.bar.phase.text()
 
 
 def test_only_a_capture_counts_as_running(
@@ -480,10 +526,14 @@ def test_a_resumed_capture_shows_what_was_done_before(
     page.show_session(session)
     until(qtbot, lambda: page.captured is not None)
     desk.open()
+    offered = page.setup.place.folder.text()
     desk.begin(session, "resume")
     desk.status("moving", 2, 2, 3)
     until(qtbot, lambda: page.scene.sphere.dots and page.scene.sphere.dots[2].state == "current")
     assert [dot.state for dot in page.scene.sphere.dots] == ["done", "done", "current"]
+    assert page.setup.place.folder.text() == str(session)
+    desk.end(session, 2, 3, cancelled=True)
+    until(qtbot, lambda: page.setup.place.folder.text() == offered)
 
 
 def test_a_desk_that_dies_is_told_and_the_capture_can_be_resumed(
@@ -509,6 +559,22 @@ def test_troubles_are_told_until_they_are_put_away(page: CapturePage, desk: Play
         assert page.banner.remedy.text() == "Choose less"
         pressed(page, "Close")
         assert not page.banner.isVisible()
+
+
+def test_a_trouble_goes_when_the_next_order_is_given_and_a_faulty_plan_stays_one(
+    page: CapturePage, desk: PlayedDesk, qtbot: QtBot
+) -> None:
+    desk.say("trouble", command="open", text="'canon' is no camera; choose another")
+    until(qtbot, lambda: page.banner.isVisible())
+    desk.open()
+    until(qtbot, lambda: not page.banner.isVisible())
+    desk.say("trouble", command="plan", text="no such poses; choose another plan")
+    desk.say("order", command="jog")
+    desk.say("trouble", command="jog", text="pan 400 lies beyond 365; choose less")
+    desk.say("order", command="")
+    until(qtbot, lambda: page.banner.isVisible())
+    assert "no such poses" in page.setup.plan.about.text()
+    assert not page.does.start.isEnabled()
 
 
 def test_every_control_has_a_name_while_everything_shows(

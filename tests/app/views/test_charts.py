@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from PySide6.QtCore import QPointF
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QFontMetrics, QImage
 from pytestqt.qtbot import QtBot
 
 from app.inspect import runs
@@ -79,6 +79,26 @@ def test_every_chart_is_drawn(page: ChartsPage, qtbot: QtBot, session: Path, key
     }
     assert len(colours) > 2  # more than an empty frame
     assert nameless(page) == []
+
+
+def test_bars_of_runs_keep_their_names_and_the_readout_goes_with_its_chart(
+    page: ChartsPage, qtbot: QtBot
+) -> None:
+    choose(page, "times", qtbot)
+    assert page.chart is not None
+    assert [series.name for series in page.chart.series][:2] == ["Merge brackets", "Mask"]
+    assert page._view is not None
+    axis = page._view._plots[0][0].getAxis("left")
+    widest = max(QFontMetrics(axis.style["tickFont"]).horizontalAdvance(name) for name in page.chart.ticks.values())
+    assert axis.minimumWidth() > widest
+    narrowest = page.minimumSizeHint().width()
+    page._view.pointed.emit(" · ".join(series.labels[0] for series in page.chart.series))
+    assert page.pointed.text().count("standard") == 1
+    assert page.minimumSizeHint().width() == narrowest
+    choose(page, "distance", qtbot)
+    assert page.pointed.text() == ""
+    levels = page._view._plots[0][0].getAxis("bottom")._tickLevels
+    assert len([at for at, _ in levels[0] if 0 <= at < 1]) <= 10
 
 
 def drawn(page: ChartsPage) -> list[object]:
@@ -185,7 +205,7 @@ def test_coverage_is_worked_out_on_demand(page: ChartsPage, qtbot: QtBot, sessio
     assert not page.errand.start.isVisible()
 
 
-def test_residuals_of_all_views_are_offered_and_stopped_when_left(page: ChartsPage, qtbot: QtBot) -> None:
+def test_residuals_of_all_views_are_offered_and_go_on_until_they_are_stopped(page: ChartsPage, qtbot: QtBot) -> None:
     choose(page, "views", qtbot)
     assert "2 of 9 views" in page.said.text()
     assert page.errand.start.isVisible()
@@ -195,6 +215,8 @@ def test_residuals_of_all_views_are_offered_and_stopped_when_left(page: ChartsPa
     assert child is not None
     assert child.task == "rerender"
     page.hide()
+    assert page.errand.busy
+    page.errand.cancel.click()
     assert child.wait(20).ended
 
 

@@ -4,12 +4,14 @@ from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QToolTip
 from pytestqt.qtbot import QtBot
 
 from app.parameters import MEANINGS
 from app.plan import Parameter
 from app.views.editors import Field, Number, told_default, tooltip
+from tests.app.views.conftest import active
 
 
 def field(
@@ -51,7 +53,31 @@ def test_small_numbers_are_read_and_shown_as_written(qtbot: QtBot, typed: str, v
 def test_a_number_beyond_its_range_is_not_told(qtbot: QtBot) -> None:
     made, told = field(qtbot, "hdr.saturation_share", "float", 0.98, 0.98)
     type_into(qtbot, made.control, "7")
+    assert "Between 0.5 and 1" in QToolTip.text()
     assert [value for _, value in told if value > 1] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "typed"),
+    [("hdr.long_edge_px", "int", "1024"), ("surface.start_maps", "str", "/maps")],
+)
+def test_undo_is_the_pages_once_what_was_typed_is_taken_over(
+    qtbot: QtBot, name: str, kind: str, typed: str
+) -> None:
+    made, told = field(qtbot, name, kind, 2048 if kind == "int" else "", 2048)
+    undone: list[bool] = []
+    undo = QShortcut(QKeySequence.StandardKey.Undo, made)
+    undo.activated.connect(lambda: undone.append(True))
+    active(made, qtbot)
+    made.control.setFocus()
+    made.control.selectAll()  # type: ignore[attr-defined]
+    qtbot.keyClicks(made.control, typed)
+    qtbot.keyClick(made.control, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert undone == []  # the text's own
+    type_into(qtbot, made.control, typed)
+    assert len(told) == 1
+    qtbot.keyClick(made.control, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert undone == [True]
 
 
 def test_a_number_left_to_the_stage_is_shown_in_words_and_told_as_nothing(qtbot: QtBot) -> None:

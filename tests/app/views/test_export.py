@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QDesktopServices
+from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
-from app.views.export import page as page_module
 from app.views.export.page import ExportPage
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
@@ -17,8 +17,8 @@ from app.work.enquiries import Answer
 from app.work.jobs import Job
 from engine.results.quality import GOOD, Quality
 from tests.app.plans import Questions, content
-from tests.app.views.conftest import until
-from tests.app.work.children import job
+from tests.app.views.conftest import active, until
+from tests.app.work.children import WILLING, job
 from tests.engine.results.test_export import write as write_export
 
 
@@ -49,17 +49,9 @@ def questions(exported: Path) -> Finished:
 
 
 @pytest.fixture
-def requests(monkeypatch: pytest.MonkeyPatch) -> list[Mapping[str, Any]]:
-    """What jobs were asked; their children say that it is done."""
-    made: list[Mapping[str, Any]] = []
-
-    def make(name: str, task: str, request: Mapping[str, Any]) -> Job:
-        made.append({"task": task, **request})
-        result = {"page": "/s/report.html"} if task == "report" else {"to": request["to"]}
-        return job(f'emit("done", result={result!r})', name, task, request)
-
-    monkeypatch.setattr(page_module, "Job", make)
-    return made
+def requests() -> list[Mapping[str, Any]]:
+    """What jobs were asked."""
+    return []
 
 
 @pytest.fixture
@@ -68,6 +60,13 @@ def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, 
     made = ExportPage()
     qtbot.addWidget(made)
     made.use(shell)
+
+    def make(name: str, task: str, request: Mapping[str, Any]) -> Job:
+        requests.append({"task": task, **request})
+        result = {"page": request["to"]} if task == "report" else {"to": request["to"]}
+        return job(f'emit("done", result={result!r})', name, task, request)
+
+    made.errand._make_job = make
     made.resize(1100, 700)
     made.show()
     until(qtbot, lambda: made.go.isEnabled() or made.process.isVisible())
@@ -76,9 +75,10 @@ def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, 
 
 def test_every_format_is_offered_with_frame_units_and_size(page: ExportPage) -> None:
     lines = [page.table.topLevelItem(row) for row in range(page.table.topLevelItemCount())]
-    assert len(lines) == len(page.keys()) == 17
+    assert len(lines) == len(page.keys()) + 1 == 17
     # This object is all of paint: its export has no maps of materials.
     (absent,) = [line for line in lines if line.isDisabled()]
+    assert absent.checkState(0) == Qt.CheckState.Unchecked
     assert "metalness" in absent.text(0).lower() + absent.text(1).lower() + absent.toolTip(0)
     for line in lines:
         assert all(line.text(column) for column in range(4 if line is absent else 5)), line.text(0)
@@ -152,9 +152,9 @@ def test_results_older_than_the_settings_send_to_the_process_page(
     assert asked.args == ["process"]
 
 
-def test_a_refused_export_is_told(page: ExportPage, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot) -> None:
+def test_a_refused_export_is_told(page: ExportPage, qtbot: QtBot) -> None:
     failing = 'emit("failed", message="/s/out: holds 3 files that no export wrote; name a new folder")'
-    monkeypatch.setattr(page_module, "Job", lambda name, task, request: job(failing, name, task, request))
+    page.errand._make_job = lambda name, task, request: job(failing, name, task, request)
     page.go.click()
     until(qtbot, lambda: page.findChildren(TroubleDialog))
     (dialog,) = page.findChildren(TroubleDialog)
@@ -163,13 +163,34 @@ def test_a_refused_export_is_told(page: ExportPage, monkeypatch: pytest.MonkeyPa
 
 
 def test_the_report_is_written_and_opened(
-    page: ExportPage, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+    page: ExportPage, requests: list[Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
 ) -> None:
     opened = []
     monkeypatch.setattr(QDesktopServices, "openUrl", opened.append)
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *asked: ("", ""))
+    page.report.click()
+    assert requests == []  # asked where to, and declined
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *asked: ("/s/report.html", ""))
     page.report.click()
     until(qtbot, lambda: opened)
     assert opened[0].toLocalFile() == "/s/report.html"
+    assert "/s/report.html" in page.state.text()
+
+
+def test_an_export_under_way_is_stopped_from_its_page_which_stays_as_it_is(
+    page: ExportPage, shell: Shell, qtbot: QtBot
+) -> None:
+    page.errand._make_job = lambda name, task, request: job(WILLING, name, task, request)
+    active(page, qtbot)
+    page.go.setFocus()
+    foot = page.to.mapTo(page, page.to.rect().center()).y()
+    page.go.click()
+    until(qtbot, lambda: shell.board.active and page.errand.cancel.isVisible())
+    assert page.errand.cancel.hasFocus()
+    assert abs(page.to.mapTo(page, page.to.rect().center()).y() - foot) <= 1
+    page.errand.cancel.click()
+    until(qtbot, lambda: not shell.board.active)
+    assert page.go.hasFocus()
 
 
 def test_the_verdict_of_what_would_be_exported_is_told(page: ExportPage) -> None:

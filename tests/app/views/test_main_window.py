@@ -21,7 +21,7 @@ from app.work import queue_file
 from app.work.jobs import JobState
 from tests.app.calls import ROOT
 from tests.app.plans import Questions
-from tests.app.views.conftest import make_session, stop, until
+from tests.app.views.conftest import active, make_session, stop, until
 from tests.app.work.children import WILLING, Heard, job
 
 HEAVY = (
@@ -267,3 +267,12 @@ def test_full_screen_and_back_leaves_a_maximised_window_maximised(window: MainWi
     action.trigger()
     assert window.isMaximized()
     assert not window.isFullScreen()
+
+
+def test_one_line_of_the_rail_is_lit_whoever_turned_the_page(
+    window: MainWindow, session: Path, qtbot: QtBot
+) -> None:
+    active(window, qtbot)
+    window.rail.buttons["start"].setFocus()
+    window.go_to_session(session)
+    assert window.rail.buttons["process"].hasFocus()

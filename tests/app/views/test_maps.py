@@ -76,8 +76,8 @@ def test_a_run_is_drawn_in_every_panel_with_its_legend(page: MapsPage, qtbot: Qt
     assert legends["roughness"].startswith("0 … 1")
     assert "OpenGL" in legends["normal"]
     assert page.bar.run_box.count() == 2
-    assert "directions 2048" in page.bar.run_box.currentText()
-    assert "held out" in page.bar.view_box.currentText()
+    assert "directions of light 2048" in page.bar.run_box.currentText()
+    assert "kept out" in page.bar.view_box.currentText()
 
 
 def test_results_that_arrive_later_appear(page: MapsPage, qtbot: QtBot, tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_another_layer_is_drawn_when_it_is_chosen(page: MapsPage, qtbot: QtBot, 
     panel = page.grid.panels[2]
     panel.set_layer("residual")
     until(qtbot, lambda: panel.legend.accessibleDescription().endswith("% of the radiance"))
-    assert panel.view.accessibleName() == "Misfit"
+    assert panel.view.accessibleName() == "Rendering error"
 
 
 def test_keys_change_mode_and_view(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
@@ -177,6 +177,15 @@ def rerendering(page: MapsPage, session: Path, qtbot: QtBot, script: str) -> Non
     page.bar.view_box.setCurrentIndex(0)
     settled(page, qtbot)
     page.swipe.errand._make_job = lambda name, task, request: job(script, name, task, request)
+
+
+def test_arrows_stay_in_the_swipe_that_was_clicked(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
+    shown(page, two_runs, qtbot)
+    active(page, qtbot)
+    page.bar.mode_picked.emit(1)
+    assert page.swipe.view.hasFocus()
+    qtbot.keyClick(page.swipe.view, Qt.Key.Key_Left)
+    assert page.pane is page.swipe
 
 
 def test_a_view_is_re_rendered_on_demand(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
@@ -221,13 +230,14 @@ hear()
     page.swipe.errand.stop()
 
 
-def test_leaving_the_page_ends_the_child(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
+def test_the_child_goes_on_when_the_page_is_left(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
     rerendering(page, two_runs, qtbot, WILLING)
     page.swipe.begin()
     child = page.swipe.errand._job
     assert child is not None
     page.hide()
-    assert not page.swipe.errand.busy
+    assert page.swipe.errand.busy
+    page.swipe.errand.cancel.click()
     assert child.wait(20).ended
 
 
@@ -251,7 +261,7 @@ def test_two_runs_are_compared_with_numbers(page: MapsPage, qtbot: QtBot, two_ru
     assert [page.compare.table.item(row, column).text() for column in (0, 1, 4)] == [  # type: ignore[union-attr]
         "Roughness, 0 to 1", "0.1", "\u22120.1",
     ]  # fmt: skip
-    assert "surface.directions 2048 -> 600" in page.compare.changed.text()
+    assert "directions of light 2048 → 600" in page.compare.changed.text()
     page.compare.quantity.setCurrentIndex(row)
     until(qtbot, lambda: page.compare.difference.full is not None)
     until(qtbot, lambda: page.compare.legend.accessibleDescription().startswith("\u22120.1 … 0.1"))

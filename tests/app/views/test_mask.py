@@ -340,7 +340,7 @@ def test_the_plan_tells_why_the_object_is_to_be_found_again(
 ) -> None:
     ready(page, session, qtbot)
     stroke(page, qtbot, (3.5, 3.5), (8.5, 3.5))
-    until(qtbot, lambda: "edits/strokes.png added" in words(page))
+    until(qtbot, lambda: "Strokes added" in words(page))
 
 
 def test_progress_is_shown_and_finding_is_cancelled(

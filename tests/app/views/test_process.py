@@ -115,8 +115,8 @@ def test_an_edit_is_kept_shows_what_it_touches_and_can_be_undone(
     number(page, "hdr.long_edge_px").setValue(1024)
     until(qtbot, lambda: page.column.card(0).state is CardState.STALE)
     assert asked(questions)[-1]["settings"]["hdr"] == {"long_edge_px": 1024}
-    assert "long_edge_px" in told(page.column.card(0))
-    assert page.undo_stack.undoText() == "Photographs: Longest edge"
+    assert "longest edge" in told(page.column.card(0))
+    assert page.undo_stack.undoText() == "Merge brackets: Longest edge"
     page.undo_stack.undo()
     until(qtbot, lambda: page.column.card(0).state is CardState.DONE)
     assert "hdr" not in asked(questions)[-1]["settings"]

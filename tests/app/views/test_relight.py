@@ -21,7 +21,7 @@ from app.views.relight.controls import strength
 from app.views.relight.page import RelightPage
 from tests.app import furnace
 from tests.app.relight.test_relit import arrays, light_of, sky, with_lamp
-from tests.app.views.conftest import until
+from tests.app.views.conftest import active, until
 from tests.app.views.test_maps import nameless
 from tests.app.work.children import QUICK, WILLING, job
 
@@ -81,6 +81,11 @@ def test_without_results_it_says_what_to_do(page: RelightPage, qtbot: QtBot, tmp
     until(qtbot, lambda: "no finished surface" in page.canvas._words)
     assert not page.controls.isEnabled()
     assert not page.errand.start.isVisible()
+    active(page, qtbot)
+    page.setFocus()
+    qtbot.keyClicks(page, "pee")
+    assert not page.controls.play.isChecked()
+    assert page.controls.ev.value() == 0
 
 
 def test_a_prepared_surface_is_lit_as_it_was(page: RelightPage, qtbot: QtBot, session: Path) -> None:
@@ -218,7 +223,9 @@ def test_an_unprepared_surface_is_prepared_at_once(page: RelightPage, qtbot: QtB
     assert not page.errand.start.isVisible()
 
 
-def test_preparing_can_be_stopped_and_begun_again(page: RelightPage, qtbot: QtBot, session: Path) -> None:
+def test_preparing_goes_on_while_another_page_is_shown_and_can_be_stopped(
+    page: RelightPage, qtbot: QtBot, session: Path, shell: Shell
+) -> None:
     shutil.rmtree(relighting_files.folder(runs.runs_of(session)[0]))
     page.errand._make_job = lambda name, task, request: job(WILLING, name, task, request)
     page.show_session(session)
@@ -234,7 +241,12 @@ def test_preparing_can_be_stopped_and_begun_again(page: RelightPage, qtbot: QtBo
     second = page.errand._job
     assert second is not None
     page.hide()
-    assert second.wait(20).ended
+    page.show()
+    until(qtbot, lambda: not page._background.busy)
+    assert page.errand._job is second
+    assert shell.board.active == (second,)  # the status bar shows it, and closing the window asks
+    page.errand.cancel.click()
+    until(qtbot, lambda: not shell.board.active)
 
 
 def test_what_cannot_be_prepared_says_why(page: RelightPage, qtbot: QtBot, session: Path) -> None:
@@ -329,6 +341,22 @@ def test_closing_the_session_takes_the_picture_away(page: RelightPage, qtbot: Qt
     page.show_session(None)
     assert page.canvas.image is None
     assert not page.controls.isEnabled()
+
+
+def test_a_session_opened_while_the_page_is_hidden_is_drawn_at_the_next_show_as_photographed(
+    page: RelightPage, qtbot: QtBot, session: Path, prepared: Path
+) -> None:
+    ready(page, session, qtbot)
+    page.controls.yaw.setValue(40)
+    page.controls.ev.setValue(1)
+    still(page, qtbot)
+    page.hide()
+    page.show_session(prepared)
+    until(qtbot, lambda: page.controls.isEnabled())
+    page.show()
+    until(qtbot, lambda: page.canvas.image is not None)
+    assert page.controls.setting() == Setting(0, 0, 0, 1.0, (1.0,))
+    assert page.controls.exposure_ev == 0
 
 
 def test_the_surface_in_this_light_is_handed_to_the_3d_page(

@@ -29,6 +29,19 @@ def test_actions_and_shortcuts_are_found_once(qtbot: QtBot) -> None:
     ]
 
 
+def test_a_key_that_two_pages_have_stands_under_both_and_undo_names_no_edit(
+    window: MainWindow, qtbot: QtBot
+) -> None:
+    window.show_shortcuts()
+    (dialog,) = window.findChildren(ShortcutsDialog)
+    sheet = dialog.sheet.text()
+    assert sheet.count("Fit the object") == 3  # 3D, Maps and Mask, shown before or not
+    assert sheet.count("PgUp") == 3
+    assert "Undo preset" not in sheet
+    assert "Mouse" in sheet
+    dialog.close()
+
+
 def test_question_mark_opens_the_sheet(window: MainWindow, qtbot: QtBot) -> None:
     active(window, qtbot)
     qtbot.keyClick(window, Qt.Key.Key_Question)

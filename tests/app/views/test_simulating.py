@@ -16,7 +16,7 @@ from app.views.main_window import MainWindow
 from app.views.pages import Shell
 from app.views.simulating import SimulateDialog
 from app.views.trouble import TroubleDialog
-from app.work.jobs import Job
+from app.work.jobs import Job, JobState, JobStatus
 from hardware.virtual.studio import order
 from tests.app.views.conftest import until
 from tests.app.work.children import WILLING, job
@@ -93,9 +93,11 @@ def test_files_are_browsed_for_and_name_the_folder(
 
     monkeypatch.setattr(QFileDialog, "getOpenFileName", ask)
     (tmp_path / "attic-bust").mkdir()
-    for name in ("Browse for Room", "Browse for Object"):
+    for name, field in (("Browse for Room", dialog.room), ("Browse for Object", dialog.thing)):
         (button,) = [b for b in dialog.findChildren(forms.QPushButton) if b.accessibleName() == name]
         button.click()
+        field.setEnabled(False)  # as while it runs
+        assert not button.isEnabled()
     assert kinds == ["Mitsuba scenes (*.xml)", "Meshes (*.obj *.ply *.glb)"]
     assert dialog.out.text() == str(tmp_path / "attic-bust-2")
 
@@ -115,6 +117,11 @@ def test_what_was_simplified_is_shown_before_the_session_is_opened(
     dialog.foot.go.click()
     assert opened == [tmp_path / "study-sphere" / "session"]
     assert not dialog.isVisible()
+
+
+def test_a_simulation_that_was_stopped_says_so(dialog: SimulateDialog) -> None:
+    dialog.foot._show(JobStatus("room", JobState.CANCELLED))
+    assert dialog.foot.note.text() == "Stopped"
 
 
 def test_where_nothing_was_simplified_the_session_opens_at_once(

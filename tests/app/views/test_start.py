@@ -109,7 +109,7 @@ def test_without_sessions_the_page_says_how_to_begin(shell: Shell, qtbot: QtBot)
     ("facts", "told"),
     [
         ({"views": 1}, "1 view, not processed"),
-        ({"views": 48, "finished": ("hdr", "segment")}, "48 views, up to segment"),
+        ({"views": 48, "finished": ("hdr", "segment")}, "48 views, Mask done, 4 stages left"),
         ({"views": 48, "finished": ("hdr", "export")}, "48 views, processed"),
         ({"views": 5, "planned": 12}, "capture: 5 of 12 poses"),
     ],

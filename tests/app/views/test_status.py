@@ -49,11 +49,13 @@ def test_devices_come_and_go(bar: StatusBar, shell: Shell) -> None:
     assert "turntable" not in bar.devices.accessibleDescription()
 
 
-def test_a_job_of_one_stage_is_named_once(bar: StatusBar, shell: Shell, qtbot: QtBot) -> None:
-    script = 'emit("stage", name="report", number=1, count=1); emit("progress", fraction=0.5)\n'
-    shell.board.enqueue(job(script + WILLING.split("\n", 2)[2], "Report"))
+@pytest.mark.parametrize("name", ["Report", "Export"])
+def test_a_job_of_one_stage_is_named_once(bar: StatusBar, shell: Shell, qtbot: QtBot, name: str) -> None:
+    task = name.lower()
+    script = f'emit("stage", name="{task}", number=1, count=1); emit("progress", fraction=0.5, left_s=40)\n'
+    shell.board.enqueue(job(script + WILLING.split("\n", 2)[2], name, task))
     until(qtbot, lambda: bar.bar.value() == 500)
-    assert bar.job.text() == "Report"
+    assert bar.job.text() == f"{name}  40 s left"  # the time that the task itself told
     shell.board.cancel_all()
     until(qtbot, lambda: not bar.job.isVisibleTo(bar))
 

@@ -1,9 +1,11 @@
 """Both palettes are readable, follow the choice at once, and dress Qt's own widgets too."""
 
+import importlib
+
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QPalette
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from app.views import theme
@@ -74,3 +76,20 @@ def test_the_marks_that_the_sheet_names_are_there() -> None:
 
     for name in ("up.svg", "down.svg", "check-on-dark.svg", "check-on-light.svg"):
         assert (Path(theme.MARKS) / name).is_file()
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [("view3d", "View3dPage"), ("capture", "CapturePage"), ("relight", "RelightPage")],
+)
+def test_a_panel_stays_as_wide_as_its_controls_when_they_are_dressed_anew(
+    qtbot: QtBot, qapp: QApplication, module: str, name: str
+) -> None:
+    page = getattr(importlib.import_module(f"app.views.{module}.page"), name)(None)
+    qtbot.addWidget(page)
+    page.resize(1240, 560)
+    page.show()
+    panel = next(area for area in page.findChildren(QScrollArea) if area.width() < page.width() / 2)
+    panel.widget().setStyleSheet("* { font-size: 14pt; }")
+    qapp.processEvents()  # sizes are asked for anew
+    until(qtbot, lambda: panel.viewport().width() >= panel.widget().minimumSizeHint().width())

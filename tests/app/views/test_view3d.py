@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("PySide6")
 from PySide6.QtCore import QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QAction, QImage, QKeySequence
-from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QApplication, QComboBox, QLabel, QWidget
 
 from app.viewer import orbit, showing
 from app.viewer.events import Picture
@@ -364,7 +364,7 @@ def test_the_photograph_is_offered_on_the_maps_page_too(qtbot, open_page: View3d
     open_page.use(shell)
     room_seen(qtbot, open_page)
     qtbot.mouseClick(open_page.canvas, Qt.MouseButton.LeftButton, pos=camera_pixel(open_page, 1))
-    assert shell.state.view.value == 1
+    qtbot.waitUntil(lambda: shell.state.view.value == 1, timeout=BOUND_MS)
     for ask in (
         lambda: qtbot.mouseClick(open_page.photograph.larger, Qt.MouseButton.LeftButton),
         lambda: qtbot.keyClick(open_page.canvas, Qt.Key.Key_M),
@@ -395,7 +395,7 @@ def test_a_surface_relit_elsewhere_is_shown_now_or_when_the_view_begins(
 
 
 def test_clicking_beside_every_camera_asks_for_nothing(qtbot, open_page: View3dPage) -> None:
-    with qtbot.assertNotEmitted(open_page.view_picked):
+    with qtbot.assertNotEmitted(open_page.view_picked, wait=QApplication.doubleClickInterval() + 100):
         qtbot.mouseClick(open_page.canvas, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
     assert open_page.state.chosen == -1
 
@@ -415,9 +415,10 @@ def test_cameras_are_chosen_by_key(qtbot, open_page: View3dPage) -> None:
 
 def test_a_double_click_turns_about_what_is_under_it(qtbot, open_page: View3dPage) -> None:
     canvas = open_page.canvas
-    qtbot.mouseDClick(
-        canvas, Qt.MouseButton.LeftButton, pos=QPoint(canvas.width() // 4, canvas.height() // 2)
-    )
+    middle = QPoint(canvas.width() // 4, canvas.height() // 2)
+    with qtbot.assertNotEmitted(canvas.picked, wait=QApplication.doubleClickInterval() + 100):
+        qtbot.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=middle)
+        qtbot.mouseDClick(canvas, Qt.MouseButton.LeftButton, pos=middle)
     qtbot.waitUntil(lambda: open_page.state.eye.target[2] == 1.0, timeout=BOUND_MS)  # the fake's answer
     assert open_page.state.eye.target[:2] == pytest.approx((0.25, 0.5), abs=0.01)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from engine.capture_checks.display_image import CLIPPED_RGB, LOST_RGB, PER_EV, WHITE_BIN, picture
+from engine.capture_checks.shot_preview import glance, learn
 from engine.io.raw import Facts, Mosaic
 
 BLACK, WHITE = 512.0, 16383.0
@@ -60,6 +61,15 @@ def test_what_only_the_one_shown_has_clipped_is_told_apart_from_what_is_lost() -
     np.testing.assert_array_equal(seen.overlay[:24, :16], [[[*LOST_RGB, 255]] * 16] * 24)
     np.testing.assert_array_equal(seen.overlay[24:, :16], [[[*CLIPPED_RGB, 255]] * 16] * 24)
     assert not seen.overlay[:, 16:, 3].any()
+
+
+def test_the_share_clipped_is_that_which_the_checks_warn_of() -> None:
+    light = flat(0.1)
+    light[:, :16] = 1.5  # green is full, red and blue are not
+    shot = bracket(light, (1.0,))
+    seen = picture(shot, 1024)
+    assert seen.clipped == pytest.approx(1 / 8)
+    assert seen.clipped == pytest.approx(glance("a", shot, learn(shot)).share_clipped)
 
 
 def test_the_histogram_counts_light_beyond_the_white_of_the_one_shown() -> None:

@@ -132,6 +132,16 @@ def test_a_folder_without_write_permission_is_told(session: sessions.Session) ->
     assert "no permission to write here; change the folder's permissions" in answer.stdout, answer.stderr
 
 
+def test_a_refusal_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
+    partial = str(tmp_path / ".strokes.png.partial")
+    for code, first, second in ((30, partial, None), (28, "/card/IMG_1.dng", partial)):
+        with (
+            pytest.raises(SessionError, match=rf"^{tmp_path / 'strokes.png'}: the disk is "),
+            sessions.told(tmp_path / "strokes.png"),
+        ):
+            raise OSError(code, "no", first, None, second)
+
+
 def test_no_space_while_a_shot_arrives_leaves_the_other_shots(
     session: sessions.Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:

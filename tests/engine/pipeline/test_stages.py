@@ -82,7 +82,11 @@ def test_plan_names_the_parameter_and_the_inputs_that_changed(session: sessions.
     }
     assert told(session, Settings(seed=3))["add"] == "will run because params.seed 0 -> 3"
     assert told(session, Settings(seed=3))["count"] == "done"
-    assert told(session, Settings(preset="draft"))["count"] == "will run because params.size 1000 -> 10"
+    assert told(session, Settings(preset="draft"))["count"] == "will run because preset standard -> draft"
+    both = Settings(preset="draft", overrides={"count": {"gain": 2.0}})
+    assert told(session, both)["count"] == "will run because preset standard -> draft, params.gain 1.5 -> 2.0"
+    by_hand = Settings(overrides={"count": {"size": 10}})
+    assert told(session, by_hand)["count"] == "will run because params.size 1000 -> 10"
     assert told(session, Settings(), 2)["count"] == (
         "will run because the stage's method is new (version 1 -> 2)"
     )
@@ -189,7 +193,7 @@ def test_a_parameter_in_a_group_is_set_and_told_by_its_dotted_name(session: sess
         inner: tiny.CountParams = dataclasses.field(default_factory=tiny.CountParams)
 
     count, *_ = tiny.table()
-    rows = (dataclasses.replace(count, defaults=Grouped(), produce=lambda work: {}),)
+    rows = (dataclasses.replace(count, defaults=Grouped(), presets={}, produce=lambda work: {}),)
     run.process(session, rows, Settings(), "cpu")
     changed = with_changes(Settings(), None, None, ["count.inner.size=7"])
     (step,) = stages.plan(session, rows, changed)

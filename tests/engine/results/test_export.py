@@ -284,7 +284,7 @@ def test_an_earlier_export_is_replaced_and_nothing_else_is(tmp_path):
     assert json.loads((to / "export.json").read_text())["png"]["normal"]["green"] == "down"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     (to / "my notes.txt").write_text("keep me")
-    with pytest.raises(ExportError, match=r"holds 1 files that no export wrote, such as my notes\.txt"):
+    with pytest.raises(ExportError, match=r"holds my notes\.txt, which no export wrote"):
         write(to)
     assert (to / "my notes.txt").read_text() == "keep me"
     with pytest.raises(ExportError, match="not a plain folder"):
@@ -368,12 +368,13 @@ def test_a_refusal_of_the_system_is_one_line_with_a_remedy(tmp_path, monkeypatch
     before = sorted(path.name for path in to.rglob("*"))
 
     def refuse(*_args):
-        raise OSError(code, os.strerror(code), str(to / "surface.ply"))
+        partial = str(tmp_path / ".out.partial" / "surface.ply")
+        raise OSError(code, os.strerror(code), "/session/surface.ply", None, partial)
 
     monkeypatch.setattr(ply, "surface_ply", refuse)
     with pytest.raises(ExportError, match=remedy) as told:
         write(to)
-    assert "surface.ply" in str(told.value)
+    assert str(told.value).startswith(f"{to / 'surface.ply'}: ")
     assert "\n" not in str(told.value)
     assert sorted(path.name for path in to.rglob("*")) == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
@@ -440,6 +441,11 @@ def test_a_copy_of_some_files_lists_those_and_can_be_replaced(exported, tmp_path
     }
     assert there == {"normal.png", "colmap/cameras.bin", "export.json"}
     export.copy(exported, tmp_path / "there", files={"albedo.png"})
+    stopped = Progress(cancelled=lambda: True)
+    with pytest.raises(Cancelled):
+        export.copy(exported, tmp_path / "there", progress=stopped)
+    assert (tmp_path / "there" / "albedo.png").is_file()
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
     assert not (tmp_path / "there" / "normal.png").exists()
 
 

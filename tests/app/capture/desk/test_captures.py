@@ -79,6 +79,8 @@ def test_a_capture_is_told_from_its_start_to_its_end_and_leaves_the_devices_open
         bench.order("open", rig="quick:", camera="quick:")
         bench.rigs[0].settle_s = 0.0
         state = bench.order("start", **start(session, settle=0.001))
+        assert state.planned is not None
+        assert len(state.planned.poses) == 4  # told by the capture itself: nobody asked for a plan
         assert state.ended is not None
         assert (state.ended.session, state.ended.taken, state.ended.total) == (session, 4, 4)
         assert not state.ended.cancelled
@@ -89,6 +91,9 @@ def test_a_capture_is_told_from_its_start_to_its_end_and_leaves_the_devices_open
         # Noise cannot be matched from shot to shot; the checks say so of some pose.
         assert {finding.pose for finding in state.findings} <= {f"pose{index:04d}" for index in range(4)}
         assert len(set(state.findings)) == len(state.findings)
+        progress = [event["fraction"] for event in bench.events if event["event"] == "progress"]
+        assert (progress[0], progress[-1]) == (0, 1)  # for the status bar of the window
+        assert state.working is None
         bench.until(lambda state: state.picture is not None and state.picture.pose == "pose0003")
         assert bench.state.coverage is not None
         assert bench.state.coverage.png.read_bytes()[:4] == b"\x89PNG"
