@@ -9,7 +9,7 @@ the camera was held.
 import itertools
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,8 +64,10 @@ class HdrReport:
     reduced_by: int  # whole factor by which the photographs were averaged down
 
 
-def merge(shots: Sequence[Bracket], params: HdrParams, progress: Progress) -> tuple[Frames, HdrReport]:
-    """Radiance of every bracket.
+def merge(
+    shots: Sequence[Bracket], params: HdrParams, progress: Progress, left_out: Collection[str] = ()
+) -> tuple[Frames, HdrReport]:
+    """Radiance of every bracket, also of those `left_out`, by name, which alone may be unusable.
 
     Raises:
         HdrError: an incomplete bracket, mixed cameras or sizes, or a view without usable pixels.
@@ -96,7 +98,8 @@ def merge(shots: Sequence[Bracket], params: HdrParams, progress: Progress) -> tu
         times = exposures.times(stated[n], np.where(np.isnan(fits[n]), usual, fits[n]))
         noise = learnt or SensorNoise(stack[0].full / ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS)
         merged = exposures.merge(stack, times, noise)
-        _check_usable(shot.name, merged, params)
+        if shot.name not in left_out:
+            _check_usable(shot.name, merged, params)
         to_radiance = scale / stack[0].full
         variances[n] = variance(mosaics[0], merged, noise) * [to_radiance, to_radiance**2]
         radiance = develop(mosaics[0], merged, noise) * np.float32(to_radiance)
@@ -228,13 +231,13 @@ def _check_usable(name: str, merged: Merged, params: HdrParams) -> None:
     if clipped > params.hopeless_share:
         raise HdrError(
             f"{name}: {clipped:.0%} of its sites are saturated in every exposure; photograph it again with"
-            " shorter exposures, or remove the view"
+            f" shorter exposures, or leave it out (--without {name})"
         )
     dark = float((merged.light < params.dark_sigmas * merged.floor).mean())
     if dark > params.hopeless_share:
         raise HdrError(
             f"{name}: {dark:.0%} of its sites are below noise in every exposure; photograph it again with"
-            " longer exposures (lens cap on?), or remove the view"
+            f" longer exposures (lens cap on?), or leave it out (--without {name})"
         )
 
 

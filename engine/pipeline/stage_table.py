@@ -7,6 +7,7 @@ the old version then count as stale, and `plan` says so.
 import hashlib
 from collections.abc import Callable
 
+from engine.io import left_out
 from engine.io.session import Session, edits, shots
 from engine.pipeline import presets, stage_functions
 from engine.pipeline.stages import Hashes, Stage, canonical
@@ -25,7 +26,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             "hdr", 3, HdrParams(), (), stage_functions.hdr, reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
-            "segment", 5, SegmentParams(), ("hdr",), stage_functions.segment, reads=_edits("mask.png", "strokes.png"),
+            "segment", 5, SegmentParams(), ("hdr",), stage_functions.segment, reads=_edits("mask.png", "strokes.png", left_out.FILE),
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
@@ -80,10 +81,10 @@ def _orientation(session: Session) -> Hashes:
 
 
 def _pose_inputs(session: Session) -> Hashes:
-    """Given poses, or else what the rig logged: its geometry and every view's angles."""
-    given = _edits("poses.json")(session)
+    """Given poses, or else what the rig logged: its geometry and every view's angles. And which views are left out."""
+    edited = _edits("poses.json", left_out.FILE)(session)
     rig = session.facts.get("rig")
-    if given or not rig:
-        return given
+    if "edits/poses.json" in edited or not rig:
+        return edited
     log = canonical([rig, [shot.rig for shot in shots(session)]])
-    return {"rig": hashlib.sha256(log.encode()).hexdigest()[:16]}
+    return {**edited, "rig": hashlib.sha256(log.encode()).hexdigest()[:16]}

@@ -153,6 +153,9 @@ def test_a_view_that_is_clipped_in_every_exposure_is_refused(tmp_path: Path) -> 
     scenes = [disk.scene(HEIGHT, WIDTH, 0), np.full((HEIGHT, WIDTH, 3), 1e5)]
     with pytest.raises(HdrError, match=r"view1: 100% of its sites are saturated .* shorter exposures"):
         merged(tmp_path, scenes)
+    brackets = [disk.write(tmp_path, f"again{i}", scene, SHUTTER_S) for i, scene in enumerate(scenes)]
+    frames, _ = merge.merge(brackets, HdrParams(), Progress(), left_out=("again1",))
+    assert frames.names == ("again0", "again1")
 
 
 def test_a_view_in_the_dark_is_refused(tmp_path: Path) -> None:
