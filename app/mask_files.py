@@ -199,10 +199,13 @@ def _settle(session: sessions.Session) -> str:
 
 def _present(folder: Path) -> Path | None:
     """This result, or else the stage's newest."""
-    if (folder / "record.json").is_file():
-        return folder
+    return folder if (folder / "record.json").is_file() else newest(folder.parent)
+
+
+def newest(stage: Path) -> Path | None:
+    """The latest finished result in a stage's folder."""
     finished = []
-    for record in folder.parent.glob("*/record.json"):
+    for record in stage.glob("*/record.json"):
         try:
             if record.parent.suffix != ".partial":
                 finished.append((float(json.loads(record.read_bytes())["finished"]), record.parent))

@@ -7,6 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QFileDialog, QLineEdit, QWidget
 
 from app.importing import Request, proposed, suggest_poses
+from app.state import called
 from app.views.forms import JobFoot, browsed, form, hint, label
 from app.views.pages import Shell
 
@@ -81,7 +82,10 @@ class ImportDialog(QDialog):
         self.foot.begin(name, "import", request.content())
 
     def _done(self, result: dict) -> None:
-        self._shell.wishes.open_session.emit(Path(str(result["session"])))
+        session, wishes = Path(str(result["session"])), self._shell.wishes
+        wishes.open_session.emit(session)
+        wishes.show_page.emit("photographs")
+        wishes.say.emit(self.tr("{0}: {1} photographs imported").format(called(session), result["views"]))
         self.accept()
 
     def _check(self) -> None:

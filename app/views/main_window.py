@@ -10,7 +10,7 @@ from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QUndoGroup, 
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMainWindow, QStackedWidget, QWidget
 
 from app.settings import Settings
-from app.state import State, Trouble, place_of, trouble
+from app.state import State, Trouble, called, place_of, trouble
 from app.views import pages, rail
 from app.views.bridge import Bridge
 from app.views.closing import Closing
@@ -98,6 +98,7 @@ class MainWindow(QMainWindow):
             return False
         self.shell.settings.opened(place.folder)
         self.shell.state.session.set(place.folder)
+        self.status.say(self.tr("{0} is open").format(called(place.folder)))
         return True
 
     def go_to_session(self, folder: Path) -> None:

@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from app.work import photograph
 from app.work.worker import Link
 from engine.errors import Cancelled, RoomlightError
 
 # Lower comes first: a plan shows at once, pictures can wait, and torch takes seconds to load.
-URGENCY = {"plan": 0, "thumbnail": 1, "gpu": 2}
+URGENCY = {"plan": 0, "look": 1, "photograph": 1, "thumbnail": 1, "gpu": 2}
 
 
 def serve(request: Mapping[str, Any], link: Link) -> None:
@@ -38,7 +39,13 @@ def serve(request: Mapping[str, Any], link: Link) -> None:
 
 def answer_one(number: int, content: Mapping[str, Any], link: Link) -> None:
     """One question; whatever goes wrong is its answer, and the next is heard all the same."""
-    answers = {"plan": plan, "thumbnail": thumbnail, "gpu": gpu}
+    answers = {
+        "plan": plan,
+        "thumbnail": thumbnail,
+        "look": photograph.look,
+        "photograph": photograph.show,
+        "gpu": gpu,
+    }
     try:
         answer = answers[content["question"]](content)
     except RoomlightError as error:

@@ -54,17 +54,21 @@ def test_a_name_the_person_chose_stays(
     assert made.session.text() == "/s/mine"
 
 
-def test_a_finished_import_opens_its_session(
+def test_a_finished_import_opens_its_session_among_the_photographs_and_says_so(
     shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     opened: list[Path] = []
+    shown: list[str] = []
     shell.wishes.open_session.connect(opened.append)
+    shell.wishes.show_page.connect(shown.append)
+    shell.wishes.say.connect(shown.append)
     script = 'emit("done", result={"session": request["session"], "views": 8})'
     made = dialog(shell, qtbot, monkeypatch, script, tmp_path)
     made.bracket.setCurrentIndex(3)
     made.foot.go.click()
     until(qtbot, lambda: opened)
     assert opened == [tmp_path.parent / f"{tmp_path.name}.session"]
+    assert shown == ["photographs", f"{tmp_path.name}: 8 photographs imported"]
 
 
 def test_cancelling_stops_the_import_and_keeps_the_dialog(

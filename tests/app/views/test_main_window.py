@@ -70,6 +70,7 @@ def test_opening_a_session_names_it_and_tells_every_page(
     assert isinstance(process, ProcessPage)
     assert window.stack.currentWidget() is process
     assert str(session) in window.windowTitle()
+    assert window.status.currentMessage() == "lion is open"
     assert window.shell.settings.value.recent[0] == str(session)
     until(qtbot, lambda: process.column.count() == 6)
     window.close_session()
