@@ -170,9 +170,9 @@ class _Painter(QStyledItemDelegate):
         painter.restore()
 
     def _mark(self, painter: QPainter, place: QRect, ours: theme.Palette, out: bool, ratio: float) -> None:
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(theme.colour(ours.panel, 0.9))
-        painter.drawRoundedRect(place, 4, 4)
+        ground = QPainterPath()
+        ground.addRoundedRect(place, 4, 4)
+        painter.fillPath(ground, theme.colour(ours.panel, 0.9))
         sign = icons.pixmap("failed" if out else "done", ours.bad if out else ours.good, 14, ratio)
         painter.drawPixmap(place.left() + 3, place.top() + 3, sign)
 
