@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from app import places
+from app.capture import aside
+from app.capture.order import folder as order_folder
 from app.mask_files import newest
 from engine.errors import SessionError
 from engine.io import left_out
@@ -56,6 +58,7 @@ class Listing:
     camera: str
     photographs: tuple[Photograph, ...]
     left_out: frozenset[str]
+    captured: bool  # with Roomlight: its poses can be taken again
 
 
 def read(session: Path) -> Listing:
@@ -80,7 +83,8 @@ def read(session: Path) -> Listing:
         for number, (shot, found) in enumerate(zip(shots, placed, strict=True), 1)
     ]
     model = opened.facts["camera"].get("model")
-    return Listing(session, str(model or ""), tuple(made), left_out.read(opened))
+    captured = (order_folder(session) / "order.json").is_file()
+    return Listing(session, str(model or ""), tuple(made), left_out.read(opened), captured)
 
 
 def kept(fingerprint: str, flip: int) -> Path:
@@ -110,7 +114,31 @@ def leave_out(listing: Listing, names: frozenset[str]) -> None:
     """
     views = [photograph.name for photograph in listing.photographs]
     with _writing:
-        left_out.write(sessions.open_session(listing.session), names, views)
+        left_out.write(sessions.open_session(listing.session), names & set(views), views)
+
+
+def take_again(listing: Listing, photograph: Photograph) -> Path:
+    """Put a captured photograph aside, so that the capture, when it goes on, takes its pose again; returns where it is kept.
+
+    Raises:
+        RoomlightError: a run is under way, or the disk refuses.
+    """
+    session = sessions.open_session(listing.session)
+    with _writing:
+        out = left_out.read(session)
+        if photograph.name in out:  # that was said of this photograph, not of the next one
+            left_out.write(session, out - {photograph.name}, ())
+        return aside.take_again(session, photograph.shot)
+
+
+def bring_back(listing: Listing, photograph: Photograph, kept: Path) -> None:
+    """Undo `take_again`.
+
+    Raises:
+        RoomlightError: the pose has been taken again, a run is under way, or the disk refuses.
+    """
+    with _writing:
+        aside.bring_back(sessions.open_session(listing.session), kept, photograph.shot)
 
 
 def _placed(session: Path, count: int) -> Sequence[bool | None]:
@@ -121,11 +149,6 @@ def _placed(session: Path, count: int) -> Sequence[bool | None]:
     except SessionError:
         registered = []  # who needs the poses says so
     return [*registered[:count], *[None] * (count - len(registered))]
-
-
-def told_shutter(seconds: float) -> str:
-    """ "1/60 s", "0.5 s" """
-    return f"1/{1 / seconds:.4g} s" if 0 < seconds < 0.3 else f"{seconds:.3g} s"
 
 
 def told_camera(photograph: Photograph) -> str:

@@ -31,6 +31,8 @@ class FolderLook(QWidget):
         self.told = QLabel()
         self.told.setWordWrap(True)
         self.told.setTextFormat(Qt.TextFormat.PlainText)
+        self.told.setMinimumHeight(2 * self.told.fontMetrics().lineSpacing())
+        self.told.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.told.setAccessibleName(self.tr("What the folder holds"))
         self.pictures = [QLabel() for _ in range(SHOWN)]
         row = QHBoxLayout()

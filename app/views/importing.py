@@ -22,7 +22,7 @@ class ImportDialog(QDialog):
         self._named = False  # the person chose the session's place; it follows the photographs no more
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Import photographs"))
-        self.setMinimumWidth(600)
+        self.setMinimumWidth(680)
         self.folder, folder_row = self._path(self.tr("Photographs"), self._ask_folder)
         self.session, session_row = self._path(self.tr("New session"), self._ask_session)
         self.poses, poses_row = self._path(self.tr("Poses"), self._ask_poses)
@@ -37,6 +37,7 @@ class ImportDialog(QDialog):
         self._suggested = {self.poses: "", self.object_mask: ""}  # what stands there unless the person chose
         self.found = FolderLook(shell.enquiries)
         self.found.looked.connect(self._check)
+        self.found.looked.connect(self._grow)
         self.bracket.activated.connect(lambda index: self._look(at_once=True))
         self.folder.textChanged.connect(self._folder_changed)
         self.session.textEdited.connect(self._name)
@@ -52,10 +53,10 @@ class ImportDialog(QDialog):
         rows.addRow(label(self.tr("P&oses"), self.poses), poses_row)
         rows.addRow(
             "",
-            hint(self.tr("transforms.json, a COLMAP model's folder, or a Metashape XML; may be left out")),
+            hint(self.tr("transforms.json, a COLMAP model's folder, or a Metashape XML; optional")),
         )
         rows.addRow(label(self.tr("&Mask"), self.object_mask), mask_row)
-        rows.addRow("", hint(self.tr("PNG of the photographs' size, white on the object; may be left out")))
+        rows.addRow("", hint(self.tr("PNG of the photographs' size, white on the object; optional")))
         rows.addRow(label(self.tr("&Exposures a view"), self.bracket), self.bracket)
 
         self.foot = JobFoot(self, shell.board, self.tr("&Import"), rows, self.found)
@@ -113,6 +114,10 @@ class ImportDialog(QDialog):
                 self._suggested[field] = "" if found is None else str(found)
                 field.setText(self._suggested[field])
         self._look()
+
+    def _grow(self) -> None:
+        """Make room for what was found; fields would give way instead."""
+        self.resize(self.width(), max(self.height(), self.minimumSizeHint().height()))
 
     def _look(self, at_once: bool = False) -> None:
         self.found.look(self.folder.text().strip(), self.bracket.currentData(), at_once)

@@ -6,7 +6,14 @@ Importing this module loads PySide6 and light modules alone; `tests/app/views/te
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QTimer
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QUndoGroup, QUndoStack
+from PySide6.QtGui import (
+    QCloseEvent,
+    QDragEnterEvent,
+    QDragLeaveEvent,
+    QDropEvent,
+    QUndoGroup,
+    QUndoStack,
+)
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMainWindow, QStackedWidget, QWidget
 
 from app.settings import Settings
@@ -14,6 +21,7 @@ from app.state import State, Trouble, called, place_of, trouble
 from app.views import pages, rail
 from app.views.bridge import Bridge
 from app.views.closing import Closing
+from app.views.drop_mark import DropMark
 from app.views.menus import Menus
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
 from app.views.shortcuts import ShortcutsDialog, collect
@@ -50,6 +58,7 @@ class MainWindow(QMainWindow):
         self.status = StatusBar(self, self.shell.state, self.shell.board)
         self.setStatusBar(self.status)
         self.setAcceptDrops(True)
+        self.drop_mark = DropMark(self)
         self.setMinimumSize(900, 560)
         self.resize(1240, 780)
         self.menus = Menus(self)
@@ -195,11 +204,18 @@ class MainWindow(QMainWindow):
     # --- drag and drop
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        if any(place_of(Path(url.toLocalFile())).kind != "nothing" for url in event.mimeData().urls()):
+        paths = (Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile())
+        place = next((place for place in map(place_of, paths) if place.kind != "nothing"), None)
+        if place is not None:
             event.acceptProposedAction()
+            self.drop_mark.show_place(place)
+
+    def dragLeaveEvent(self, event: QDragLeaveEvent) -> None:
+        self.drop_mark.hide()
 
     def dropEvent(self, event: QDropEvent) -> None:
         event.acceptProposedAction()
+        self.drop_mark.hide()
         # Dialogs open when the drop is over: the other program waits for its end.
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         QTimer.singleShot(0, self, lambda: self.take_dropped(paths))

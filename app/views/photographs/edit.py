@@ -1,4 +1,4 @@
-"""Undo of leaving photographs out."""
+"""Undo of what is done to photographs."""
 
 from collections.abc import Callable
 
@@ -23,3 +23,17 @@ class LeaveOut(QUndoCommand):
 
     def redo(self) -> None:
         self._apply(self._after)
+
+
+class TakeAgain(QUndoCommand):
+    """A photograph put aside, so that its pose is taken again."""
+
+    def __init__(self, text: str, apply: Callable[[bool], None]) -> None:
+        super().__init__(text)
+        self._apply = apply
+
+    def undo(self) -> None:
+        self._apply(False)
+
+    def redo(self) -> None:
+        self._apply(True)

@@ -8,11 +8,13 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QLabel,
+    QPushButton,
     QVBoxLayout,
     QWidget,
 )
 
-from app.photographs import Look, Photograph, told_camera, told_shutter, told_time
+from app.capture.wanted import told_shutter
+from app.photographs import Look, Photograph, told_camera, told_time
 from app.views.elided import Elided
 
 
@@ -21,6 +23,7 @@ class Facts(QFrame):
 
     out_wanted = Signal(bool)
     exposure_picked = Signal()
+    again_wanted = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -40,6 +43,15 @@ class Facts(QFrame):
         top = QHBoxLayout()
         top.addWidget(self.name, 1)
         top.addWidget(self.exposure)
+        self.again = QPushButton(self.tr("&Take again"))
+        self.again.setAccessibleName(self.tr("Take again"))
+        self.again.setToolTip(
+            self.tr(
+                "Put this photograph aside; the capture takes its pose again when it goes on (Ctrl+Z brings it back)"
+            )
+        )
+        self.again.clicked.connect(self.again_wanted)
+        top.addWidget(self.again)
         top.addSpacing(8)
         top.addWidget(self.out)
         grid = QGridLayout()

@@ -34,7 +34,7 @@ from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.elided import Elided
 from app.views.pages import Shell, tell
-from app.views.photographs.edit import LeaveOut
+from app.views.photographs.edit import LeaveOut, TakeAgain
 from app.views.photographs.facts import Facts
 from app.views.photographs.sheet import CELL, LOOK, ContactSheet, shrunk
 from app.views.pictures.view import ImageView
@@ -141,6 +141,7 @@ class PhotographsPage(QWidget):
         self.facts = Facts()
         self.facts.out_wanted.connect(self._tick)
         self.facts.exposure_picked.connect(self._ask_large)
+        self.facts.again_wanted.connect(self._take_again)
         large = QWidget()
         column = QVBoxLayout(large)
         column.setContentsMargins(0, 0, 0, 0)
@@ -385,6 +386,7 @@ class PhotographsPage(QWidget):
             widget.setEnabled(bool(views))
         self.heading.setText("" if self._session is None else called(self._session))
         self.add.setVisible(self._session is None)
+        self.facts.again.setVisible(listing is not None and listing.captured)
         if listing is None:
             self.told.setText("")
             self.what.setText(
@@ -451,6 +453,30 @@ class PhotographsPage(QWidget):
         self.sheet.show_left_out(names)
         photograph = self._current()
         self.facts.show_use(photograph, photograph is not None and photograph.name in names)
+
+    def _take_again(self) -> None:
+        photograph, listing = self._current(), self._listing
+        if photograph is None or listing is None:
+            return
+        kept: list[Path] = []  # where it is while it is put aside
+
+        def apply(away: bool) -> None:
+            self._background.ask("again", lambda: move(away), moved, self._not_saved)
+
+        def move(away: bool) -> bool:
+            if away:
+                kept.append(photographs.take_again(listing, photograph))
+            elif kept:
+                photographs.bring_back(listing, photograph, kept.pop())
+            return away
+
+        def moved(away: bool) -> None:
+            self._read()
+            if away and self._shell is not None:
+                told = self.tr("{0} is put aside; resume on the Capture page to take it again")
+                self._shell.wishes.say.emit(told.format(photograph.name))
+
+        self.undo_stack.push(TakeAgain(self.tr("taking {0} again").format(photograph.name), apply))
 
     # The window
 

@@ -8,7 +8,6 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from app import photographs
 from app.photographs import Look
 from app.settings import Settings
 from app.state import State, Trouble, trouble
@@ -174,10 +173,16 @@ def test_a_file_that_cannot_be_read_is_told_and_the_others_are_shown(
     until(qtbot, lambda: "0002/radiance.exr" in page.view.message)
 
 
-def test_exposures_are_told_as_photographers_say_them() -> None:
-    assert [photographs.told_shutter(s) for s in (1 / 8000, 1 / 60, 0.3, 2.5)] == [
-        "1/8000 s",
-        "1/60 s",
-        "0.3 s",
-        "2.5 s",
-    ]
+def test_a_captured_photograph_can_be_taken_again(page: PhotographsPage, session: Path, qtbot: QtBot) -> None:
+    assert page.facts.again.isHidden()  # imported
+    (session / "capture").mkdir()
+    (session / "capture" / "order.json").write_text("{}")
+    page.show_session(session)
+    until(qtbot, lambda: not page.facts.again.isHidden())
+    page.sheet.setCurrentRow(4)
+    page.facts.again.click()
+    until(qtbot, lambda: page.sheet.count() == small.VIEWS - 1)
+    assert not (session / "shots" / "0004").exists()
+    page.undo_stack.undo()
+    until(qtbot, lambda: page.sheet.count() == small.VIEWS)
+    assert (session / "shots" / "0004" / "shot.json").exists()
