@@ -24,6 +24,7 @@ from engine.pipeline import artifacts
 from engine.types import Poses
 
 THUMBNAIL_EDGE_PX = 360
+SHARP_PX = 0.5
 _writing = threading.Lock()  # the window's own threads wait for one another; other processes are told
 LOOKED = 1  # raised when what a look tells of the same files changes
 
@@ -149,6 +150,13 @@ def _placed(session: Path, count: int) -> Sequence[bool | None]:
     except SessionError:
         registered = []  # who needs the poses says so
     return [*registered[:count], *[None] * (count - len(registered))]
+
+
+def told_blur(look: Look) -> str:
+    """Width of the sharpest edges; "" where nothing tells. What is sharper than half a pixel cannot be told apart."""
+    if look.blur_px is None:
+        return ""
+    return f"{look.blur_px:.1f} px" if look.blur_px >= SHARP_PX else f"< {SHARP_PX} px"
 
 
 def told_camera(photograph: Photograph) -> str:

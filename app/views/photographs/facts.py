@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.capture.wanted import told_shutter
-from app.photographs import Look, Photograph, told_camera, told_time
+from app.photographs import Look, Photograph, told_blur, told_camera, told_time
 from app.views.elided import Elided
 
 
@@ -110,13 +110,7 @@ class Facts(QFrame):
 
     def show_look(self, look: Look | None) -> None:
         """What its pixels tell; None while nobody looked."""
-        self.values["blur"].setText(
-            "…"
-            if look is None
-            else self.tr("unknown")
-            if look.blur_px is None
-            else self.tr("{0} px").format(f"{look.blur_px:.1f}")
-        )
+        self.values["blur"].setText("…" if look is None else told_blur(look) or self.tr("unknown"))
         for key in ("clipped", "dark"):
             self.values[key].setText("…" if look is None else f"{100 * getattr(look, key):.1f} %")
 

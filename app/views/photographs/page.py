@@ -74,6 +74,7 @@ class PhotographsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        shell.board.listen(self._bridge.latest(self._read))  # what runs may place photographs, or take some
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's photographs; returns at once."""
@@ -84,8 +85,7 @@ class PhotographsPage(QWidget):
             self._take_out(frozenset())
             self.sheet.fill(())
             self._show_state()
-        if self.isVisible():
-            self._read()
+        self._read()
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
@@ -210,7 +210,7 @@ class PhotographsPage(QWidget):
 
     def _read(self) -> None:
         session = self._session
-        if session is not None and not self._unsaved:
+        if session is not None and not self._unsaved and self.isVisible():
             self._background.ask("list", lambda: photographs.read(session), self._take, self._refuse)
 
     def _take(self, listing: Listing) -> None:

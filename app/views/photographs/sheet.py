@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.photographs import Look, Photograph
+from app.photographs import Look, Photograph, told_blur
 from app.views import icons, theme
 
 PICTURE = QSize(118, 84)
@@ -40,10 +40,9 @@ def shrunk(image: QImage) -> QImage:
 def told_look(look: Look) -> str:
     """Sharpness and clipping in a few words."""
     translate = QCoreApplication.translate
-    blur = "" if look.blur_px is None else translate("ContactSheet", "{0} px").format(f"{look.blur_px:.1f}")
     told = f"{100 * look.clipped:.1f}"
     clipped = translate("ContactSheet", "{0} % clipped").format(told) if float(told) else ""
-    return "  ".join(part for part in (blur, clipped) if part)
+    return "  ".join(part for part in (told_blur(look), clipped) if part)
 
 
 class ContactSheet(QListWidget):
