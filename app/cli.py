@@ -67,6 +67,10 @@ def _parser() -> argparse.ArgumentParser:
     process = add("process", help="run every stage that is not done")
     _add_session(process)
     _add_settings(process)
+    process.add_argument(
+        "--without", type=_words, metavar="VIEW,VIEW",
+        help="leave these photographs out, by name or number, as in 3,17, now and in later runs; none puts all back",
+    )  # fmt: skip
     process.add_argument("--until", metavar="STAGE", help="stop after this stage")
     process.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     process.add_argument(
@@ -337,6 +341,11 @@ def _names(text: str) -> tuple[str, ...]:
     if not all(names) or len(set(names)) < len(names):
         raise argparse.ArgumentTypeError(f"{text!r}: give different names with commas, as in study,lamps")
     return names
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Words with commas between; the word none is no word."""
+    return tuple(word.strip() for word in text.split(",") if word.strip()) if text != "none" else ()
 
 
 def _add_session(parser: argparse.ArgumentParser) -> None:

@@ -72,8 +72,28 @@ def run_plan(args: Namespace) -> int:
 
 
 def run_process(args: Namespace) -> int:
+    if args.without is not None:
+        leave_out(args.session, args.without)
     verdict = process(args.session, args.preset, args.seed, args.set, args.until, args.device, args.solver)
     return DOUBTED if args.strict and verdict is not None and not verdict.good else 0
+
+
+def leave_out(folder: Path, words: Sequence[str]) -> None:
+    """Leave out exactly the photographs that these words mean, from now on: names, or numbers from 1."""
+    from engine.errors import SessionError
+    from engine.io import left_out, session
+
+    opened = session.open_session(folder)
+    views = [shot.name for shot in session.shots(opened)]
+    meant = {str(number): name for number, name in enumerate(views, 1)} | {name: name for name in views}
+    if unknown := [word for word in words if word not in meant]:
+        raise SessionError(
+            f"--without {unknown[0]}: there is no such photograph; give numbers from 1 to {len(views)}, or names such as"
+            f" {', '.join(views[:1])}"
+        )
+    names = {meant[word] for word in words}
+    left_out.write(opened, names, views)
+    print(f"left out: {', '.join(name for name in views if name in names) or 'none'}")
 
 
 def process(

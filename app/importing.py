@@ -27,14 +27,40 @@ class Request:
         }
 
 
+# Folders that say what is in them and not of what: the folder above does.
+PLAIN_NAMES = frozenset(
+    (
+        "dcim",
+        "dng",
+        "exr",
+        "hdr",
+        "image",
+        "images",
+        "input",
+        "photographs",
+        "photos",
+        "pictures",
+        "raw",
+        "renders",
+    )
+)
+
+
 def proposed(folder: Path) -> Path:
     """A name for the session beside the photographs that is not taken yet."""
-    place = folder.parent / f"{folder.name}.session"
+    plain = folder.name.lower() in PLAIN_NAMES and folder.parent.name
+    name = folder.parent.name if plain else folder.name
+    place = folder.parent / f"{name}.session"
     number = 2
     while place.exists():
-        place = folder.parent / f"{folder.name}-{number}.session"
+        place = folder.parent / f"{name}-{number}.session"
         number += 1
     return place
+
+
+def suggest_mask(folder: Path) -> Path | None:
+    """A mask that lies in the folder, or beside it, under its usual name."""
+    return next((path for path in (folder / "mask.png", folder.parent / "mask.png") if path.is_file()), None)
 
 
 def suggest_poses(folder: Path) -> Path | None:

@@ -205,8 +205,13 @@ def _present(folder: Path, shown: Path | None) -> Path | None:
     for known in (folder, shown):
         if known is not None and (known / "record.json").is_file():
             return known
+    return newest(folder.parent)
+
+
+def newest(stage: Path) -> Path | None:
+    """The latest finished result in a stage's folder."""
     finished = []
-    for record in folder.parent.glob("*/record.json"):
+    for record in stage.glob("*/record.json"):
         try:
             if record.parent.suffix != ".partial":
                 finished.append((float(json.loads(record.read_bytes())["finished"]), record.parent))

@@ -11,6 +11,7 @@ import numpy as np
 from app.state import called
 from engine.errors import SessionError
 from engine.hdr.merge import HdrReport
+from engine.io import left_out
 from engine.io import session as sessions
 from engine.io.ground_truth import REQUIRED, Truth, read_truth
 from engine.orientation import turn_maps, turned
@@ -104,6 +105,7 @@ def write_report(
             evaluation=None if scores is None else flat(scores),
             truth=None if truth is None else _upright(read_truth(truth), session.orientation),
             exported=_exported(steps["export"]),
+            left_out=left_out.read(session),
             notes=sessions.notes(session),
         )
     )
@@ -144,6 +146,7 @@ def cautions(folder: Path) -> tuple[str, ...]:
             grounds=there("export", "grounds", Grounds),
             hdr=there("hdr", "report", HdrReport),
             stages=tuple(_stage_run(step) for step in steps if step.done),
+            left_out=left_out.read(session),
             notes=sessions.notes(session),
         )
     )

@@ -18,6 +18,7 @@ IN_WINDOW = (
     (r"use --device cpu", "choose the device cpu on the Process page"),
     (r"--device cuda", "Device cuda"),
     (r"\(--mask\)", "(Mask page)"),
+    (r"\(--without [^)]*\)", "(Photographs page)"),
     (r"import with --poses", "import it with poses"),
     (r"with --bracket N", "under Exposures a view"),
     (r"with --at-zero", "and say so on the Capture page"),

@@ -30,7 +30,7 @@ from engine.io.poses import developed
 from engine.io.poses.pose_files import GivenPoses, read_poses
 from engine.io.raw import read_facts, read_mosaic
 from engine.io.session import Session
-from engine.io.suffixes import LINEAR_SUFFIXES, RAW_SUFFIXES
+from engine.io.suffixes import LINEAR_SUFFIXES, PICTURE_SUFFIXES, RAW_SUFFIXES
 from engine.progress import Progress
 
 FEWEST_VIEWS = 8
@@ -45,6 +45,33 @@ class View:
     name: str
     files: tuple[Path, ...]
     facts: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What an import of a folder would begin with, told by names and headers alone."""
+
+    kind: str  # "raw" or "linear"
+    views: tuple[tuple[Path, ...], ...]  # files of each
+    camera: dict[str, Any]  # model, width, height
+    notes: tuple[str, ...]
+
+
+def survey(folder: Path, bracket: int | None = None) -> Survey:
+    """Look at a folder without decoding photographs.
+
+    Raises:
+        RoomlightError: what an import would refuse before it decodes any.
+    """
+    kind, files = find_photographs(folder)
+    if kind == "raw":
+        views, camera, notes = _raw_views(files, bracket, None)
+    else:
+        height, width = read_radiance(files[0]).shape[:2]
+        views, notes = [View(_name(path, files), (path,), ({},)) for path in files], ()
+        camera = {"model": None, "width": width, "height": height}
+    _check_enough(folder, views, files, notes)
+    return Survey(kind, tuple(view.files for view in views), camera, notes)
 
 
 def make_session(
@@ -74,13 +101,7 @@ def make_session(
         views, camera, notes = _raw_views(files, bracket, reading)
     else:
         views, camera, notes = _linear_views(files, reading)
-    if len(views) < FEWEST_VIEWS:
-        raise ImportFault(
-            f"{folder}: {len(views)} view{'s' if len(views) != 1 else ''} of {len(files)} files; at least"
-            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more. {' '.join(notes)}".rstrip(
-                ". "
-            )
-        )
+    _check_enough(folder, views, files, notes)
     size, flips = (camera["width"], camera["height"]), _flips(views)
     flip = conventions.common(flips)
     camera |= {"orientation": flip} if flip else {}
@@ -122,6 +143,16 @@ def make_session(
     return sessions.open_session(to)
 
 
+def _check_enough(folder: Path, views: Sequence[View], files: Sequence[Path], notes: Sequence[str]) -> None:
+    if len(views) < FEWEST_VIEWS:
+        raise ImportFault(
+            f"{folder}: {len(views)} view{'s' if len(views) != 1 else ''} of {len(files)} files; at least"
+            f" {FEWEST_VIEWS} are needed, and 50 or more are better: photograph more. {' '.join(notes)}".rstrip(
+                ". "
+            )
+        )
+
+
 def _flips(views: Sequence[View]) -> list[int]:
     """How each view is turned to stand upright; linear images are as they stand.
 
@@ -151,9 +182,11 @@ def find_photographs(folder: Path) -> tuple[str, list[Path]]:
                 break
         else:
             there = sorted({path.suffix.lower() or "no suffix" for path in _files_below(folder)})
+            only = f"only {', '.join(there[:6])}" if there else "empty"
+            # Of what is made for the eye, light cannot be told.
+            why = ", not linear in light" if PICTURE_SUFFIXES.intersection(there) else ""
             raise ImportFault(
-                f"{folder}: no photographs in it ({'only ' + ', '.join(there[:6]) if there else 'empty'}); it"
-                " must hold RAW files, or linear .exr or .hdr images"
+                f"{folder}: no photographs in it ({only}{why}); it must hold RAW files, or linear .exr or .hdr images"
             )
     except PermissionError as fault:
         raise ImportFault(f"{fault.filename}: no permission to read it; change its permissions") from fault
@@ -229,8 +262,9 @@ def _size_and_end(path: Path) -> tuple[int, bytes]:
 
 
 def _raw_views(
-    files: Sequence[Path], bracket: int | None, progress: Progress
+    files: Sequence[Path], bracket: int | None, checking: Progress | None
 ) -> tuple[list[View], dict[str, Any], tuple[str, ...]]:
+    """By the files' headers; their pixels are checked where there is a progress to tell of it."""
     taken = [Taken(path, read_facts(path)) for path in files]
     first = taken[0]
     for item in taken[1:]:
@@ -247,7 +281,8 @@ def _raw_views(
         )
         for items in brackets
     ]
-    _check_pixels(brackets, progress)
+    if checking is not None:
+        _check_pixels(brackets, checking)
     facts = first.facts
     camera = {"model": facts.camera, "width": facts.width, "height": facts.height}
     return views, camera, tuple(filter(None, [note(grouping)]))

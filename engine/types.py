@@ -6,7 +6,7 @@ the light lives in the world frame; radiance is linear Rec.709 on one scale per 
 unit vectors pointing away from the surface; a normal that faces the camera has z < 0.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int16, UInt8
@@ -63,6 +63,10 @@ class Masks:
     object: Bool[np.ndarray, "h w"]
     background: Bool[np.ndarray, "n h w"]
 
+    def views(self, index: Int[np.ndarray, " k"]) -> "Masks":
+        """The same of some photographs."""
+        return Masks(self.object, self.background[index])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
@@ -74,6 +78,13 @@ class Poses:
     points: Float[np.ndarray, "m 3"]  # sparse points, world frame; may be empty
     scale: str  # "rig" | "board" | "given" | "unknown": what fixes the length of one scene unit
     reprojection_px: float  # mean over all observations; NaN when poses were given
+
+    def among(self, index: Int[np.ndarray, " n"], count: int) -> "Poses":
+        """As the views of these indices among `count`; the others are not registered."""
+        cam_from_world = np.full((count, 3, 4), np.nan)
+        registered = np.zeros(count, bool)
+        cam_from_world[index], registered[index] = self.cam_from_world, self.registered
+        return replace(self, cam_from_world=cam_from_world, registered=registered)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,8 @@
 """Where a capture lies in its session, how the session appears, and what of it is finished.
 
 `capture/order.json` (written once), `capture/journal.jsonl`, `capture/incoming/` (downloads under way, wiped),
-`capture/damaged/` (shots whose bytes changed, put aside). Finished is what the session's shots say.
+`capture/damaged/` (shots whose bytes changed, put aside), `capture/again/` (shots that a person wants taken again). Finished
+is what the session's shots say.
 """
 
 import shutil
@@ -12,6 +13,7 @@ from typing import Any
 
 from app.capture import frames as capture_frames
 from app.capture import order as capture_order
+from app.capture.aside import put_aside
 from app.capture.frames import Checked
 from app.capture.order import CaptureError, Order, Pose
 from engine.errors import SessionError
@@ -158,16 +160,7 @@ def sort_out(
                 )
         except SessionError as error:
             damaged.append((folder.name, str(error)))
-            _put_aside(session, folder)
+            put_aside(session, folder, "damaged")
         else:
             finished[shot.name] = shot
     return {name: shot for name, shot in finished.items() if name in names}, damaged
-
-
-def _put_aside(session: Session, folder: Path) -> None:
-    aside = capture_order.folder(session.folder) / "damaged"
-    with sessions.told(aside):
-        aside.mkdir(exist_ok=True)
-        number = sum(1 for _ in aside.iterdir())
-        folder.rename(aside / f"{folder.name}-{number}")
-        sessions.sync(folder.parent)

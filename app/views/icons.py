@@ -7,6 +7,7 @@ from PySide6.QtSvg import QSvgRenderer
 PATHS = {
     "start": "M4 11 L12 4 L20 11 V20 H14.5 V14 H9.5 V20 H4 Z",
     "capture": "M3 8 H7 L9 5 H15 L17 8 H21 V19 H3 Z M12 9.5 a4 4 0 1 0 .01 0 Z",
+    "photographs": "M3 4 H10 V10 H3 Z M14 4 H21 V10 H14 Z M3 14 H10 V20 H3 Z M14 17 L16.5 20 L21 14",
     "process": "M4 6 H14 M4 12 H20 M4 18 H11 M17 3.5 V8.5 M17 15.5 L21 18 L17 20.5 Z",
     "mask": "M12 3 C7 3 4 6.5 4 11.5 C4 17 8 21 12 21 C16 21 20 17 20 11.5 C20 6.5 17 3 12 3 Z M6 18 L18 6",
     "view3d": "M12 3 L20 7.5 V16.5 L12 21 L4 16.5 V7.5 Z M4 7.5 L12 12 L20 7.5 M12 12 V21",

@@ -6,7 +6,9 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QFileDialog, QLineEdit, QWidget
 
-from app.importing import Request, proposed, suggest_poses
+from app.importing import Request, proposed, suggest_mask, suggest_poses
+from app.state import called
+from app.views.folder_look import FolderLook
 from app.views.forms import JobFoot, browsed, form, hint, label
 from app.views.pages import Shell
 
@@ -20,7 +22,7 @@ class ImportDialog(QDialog):
         self._named = False  # the person chose the session's place; it follows the photographs no more
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Import photographs"))
-        self.setMinimumWidth(600)
+        self.setMinimumWidth(680)
         self.folder, folder_row = self._path(self.tr("Photographs"), self._ask_folder)
         self.session, session_row = self._path(self.tr("New session"), self._ask_session)
         self.poses, poses_row = self._path(self.tr("Poses"), self._ask_poses)
@@ -32,6 +34,11 @@ class ImportDialog(QDialog):
         self.bracket.addItem(self.tr("found from the files"), None)
         for count in range(1, 10):
             self.bracket.addItem(str(count), count)
+        self._suggested = {self.poses: "", self.object_mask: ""}  # what stands there unless the person chose
+        self.found = FolderLook(shell.enquiries)
+        self.found.looked.connect(self._check)
+        self.found.looked.connect(self._grow)
+        self.bracket.activated.connect(lambda index: self._look(at_once=True))
         self.folder.textChanged.connect(self._folder_changed)
         self.session.textEdited.connect(self._name)
         self.session.textChanged.connect(self._check)
@@ -46,18 +53,19 @@ class ImportDialog(QDialog):
         rows.addRow(label(self.tr("P&oses"), self.poses), poses_row)
         rows.addRow(
             "",
-            hint(self.tr("transforms.json, a COLMAP model's folder, or a Metashape XML; may be left out")),
+            hint(self.tr("transforms.json, a COLMAP model's folder, or a Metashape XML; optional")),
         )
         rows.addRow(label(self.tr("&Mask"), self.object_mask), mask_row)
-        rows.addRow("", hint(self.tr("PNG of the photographs' size, white on the object; may be left out")))
+        rows.addRow("", hint(self.tr("PNG of the photographs' size, white on the object; optional")))
         rows.addRow(label(self.tr("&Exposures a view"), self.bracket), self.bracket)
 
-        self.foot = JobFoot(self, shell.board, self.tr("&Import"), rows)
+        self.foot = JobFoot(self, shell.board, self.tr("&Import"), rows, self.found)
         self.foot.wanted.connect(self._start)
         self.foot.changed.connect(self._check)
         self.foot.done.connect(self._done)
         if folder is not None:
             self.folder.setText(str(folder))
+            self._look(at_once=True)
         self._check()
 
     def request(self) -> Request:
@@ -81,13 +89,16 @@ class ImportDialog(QDialog):
         self.foot.begin(name, "import", request.content())
 
     def _done(self, result: dict) -> None:
-        self._shell.wishes.open_session.emit(Path(str(result["session"])))
+        session, wishes = Path(str(result["session"])), self._shell.wishes
+        wishes.open_session.emit(session)
+        wishes.show_page.emit("photographs")
+        wishes.say.emit(self.tr("{0}: {1} photographs imported").format(called(session), result["views"]))
         self.accept()
 
     def _check(self) -> None:
         running = self.foot.running
         said = bool(self.folder.text().strip() and self.session.text().strip())
-        self.foot.go.setEnabled(said and not running)
+        self.foot.go.setEnabled(said and self.found.ready and not running)
         for field in (self.folder, self.session, self.poses, self.object_mask, self.bracket):
             field.setEnabled(not running)
 
@@ -97,10 +108,19 @@ class ImportDialog(QDialog):
     def _folder_changed(self, text: str) -> None:
         if text.strip() and not self._named:
             self.session.setText(str(proposed(Path(text.strip()))))
-        found = suggest_poses(Path(text.strip())) if text.strip() else None
-        if found is not None and not self.poses.text():
-            self.poses.setText(str(found))
-        self._check()
+        for field, suggest in ((self.poses, suggest_poses), (self.object_mask, suggest_mask)):
+            found = suggest(Path(text.strip())) if text.strip() else None
+            if field.text() == self._suggested[field]:
+                self._suggested[field] = "" if found is None else str(found)
+                field.setText(self._suggested[field])
+        self._look()
+
+    def _grow(self) -> None:
+        """Make room for what was found; fields would give way instead."""
+        self.resize(self.width(), max(self.height(), self.minimumSizeHint().height()))
+
+    def _look(self, at_once: bool = False) -> None:
+        self.found.look(self.folder.text().strip(), self.bracket.currentData(), at_once)
 
     def _path(self, name: str, ask: Callable[[], str]) -> tuple[QLineEdit, QWidget]:
         field = QLineEdit()

@@ -6,14 +6,22 @@ Importing this module loads PySide6 and light modules alone; `tests/app/views/te
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QTimer
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QUndoGroup, QUndoStack
+from PySide6.QtGui import (
+    QCloseEvent,
+    QDragEnterEvent,
+    QDragLeaveEvent,
+    QDropEvent,
+    QUndoGroup,
+    QUndoStack,
+)
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMainWindow, QStackedWidget, QWidget
 
 from app.settings import Settings
-from app.state import State, Trouble, place_of, trouble
+from app.state import State, Trouble, called, place_of, trouble
 from app.views import pages, rail
 from app.views.bridge import Bridge
 from app.views.closing import Closing
+from app.views.drop_mark import DropMark
 from app.views.menus import Menus
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
 from app.views.shortcuts import ShortcutsDialog, collect, mouse
@@ -57,6 +65,7 @@ class MainWindow(QMainWindow):
         self.status = StatusBar(self, self.shell.state, self.shell.board)
         self.setStatusBar(self.status)
         self.setAcceptDrops(True)
+        self.drop_mark = DropMark(self)
         self.setMinimumSize(900, 560)
         self.resize(1240, 780)
         self.menus = Menus(self)
@@ -105,6 +114,7 @@ class MainWindow(QMainWindow):
             return False
         self.shell.settings.opened(place.folder)
         self.shell.state.session.set(place.folder)
+        self.status.say(self.tr("{0} is open").format(called(place.folder)))
         return True
 
     def go_to_session(self, folder: Path) -> None:
@@ -191,9 +201,7 @@ class MainWindow(QMainWindow):
     def show_shortcuts(self) -> None:
         """The sheet of every shortcut of the window and its pages, and of what the mouse does."""
         everywhere = self.tr("Everywhere")
-        groups: list[tuple[str, QWidget]] = [
-            (rail.title(row), self.page(row.key)) for row in PAGES
-        ]
+        groups: list[tuple[str, QWidget]] = [(rail.title(row), self.page(row.key)) for row in PAGES]
         # Pages are children of the window too: what is theirs is listed under their names first.
         found = collect([*groups, (everywhere, self)])
         keys = sorted(found, key=lambda shortcut: shortcut.group != everywhere)
@@ -202,11 +210,18 @@ class MainWindow(QMainWindow):
     # --- drag and drop
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        if any(place_of(Path(url.toLocalFile())).kind != "nothing" for url in event.mimeData().urls()):
+        paths = (Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile())
+        place = next((place for place in map(place_of, paths) if place.kind != "nothing"), None)
+        if place is not None:
             event.acceptProposedAction()
+            self.drop_mark.show_place(place)
+
+    def dragLeaveEvent(self, event: QDragLeaveEvent) -> None:
+        self.drop_mark.hide()
 
     def dropEvent(self, event: QDropEvent) -> None:
         event.acceptProposedAction()
+        self.drop_mark.hide()
         # Dialogs open when the drop is over: the other program waits for its end.
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         QTimer.singleShot(0, self, lambda: self.take_dropped(paths))

@@ -35,7 +35,7 @@ class PageRow:
 
     @property
     def shortcut(self) -> str:
-        return f"Ctrl+{self.number}"
+        return f"Ctrl+{self.number % 10}"
 
 
 PAGES = tuple(
@@ -46,6 +46,8 @@ PAGES = tuple(
              QT_TRANSLATE_NOOP("pages", "New capture, sessions, import")),
             ("capture", QT_TRANSLATE_NOOP("pages", "Capture"),
              QT_TRANSLATE_NOOP("pages", "Turn the rig and photograph")),
+            ("photographs", QT_TRANSLATE_NOOP("pages", "Photographs"),
+             QT_TRANSLATE_NOOP("pages", "Look at them, and leave some out")),
             ("process", QT_TRANSLATE_NOOP("pages", "Process"),
              QT_TRANSLATE_NOOP("pages", "Photographs to surface")),
             ("mask", QT_TRANSLATE_NOOP("pages", "Mask"),

@@ -1,12 +1,13 @@
 """The rail at the left: one button a page."""
 
 from PySide6.QtCore import QCoreApplication, QSize, Qt, Signal
-from PySide6.QtWidgets import QButtonGroup, QFrame, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QButtonGroup, QFrame, QSizePolicy, QToolButton, QVBoxLayout, QWidget
 
 from app.views import icons, theme
 from app.views.pages import PageRow
 
-WIDTH = 76
+WIDTH = 84
+HEIGHT, LOWEST = 54, 44  # of a button
 
 
 class Rail(QFrame):
@@ -30,16 +31,20 @@ class Rail(QFrame):
             button.setText(title(row))
             button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextUnderIcon)
             button.setIconSize(QSize(24, 24))
-            button.setFixedSize(WIDTH - 8, 54)
+            button.setFixedWidth(WIDTH - 8)
+            # In the lowest window they stand closer.
+            button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
+            button.setMinimumHeight(LOWEST)
+            button.setMaximumHeight(HEIGHT)
             button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             button.setAccessibleName(title(row))
             tip = QCoreApplication.translate("pages", row.tip)
             button.setToolTip(f"{tip} ({row.shortcut})")
             button.clicked.connect(lambda checked=False, key=row.key: self.chosen.emit(key))
             group.addButton(button)
-            layout.addWidget(button)
+            layout.addWidget(button, HEIGHT)
             self.buttons[row.key] = button
-        layout.addStretch()
+        layout.addStretch(1)
         self._dress()
 
     def show_key(self, key: str) -> None:

@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from app.work import photograph
 from app.work.worker import Link
 from engine.errors import Cancelled, RoomlightError
 
 # Lower comes first: a plan shows at once, pictures can wait, and torch takes seconds to load.
-URGENCY = {"plan": 0, "thumbnail": 1, "gpu": 2}
+URGENCY = {"plan": 0, "folder": 0, "look": 1, "photograph": 1, "preview": 1, "thumbnail": 1, "gpu": 2}
 
 
 def serve(request: Mapping[str, Any], link: Link) -> None:
@@ -38,7 +39,10 @@ def serve(request: Mapping[str, Any], link: Link) -> None:
 
 def answer_one(number: int, content: Mapping[str, Any], link: Link) -> None:
     """One question; whatever goes wrong is its answer, and the next is heard all the same."""
-    answers = {"plan": plan, "thumbnail": thumbnail, "gpu": gpu}
+    answers = {
+        "plan": plan, "folder": folder, "look": photograph.look, "photograph": photograph.show, "preview": preview,
+        "thumbnail": thumbnail, "gpu": gpu,
+    }  # fmt: skip
     try:
         answer = answers[content["question"]](content)
     except RoomlightError as error:
@@ -159,13 +163,36 @@ def gpu(content: Mapping[str, Any]) -> dict[str, Any]:
     return {"name": torch.cuda.get_device_name(0)}
 
 
+def folder(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What an import of a folder would begin with. Question: folder, bracket (exposures a view; None finds out).
+
+    Answer: kind, files, views, exposures (of a view), camera, width, height, notes, and shown: some files, spread evenly.
+    """
+    from engine import importing
+
+    found = importing.survey(Path(content["folder"]), content.get("bracket"))
+    middles = [str(files[len(files) // 2]) for files in found.views]
+    few = min(len(middles), int(content["shown"]))
+    return {
+        "kind": found.kind,
+        "files": sum(len(files) for files in found.views),
+        "views": len(found.views),
+        "exposures": len(found.views[0]),
+        "camera": found.camera["model"],
+        "width": found.camera["width"],
+        "height": found.camera["height"],
+        "notes": list(found.notes),
+        "shown": [middles[i * (len(middles) - 1) // max(few - 1, 1)] for i in range(few)],
+    }
+
+
+def preview(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A small picture of a file, kept in `to` as PNG. Question: file, edge_px, to."""
+    return {"picture": _small(Path(content["file"]), None, int(content["edge_px"]), Path(content["to"]))}
+
+
 def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
     """A small picture of a session, kept in `to` as PNG. Question: session, edge_px, to."""
-    import cv2
-    import numpy as np
-
-    from engine.color import luminance
-    from engine.io import images
     from engine.io import session as sessions
 
     session = sessions.open_session(Path(content["session"]))
@@ -173,23 +200,34 @@ def thumbnail(content: Mapping[str, Any]) -> dict[str, Any]:
     if not views:
         return {"picture": None}
     files = views[len(views) // 2].files
-    file = files[len(files) // 2]
-    radiance = (
-        images.read_radiance(file) if session.kind == "linear" else _developed(file, session.orientation)
-    )
-    by = max(1, min(radiance.shape[:2]) // int(content["edge_px"]))
+    edge_px, to = int(content["edge_px"]), Path(content["to"])
+    return {"picture": _small(files[len(files) // 2], session.orientation, edge_px, to)}
+
+
+def _small(file: Path, flip: int | None, edge_px: int, to: Path) -> str:
+    """A file as a small PNG in `to`; RAW turned by LibRaw's `flip`, None: as it says itself."""
+    import cv2
+    import numpy as np
+
+    from engine.color import luminance
+    from engine.io import images
+    from engine.io import session as sessions
+    from engine.io.suffixes import LINEAR_SUFFIXES
+
+    linear = file.suffix.lower() in LINEAR_SUFFIXES
+    radiance = images.read_radiance(file) if linear else _developed(file, flip)
+    by = max(1, min(radiance.shape[:2]) // edge_px)
     small = cv2.resize(radiance, None, fx=1 / by, fy=1 / by, interpolation=cv2.INTER_AREA)
     middle = float(np.median(luminance(small))) or 1e-6
     toned = images.tone_map(np.ascontiguousarray(small, np.float32), middle)
-    to = Path(content["to"])
     to.parent.mkdir(parents=True, exist_ok=True)
     coded = cv2.imencode(".png", np.ascontiguousarray(toned[..., ::-1]))[1]
     sessions.write_atomic(to, coded.tobytes())
-    return {"picture": str(to)}
+    return str(to)
 
 
-def _developed(path: Path, flip: int) -> Any:
-    """A RAW file at half size, linear, for the eye; turned by LibRaw's `flip`."""
+def _developed(path: Path, flip: int | None) -> Any:
+    """A RAW file at half size, linear, for the eye."""
     import numpy as np
     import rawpy
 

@@ -1,6 +1,6 @@
 """One shot as a person wants to see it: developed as the screen shows it, what is clipped laid over it, a histogram.
 
-The middle exposure of the bracket is shown, white where its sensor is full. Light is in full sites of that exposure;
+One exposure of the bracket is shown, white where its sensor is full. Light is in full sites of that exposure;
 of each pixel's channel the longest exposure that is not saturated tells it. x right, y down as the sensor lies.
 """
 
@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int, UInt8
 
-from engine.capture_checks.shot_preview import DARK_SIGMAS, SATURATION, learn
+from engine.capture_checks.shot_preview import DARK_SIGMAS, SATURATION, Sensor, learn
 from engine.hdr.demosaic import demosaic
 from engine.hdr.develop import averaged, camera_white
 from engine.io.png import srgb
@@ -46,14 +46,18 @@ class _Cells:
     share_clipped: float  # of all sites, as `Glance.share_clipped` counts
 
 
-def picture(mosaics: Sequence[Mosaic], edge_px: int) -> Picture:
+def picture(
+    mosaics: Sequence[Mosaic], edge_px: int, exposure: int | None = None, sensor: Sensor | None = None
+) -> Picture:
     """A bracket of one shot, shortest exposure first; one photograph is a bracket too.
 
     Args:
         edge_px: its longest edge at most; sensors no larger are shown site by site.
+        exposure: the one to show; None: the middle one.
+        sensor: as `learn` tells it of these or other shots; None: of these.
     """
-    sensor = learn(mosaics)
-    shown = len(mosaics) // 2
+    sensor = sensor or learn(mosaics)
+    shown = len(mosaics) // 2 if exposure is None else exposure
     middle = mosaics[shown]
     height, width = middle.counts.shape
     by = max(1, int(np.ceil(max(height, width) / 2 / edge_px)))

@@ -58,6 +58,12 @@ def measure(edges: Edges, object_mask: Bool[np.ndarray, "H W"] | None) -> Sharpn
     return Sharpness(_sharpest(edges, ours), _sharpest(edges, ~ours))
 
 
+def blur_px(glance: Glance) -> float:
+    """Width of the picture's sharpest edges across the worst direction, in sites of the sensor; NaN where too few."""
+    widths = measure(edges_of(glance), None).room
+    return float("nan") if np.isnan(widths).all() else float(np.nanmax(widths)) * glance.pitch
+
+
 def check(glance: Glance, now: Sharpness, earlier: Sequence[Sharpness]) -> tuple[Finding, ...]:
     """Findings of one shot against the session's earlier ones and against what any lens can do."""
     object_px, object_usual, object_blurred = _wider(

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from engine.hdr import exposures
+from engine.hdr import exposures, linear_input
 from engine.hdr.develop import averaged, camera_white, develop, toe
 from engine.hdr.exposures import Exposure, Merged, SensorNoise
-from engine.hdr.merge import ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS
+from engine.hdr.merge import ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS, HALF_MAX
 from engine.io.raw import Facts, Mosaic, read_mosaic
 
 WHOLE_EDGE_PX = 800  # sensors this wide are developed in full
@@ -81,6 +81,20 @@ def read(files: Sequence[Path]) -> list[Mosaic]:
         RawError: a file cannot be read or is no Bayer mosaic.
     """
     return sorted((read_mosaic(path) for path in files), key=lambda mosaic: mosaic.facts.exposure())
+
+
+def glance_linear(name: str, radiance: Float32[np.ndarray, "h w 3"]) -> Glance:
+    """The same of a linear image, which is one exposure of light as it is: full is what its format can hold."""
+    height, width = radiance.shape[:2]
+    lost = np.any(radiance >= HALF_MAX, axis=-1)
+    by, small_by = (max(1, round(max(height, width) / edge)) for edge in (FINE_EDGE_PX, SMALL_EDGE_PX))
+    fine, small = averaged(radiance, by), averaged(radiance, small_by)
+    light = np.maximum(fine[..., 1], 0)
+    return Glance(
+        name, width, height, (), (1.0,), float(by), light, averaged(lost.astype(np.float32), by) > 0,
+        linear_input.noise(fine[None]), small, averaged(lost.astype(np.float32), small_by), small[..., 1] <= 0,
+        1.0, float(lost.mean()), float((radiance[..., 1] <= 0).mean()), _histogram(light),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

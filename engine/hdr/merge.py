@@ -9,7 +9,7 @@ the camera was held.
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -76,9 +76,11 @@ def merge(
     shots: Sequence[Bracket],
     params: HdrParams,
     progress: Progress,
+    left_out: Collection[str] = (),
     place: Callable[[tuple[int, ...]], Float32[np.ndarray, "n h w 3"]] = _in_memory,
 ) -> tuple[Frames, HdrReport]:
-    """Radiance of every bracket; `place` gives the array that it goes to, view by view.
+    """Radiance of every bracket, also of those `left_out`, by name, which alone may be unusable; `place` gives the array that it
+    goes to, view by view.
 
     Raises:
         HdrError: an incomplete bracket, mixed cameras or sizes, or a view without usable pixels.
@@ -119,7 +121,8 @@ def merge(
         times = exposures.times(stated[n], np.where(np.isnan(fits[n]), usual, fits[n]))
         noise = learnt or SensorNoise(sample[0].full / ASSUMED_FULL_ELECTRONS, ASSUMED_READ_COUNTS)
         merged = exposures.merge(sample, times, noise)
-        _check_usable(shots[n].name, merged, params)
+        if shots[n].name not in left_out:
+            _check_usable(shots[n].name, merged, params)
         to_radiance = scale / sample[0].full
         variances[n] = variance(mosaics[0], merged, noise) * [to_radiance, to_radiance**2]
         near_zero = toe(mosaics[0], merged, noise)
@@ -286,13 +289,13 @@ def _check_usable(name: str, merged: Merged, params: HdrParams) -> None:
     if clipped > params.hopeless_share:
         raise HdrError(
             f"{name}: {clipped:.0%} of its sites are saturated in every exposure; photograph it again with"
-            " shorter exposures, or remove the view"
+            f" shorter exposures, or leave it out (--without {name})"
         )
     dark = float((merged.light < params.dark_sigmas * merged.floor).mean())
     if dark > params.hopeless_share:
         raise HdrError(
             f"{name}: {dark:.0%} of its sites are below noise in every exposure; photograph it again with"
-            " longer exposures (lens cap on?), or remove the view"
+            f" longer exposures (lens cap on?), or leave it out (--without {name})"
         )
 
 

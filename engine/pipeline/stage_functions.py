@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
+from engine.io import left_out
 from engine.io.session import Session, shots, verify
 from engine.orientation import turned
 from engine.pipeline import artifacts
@@ -54,7 +55,7 @@ def hdr(work: Work) -> Records:
     if work.session.kind == "raw":
         place = partial(artifacts.place, work.folder, "frames.radiance")
         brackets = [Bracket(view.name, view.files) for view in views]
-        frames, report = merge(brackets, work.params, merging, place)
+        frames, report = merge(brackets, work.params, merging, left_out.read(work.session), place)
     else:
         names, paths = [view.name for view in views], [view.files[0] for view in views]
         frames, report = stack(names, paths, work.params, merging)
@@ -67,13 +68,14 @@ def segment(work: Work) -> Records:
     from engine.segmentation.segment import Strokes, from_object, segment
 
     frames = work.load("hdr", "frames", Frames)
+    views = left_out.kept(work.session, frames.names)
     camera, folder = work.session.facts["camera"], work.session.folder / "edits"
     grid, painted = frames.dark.shape[1:], None
     if (folder / "strokes.png").is_file():
         add, remove = read_strokes(folder / "strokes.png", camera["height"], camera["width"])
         painted = Strokes(on_grid(add, grid), on_grid(remove, grid))
     if not work.given:
-        masks, report = segment(frames, work.params, painted, work.progress)
+        masks, report = segment(frames, work.params, painted, work.progress, views)
         return {"masks": masks, "report": report}
     mask = on_grid(read_mask(folder / "mask.png", camera["height"], camera["width"]), grid)
     if painted is not None:
@@ -116,20 +118,26 @@ def on_grid(mask: Bool[np.ndarray, "hh ww"], grid: tuple[int, ...]) -> Bool[np.n
 def poses(work: Work) -> Records:
     """poses, and the report of how they were found, or of what the photographs say of those that were given."""
     frames = work.load("hdr", "frames", Frames)
+    count, views = len(frames.names), left_out.kept(work.session, frames.names)
+    some = len(views) < count
+    frames = frames.views(views) if some else frames
     given = _given_poses(work.session, frames) if work.given else None
     from engine.sfm.reconstruct import find_poses
     from engine.sfm.triangulate import triangulate
 
     masks = work.load("segment", "masks", Masks)
+    masks = masks.views(views) if some else masks
     scratch = work.folder / "scratch"
     scratch.mkdir()
     if given is not None:
         points, report = triangulate(frames, masks, given, work.params, scratch, work.progress)
         found = given if len(given.points) else replace(given, points=points)
     else:
-        found, report = find_poses(frames, masks, rig_log(work.session), work.params, scratch, work.progress)
+        found, report = find_poses(
+            frames, masks, rig_log(work.session, views), work.params, scratch, work.progress
+        )
     shutil.rmtree(scratch)
-    return {"poses": found, "report": report}
+    return {"poses": found.among(views, count), "report": report}
 
 
 def _given_poses(session: Session, frames: Frames) -> Poses:
@@ -161,15 +169,15 @@ def _given_poses(session: Session, frames: Frames) -> Poses:
     return Poses(camera, matrices, registered, points, scale, math.nan)
 
 
-def rig_log(session: Session) -> Any:
-    """What the rig reported, NaN where a view has no report; None for a session without a rig of known geometry."""
+def rig_log(session: Session, views: Int[np.ndarray, " k"]) -> Any:
+    """What the rig reported of these views, NaN where a view has no report; None for a session without a rig of known geometry."""
     from engine.sfm.rig_alignment import RigLog
 
-    rig, views = session.facts.get("rig"), shots(session)
+    rig, taken = session.facts.get("rig"), shots(session)
     if not rig or not rig.get("geometry"):
         return None
     pan, tilt = (
-        np.array([float((view.rig or {}).get(key, math.nan)) for view in views])
+        np.array([float((view.rig or {}).get(key, math.nan)) for view in (taken[i] for i in views)])
         for key in ("pan_deg", "tilt_deg")
     )
     return RigLog(rig["kind"], pan, tilt, rig["geometry"])

@@ -8,6 +8,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from engine.io import left_out
 from engine.io.session import Session, edits, shots
 from engine.pipeline import presets
 from engine.pipeline.stages import Hashes, Stage, Work, canonical
@@ -26,7 +27,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             "hdr", 4, HdrParams(), (), _produce("hdr"), reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
-            "segment", 5, SegmentParams(), ("hdr",), _produce("segment"), reads=_edits("mask.png", "strokes.png"),
+            "segment", 5, SegmentParams(), ("hdr",), _produce("segment"), reads=_edits("mask.png", "strokes.png", left_out.FILE),
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
@@ -92,10 +93,10 @@ def _orientation(session: Session) -> Hashes:
 
 
 def _pose_inputs(session: Session) -> Hashes:
-    """Given poses, or else what the rig logged: its geometry and every view's angles."""
-    given = _edits("poses.json")(session)
+    """Given poses, or else what the rig logged: its geometry and every view's angles. And which views are left out."""
+    edited = _edits("poses.json", left_out.FILE)(session)
     rig = session.facts.get("rig")
-    if given or not rig:
-        return given
+    if "edits/poses.json" in edited or not rig:
+        return edited
     log = canonical([rig, [shot.rig for shot in shots(session)]])
-    return {"rig": hashlib.sha256(log.encode()).hexdigest()[:16]}
+    return {**edited, "rig": hashlib.sha256(log.encode()).hexdigest()[:16]}

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import SessionError
+from engine.io import left_out
 from engine.io.session import Session, file_sha256
 from engine.pipeline import artifacts, differences
 from engine.pipeline import settings as asked
@@ -190,7 +191,11 @@ def _told_inputs(changed: Sequence[str], old: Hashes, new: Hashes) -> list[str]:
     how = {
         name: "added" if name not in old else "removed" if name not in new else "changed" for name in changed
     }
-    told = [f"input {name} {word}" for name, word in how.items() if not name.startswith("shots/")]
+    told = [
+        "photographs left out changed" if name == f"edits/{left_out.FILE}" else f"input {name} {word}"
+        for name, word in how.items()
+        if not name.startswith("shots/")
+    ]
     for word in ("added", "removed", "changed"):
         shots = [name for name in changed if how[name] == word and name.startswith("shots/")]
         if len(shots) > 3:

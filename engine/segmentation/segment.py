@@ -13,7 +13,7 @@ from itertools import islice
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int
 
 from engine.errors import MaskError
 from engine.hdr.develop import averaged
@@ -46,20 +46,25 @@ class SegmentReport:
 
 
 def segment(
-    frames: Frames, params: SegmentParams, strokes: Strokes | None, progress: Progress
+    frames: Frames,
+    params: SegmentParams,
+    strokes: Strokes | None,
+    progress: Progress,
+    views: Int[np.ndarray, " k"] | None = None,
 ) -> tuple[Masks, SegmentReport]:
-    """One object mask for the session, one background mask for each view.
+    """One object mask for the session, one background mask for each view; only `views`, by index, are looked at, or all.
 
     Raises:
         MaskError: too few views, or nothing stands out as staying put.
     """
-    if len(frames.names) < params.fewest_views:
+    views = np.arange(len(frames.names)) if views is None else views
+    if len(views) < params.fewest_views:
         raise MaskError(
-            f"{len(frames.names)} views are too few to tell the object from the room (at least"
+            f"{len(views)} views are too few to tell the object from the room (at least"
             f" {params.fewest_views}); add views or give a mask"
         )
     rng = np.random.default_rng(0)
-    chosen = np.unique(np.linspace(0, len(frames.names) - 1, params.most_views).round().astype(int))
+    chosen = views[np.unique(np.linspace(0, len(views) - 1, params.most_views).round().astype(int))]
     by = max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
     progress.step(0.0, "measuring what changes")
     small = measure(_selected(frames, chosen, by))

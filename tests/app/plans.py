@@ -40,11 +40,18 @@ def content(settings: Mapping[str, Any] | None = None, done: int = 0, folder: st
     return {"settings": asked, "stages": stages}
 
 
+FOLDER = {
+    "kind": "raw", "files": 24, "views": 8, "exposures": 3, "camera": "Canon EOS R5", "width": 8192, "height": 5464,
+    "notes": [], "shown": ["/p/a.cr3", "/p/b.cr3"],
+}  # fmt: skip
+
+
 class Questions:
     """Stands in for Enquiries: keeps what was asked, answers when told to."""
 
     def __init__(self, done: int = 0, at_once: bool = True, gpu: str = "") -> None:
         self.gpu = gpu
+        self.folder: dict[str, Any] = FOLDER
         self.asked: list[dict[str, Any]] = []
         self.open: list[tuple[dict[str, Any], Any]] = []
         self.done, self.at_once = done, at_once
@@ -64,6 +71,8 @@ class Questions:
         asked, then = self.open.pop(place)
         if asked["question"] == "plan":
             then(Answer(content(asked.get("settings"), self.done, asked["session"])))
+        elif asked["question"] == "folder":
+            then(Answer(self.folder))
         elif asked["question"] == "gpu":
             then(Answer({"name": self.gpu}))
         else:

@@ -11,6 +11,8 @@ def test_the_proposed_session_is_never_one_that_is_there(tmp_path: Path) -> None
     (tmp_path / "lion.session").mkdir()
     (tmp_path / "lion-2.session").mkdir()
     assert proposed(folder) == tmp_path / "lion-3.session"
+    assert proposed(folder / "Images") == folder / "lion.session"
+    assert proposed(Path("/raw")) == Path("/raw.session")
 
 
 def test_poses_are_found_under_their_usual_names(tmp_path: Path) -> None:

@@ -95,6 +95,7 @@ class CapturePage(QWidget):
             self._looked = True
             self.panel.look()
             self._ask_plan()
+        self.show_session(self._folder)  # a pose may have been put aside since, to be taken again
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self.panel.shut()

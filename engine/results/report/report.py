@@ -52,6 +52,7 @@ class Contents:
     evaluation: Mapping[str, object] | None = None  # scores against a truth, by name
     truth: Truth | None = None  # to draw the errors
     exported: tuple[str, ...] = ()  # files
+    left_out: frozenset[str] = frozenset()  # views that a person left out
     notes: tuple[str, ...] = ()  # what a person should know beyond what is found here
     software: Mapping[str, str] | None = None
 
@@ -79,7 +80,8 @@ def html(contents: Contents) -> str:
 def _head(c: Contents) -> str:
     numbers = [(f"{len(c.names)}", "photographs (views)")]
     if c.poses is not None:
-        numbers.append((f"{int(c.poses.registered.sum())} / {len(c.poses.registered)}", "views with a pose"))
+        used = len(c.names) - len(c.left_out)
+        numbers.append((f"{int(c.poses.registered.sum())} / {used}", "views with a pose"))
     if c.surface is not None and c.surface.mask.any():
         stderr = np.degrees(c.surface.stderr_normal[c.surface.mask])
         numbers.append((f"{int(c.surface.mask.sum()):,}".replace(",", "\u202f"), "surface pixels"))
@@ -176,6 +178,9 @@ left 5 degrees where 2.3 were stated."""
 def cautions(c: Contents) -> tuple[str, ...]:
     """Whatever was clipped, unregistered, guessed or flagged, in sentences."""
     lines = list(c.notes)
+    if c.left_out:
+        them = [name for name in c.names if name in c.left_out]
+        lines.append(f"{len(them)} of {len(c.names)} photographs are left out by hand: {_some(them)}.")
     if c.hdr is not None:
         if c.hdr.share_clipped > 0:
             lines.append(
@@ -194,10 +199,11 @@ def cautions(c: Contents) -> tuple[str, ...]:
             " paint what is wrong in it."
         )
     if c.poses is not None:
-        lost = [name for name, seen in zip(c.names, c.poses.registered, strict=True) if not seen]
+        pairs = zip(c.names, c.poses.registered, strict=True)
+        lost = [name for name, seen in pairs if not seen and name not in c.left_out]
         if lost:
             lines.append(
-                f"{len(lost)} of {len(c.names)} views have no pose and were not used: {_some(lost)}."
+                f"{len(lost)} of {len(c.names) - len(c.left_out)} views have no pose and were not used: {_some(lost)}."
             )
         found = _facts(c, "poses")
         off, off_deg = found.get("off"), found.get("off_deg")

@@ -13,6 +13,7 @@ from app.views.importing import ImportDialog
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
 from app.work.jobs import Job, JobState
+from tests.app.plans import Questions
 from tests.app.views.conftest import until
 from tests.app.work.children import WILLING, job
 
@@ -28,6 +29,8 @@ def dialog(
     made.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)  # qtbot closes it once more
     qtbot.addWidget(made)
     made.show()
+    if folder is not None:
+        until(qtbot, made.foot.go.isEnabled)
     return made
 
 
@@ -44,6 +47,36 @@ def test_a_dropped_folder_fills_in_a_session_beside_it(
     assert not made.foot.go.isEnabled()
 
 
+def test_a_folder_is_looked_at_before_an_import_is_offered(
+    shell: Shell, questions: Questions, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("lion/images", "text"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("transforms.json", "mask.png"):
+        (tmp_path / "lion" / name).write_text("{}")
+    made = dialog(shell, qtbot, monkeypatch, WILLING, tmp_path / "lion" / "images")
+    assert made.session.text() == str(tmp_path / "lion" / "lion.session")
+    assert made.poses.text() == str(tmp_path / "lion" / "transforms.json")
+    assert made.object_mask.text() == str(tmp_path / "lion" / "mask.png")
+    assert (
+        made.found.told.text()
+        == "24 RAW files  ·  8 brackets of 3 exposures  ·  Canon EOS R5  ·  8192 x 5464"
+    )
+    assert [asked["file"] for asked in questions.asked if asked["question"] == "preview"] == [
+        "/p/a.cr3",
+        "/p/b.cr3",
+    ]
+    questions.at_once = False
+    made.folder.setText(str(tmp_path / "text"))
+    assert not made.foot.go.isEnabled()
+    assert made.poses.text() == made.object_mask.text() == ""  # they were of the other folder
+    until(qtbot, lambda: questions.open)
+    questions.fail("/text: no photographs in it (only .txt); it must hold RAW files")
+    until(qtbot, lambda: "Looking" not in made.found.told.text())
+    assert made.found.told.text() == "/text: no photographs in it (only .txt). It must hold RAW files"
+    assert not made.foot.go.isEnabled()
+
+
 def test_a_name_the_person_chose_stays(
     shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -54,17 +87,21 @@ def test_a_name_the_person_chose_stays(
     assert made.session.text() == "/s/mine"
 
 
-def test_a_finished_import_opens_its_session(
+def test_a_finished_import_opens_its_session_among_the_photographs_and_says_so(
     shell: Shell, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     opened: list[Path] = []
+    shown: list[str] = []
     shell.wishes.open_session.connect(opened.append)
+    shell.wishes.show_page.connect(shown.append)
+    shell.wishes.say.connect(shown.append)
     script = 'emit("done", result={"session": request["session"], "views": 8})'
     made = dialog(shell, qtbot, monkeypatch, script, tmp_path)
     made.bracket.setCurrentIndex(3)
     made.foot.go.click()
     until(qtbot, lambda: opened)
     assert opened == [tmp_path.parent / f"{tmp_path.name}.session"]
+    assert shown == ["photographs", f"{tmp_path.name}: 8 photographs imported"]
 
 
 def test_cancelling_stops_the_import_and_keeps_the_dialog(

@@ -6,8 +6,8 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDragLeaveEvent, QDropEvent
 from pytestqt.qtbot import QtBot
 
 from app.settings import Settings
@@ -70,6 +70,7 @@ def test_opening_a_session_names_it_and_tells_every_page(
     assert isinstance(process, ProcessPage)
     assert window.stack.currentWidget() is process
     assert str(session) in window.windowTitle()
+    assert window.status.currentMessage() == "lion is open"
     assert window.shell.settings.value.recent[0] == str(session)
     until(qtbot, lambda: process.column.count() == 6)
     window.close_session()
@@ -120,6 +121,23 @@ def test_a_dropped_folder_of_photographs_is_to_be_imported(
     (dialog,) = window.findChildren(ImportDialog)
     assert dialog.folder.text() == str(tmp_path / "renders")
     dialog.close()
+
+
+def test_what_is_dragged_over_the_window_is_told_where_it_would_land(
+    window: MainWindow, session: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "renders").mkdir()
+    for path, words in ((session, "Open lion"), (tmp_path / "renders", "Import the photographs in renders")):
+        data = QMimeData()
+        data.setUrls([QUrl.fromLocalFile(str(path))])
+        where = QPoint(300, 300), Qt.DropAction.CopyAction
+        event = QDragEnterEvent(*where, data, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier)
+        window.dragEnterEvent(event)
+        assert event.isAccepted()
+        assert window.drop_mark.isVisible()
+        assert window.drop_mark.words == words
+        window.dragLeaveEvent(QDragLeaveEvent())
+        assert not window.drop_mark.isVisible()
 
 
 def test_an_idle_window_closes_at_once_and_keeps_its_size(window: MainWindow, questions: Questions) -> None:

@@ -25,7 +25,7 @@ from engine.pipeline import settings as asked
 from engine.pipeline.run import choose_device
 from engine.surface.params import SurfaceParams
 from tests.app.calls import ROOT
-from tests.app.sessions import HEIGHT, WIDTH, small
+from tests.app.sessions import HEIGHT, WIDTH, photographs, small
 from tests.engine import folders as raw_folders
 
 
@@ -191,3 +191,22 @@ def test_a_thumbnail_stands_as_its_session_does_whatever_its_own_photograph_says
     to = tmp_path / "a.png"
     answer(question="thumbnail", session=str(tmp_path / "s"), to=str(to), edge_px=1000)
     assert cv2.imread(str(to)).shape == (raw_folders.WIDTH // 2, raw_folders.HEIGHT // 2, 3)
+
+
+def test_a_folder_is_told_by_names_and_headers_before_it_is_imported(tmp_path: Path) -> None:
+    renders = photographs(tmp_path / "renders")
+    content = answer(question="folder", folder=str(renders), bracket=None, shown=3)["answer"]
+    assert {key: content[key] for key in ("kind", "files", "views", "exposures", "width", "height")} == {
+        "kind": "linear", "files": 8, "views": 8, "exposures": 1, "width": WIDTH, "height": HEIGHT,
+    }  # fmt: skip
+    assert [Path(file).name for file in content["shown"]] == ["0000.exr", "0003.exr", "0007.exr"]
+    made = answer(question="preview", file=content["shown"][1], edge_px=12, to=str(tmp_path / "small.png"))
+    assert cv2.imread(made["answer"]["picture"]).shape == (12, 16, 3)
+    raw = raw_folders.write_raw(tmp_path / "raw")
+    content = answer(question="folder", folder=str(raw), bracket=None, shown=3)["answer"]
+    assert (content["kind"], content["views"] * content["exposures"]) == ("raw", content["files"])
+    assert content["exposures"] > 1
+    (tmp_path / "jpegs").mkdir()
+    (tmp_path / "jpegs" / "a.JPG").write_bytes(b"")
+    told = answer(question="folder", folder=str(tmp_path / "jpegs"), bracket=None, shown=3)["fault"]
+    assert "no photographs in it (only .jpg, not linear in light); it must hold RAW files" in told

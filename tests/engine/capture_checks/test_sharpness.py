@@ -1,11 +1,12 @@
 import dataclasses
+import math
 
 import cv2
 import numpy as np
 import pytest
 
 from engine.capture_checks import sharpness
-from engine.capture_checks.shot_preview import Glance
+from engine.capture_checks.shot_preview import Glance, glance_linear
 
 H, W = 200, 260
 
@@ -82,3 +83,13 @@ def test_motion_is_told_with_its_direction_and_in_sites():
 def test_clipped_edges_say_nothing():
     clipped = dataclasses.replace(picture(discs(2.2)), fine_clipped=np.ones((H, W), bool))
     assert len(sharpness.edges_of(clipped).row) == 0
+
+
+def test_one_number_tells_how_blurred_a_picture_is_also_a_linear_image():
+    picture_of_room = np.repeat(picture(discs(1.5)).fine[..., None], 3, axis=-1)
+    linear = glance_linear("render", picture_of_room)
+    assert sharpness.blur_px(linear) == pytest.approx(1.5, rel=0.25)
+    assert sharpness.blur_px(picture(discs(1.5), pitch=4.0)) == pytest.approx(6.0, rel=0.25)
+    assert math.isnan(sharpness.blur_px(picture(np.full((H, W), 0.4, np.float32))))
+    picture_of_room[:50] = 7e4
+    assert glance_linear("render", picture_of_room).share_clipped == pytest.approx(0.25)

@@ -153,6 +153,9 @@ def test_a_view_that_is_clipped_in_every_exposure_is_refused(tmp_path: Path) -> 
     scenes = [disk.scene(HEIGHT, WIDTH, 0), np.full((HEIGHT, WIDTH, 3), 1e5)]
     with pytest.raises(HdrError, match=r"view1: 100% of its sites are saturated .* shorter exposures"):
         merged(tmp_path, scenes)
+    brackets = [disk.write(tmp_path, f"again{i}", scene, SHUTTER_S) for i, scene in enumerate(scenes)]
+    frames, _ = merge.merge(brackets, HdrParams(), Progress(), left_out=("again1",))
+    assert frames.names == ("again0", "again1")
 
 
 def test_a_view_in_the_dark_is_refused(tmp_path: Path) -> None:
@@ -198,7 +201,7 @@ def test_every_photograph_is_decoded_once(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(merge, "read_mosaic", lambda path: (decoded.append(path), read(path))[1])
     place = np.zeros((3, HEIGHT, WIDTH, 3), np.float32)
     frames, _ = merge.merge(
-        shots, HdrParams(learning_views=2), Progress(), lambda shape: place.reshape(shape)
+        shots, HdrParams(learning_views=2), Progress(), place=lambda shape: place.reshape(shape)
     )
     assert sorted(decoded) == sorted(path for shot in shots for path in shot.exposures)
     assert frames.radiance.base is place

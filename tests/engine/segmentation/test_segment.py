@@ -216,3 +216,13 @@ def test_only_what_the_smaller_images_could_not_tell_is_taken_back_at_full_size(
     left = segmenting._sharper(found, segmenting.measure(capture.frames), 0, 2)
     assert left[20:60, 40:60].all()
     assert not left[80:82, 40:100].any()
+
+
+def test_views_that_are_left_out_are_not_looked_at() -> None:
+    frames = turning.take(turning.blob(H, W), 40, 2, texture=0.4).frames
+    kept = np.delete(np.arange(40), [3, 20])
+    expected = segment(frames.views(kept), PARAMS, None, Progress())[0].object
+    frames.radiance[[3, 20]] = np.nan
+    masks, _ = segment(frames, PARAMS, None, Progress(), kept)
+    assert np.array_equal(masks.object, expected)
+    assert masks.background.shape == frames.dark.shape

@@ -1,0 +1,516 @@
+"""The photographs page: a contact sheet and one photograph large, before anything is computed, and what to leave out.
+
+A child of the page's own looks at the photographs, one after the other while the page is shown, the chosen one first; what it
+saw is kept in this person's cache. Reading and writing happen in a thread.
+"""
+
+import contextlib
+import itertools
+import tempfile
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QCloseEvent, QImage, QKeySequence, QShowEvent, QUndoStack
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSplitter,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app import photographs
+from app.inspect import falsecolour
+from app.photographs import Listing, Look, Photograph
+from app.state import Trouble, called
+from app.views.background import Background
+from app.views.bridge import Bridge
+from app.views.elided import Elided
+from app.views.pages import Shell, tell
+from app.views.photographs.edit import LeaveOut, TakeAgain
+from app.views.photographs.facts import Facts
+from app.views.photographs.sheet import CELL, LOOK, ContactSheet, shrunk
+from app.views.pictures.view import ImageView
+from app.work.enquiries import Answer, Enquiries
+from engine.errors import RoomlightError
+
+LARGE_EDGE_PX = 3200
+ORDERS = ("taken", "blur", "clipped")
+
+
+class PhotographsPage(QWidget):
+    """One session's photographs."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.title = self.tr("Photographs")
+        self.setAccessibleName(self.title)
+        self.undo_stack = QUndoStack(self)
+        self._shell: Shell | None = None
+        self._session: Path | None = None
+        self._listing: Listing | None = None
+        self._out: frozenset[str] = frozenset()  # as shown; the session follows in a moment
+        self._unsaved = False
+        self._waiting: deque[Photograph] = deque()  # nobody looked at these yet
+        self._looking: Photograph | None = None  # the child is at it
+        self._large: tuple[np.ndarray, np.ndarray] | None = None  # picture and what is clipped of it
+        self._numbers = itertools.count(1)
+        self._newest = 0  # of the large pictures asked for
+        self._scratch = tempfile.TemporaryDirectory(prefix="roomlight-photographs-")
+        self._looker = Enquiries()
+        self._bridge = Bridge(self)
+        self._background = Background(self, "photographs")
+        self._build()
+        self._show_state()
+
+    # The contract with the window
+
+    def use(self, shell: Shell) -> None:
+        self._shell = shell
+        shell.board.listen(self._bridge.latest(self._read))  # what runs may place photographs, or take some
+
+    def show_session(self, folder: Path | None) -> None:
+        """Show a session's photographs; returns at once."""
+        if folder != self._session:
+            self._session, self._listing, self._large = folder, None, None
+            self.undo_stack.clear()
+            self._waiting.clear()
+            self._take_out(frozenset())
+            self.sheet.fill(())
+            self._show_state()
+        self._read()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._read()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """What was left out is written, whatever the thread is at."""
+        if self._unsaved and self._listing is not None:
+            with contextlib.suppress(RoomlightError):
+                photographs.leave_out(self._listing, self._out)
+        self._looker.close()
+        self._scratch.cleanup()
+        super().closeEvent(event)
+
+    # Building
+
+    def _build(self) -> None:
+        self.heading, self.told = Elided(), Elided()
+        self.heading.setObjectName("heading")
+        self.told.setObjectName("dim")
+        self.order = QComboBox()
+        self.order.setAccessibleName(self.tr("Order"))
+        names = {"taken": self.tr("As taken"), "blur": self.tr("Blurriest first"), "clipped": self.tr("Most clipped first")}  # fmt: skip
+        for key in ORDERS:
+            self.order.addItem(names[key], key)
+        self.order.activated.connect(lambda index: self._fill())
+        self.clipping = QCheckBox(self.tr("Show &clipping"))
+        self.clipping.setAccessibleName(self.tr("Show clipping"))
+        self.clipping.setToolTip(self.tr("Red: clipped in all exposures; amber: in the one shown (C)"))
+        self.clipping.toggled.connect(self._draw)
+        self.process = QPushButton(self.tr("To &processing"))
+        self.process.setObjectName("primary")
+        self.process.setAccessibleName(self.tr("To processing"))
+        self.process.clicked.connect(lambda: self._wish_page("process"))
+        words = QVBoxLayout()
+        words.setSpacing(0)
+        words.addWidget(self.heading)
+        words.addWidget(self.told)
+        self.bar = QFrame()
+        self.bar.setObjectName("panel")
+        row = QHBoxLayout(self.bar)
+        row.setContentsMargins(12, 6, 12, 6)
+        row.setSpacing(10)
+        row.addLayout(words, 1)
+        for widget in (self.clipping, self.order, self.process):
+            row.addWidget(widget)
+        self.sheet = ContactSheet()
+        self.sheet.setMinimumWidth(CELL.width() + 24)
+        self.sheet.currentItemChanged.connect(lambda now, before: self._show_current())
+        self.sheet.marked.connect(lambda name: self._turn({name}))
+        self.view = ImageView()
+        self.view.setAccessibleName(self.tr("Photograph"))
+        self.facts = Facts()
+        self.facts.out_wanted.connect(self._tick)
+        self.facts.exposure_picked.connect(self._ask_large)
+        self.facts.again_wanted.connect(self._take_again)
+        large = QWidget()
+        column = QVBoxLayout(large)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.view, 1)
+        column.addWidget(self.facts)
+        self.split = QSplitter(Qt.Orientation.Horizontal)
+        self.split.addWidget(self.sheet)
+        self.split.addWidget(large)
+        self.split.setStretchFactor(0, 0)
+        self.split.setStretchFactor(1, 1)
+        self.split.setSizes([2 * CELL.width() + 28, 10000])
+        self.split.setChildrenCollapsible(False)
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self._empty())
+        self.stack.addWidget(self.split)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(2)
+        whole.addWidget(self.bar)
+        whole.addWidget(self.stack, 1)
+        self._actions()
+
+    def _empty(self) -> QWidget:
+        """In place of the photographs while there are none."""
+        self.what, self.remedy = QLabel(), QLabel()
+        self.what.setObjectName("heading")
+        self.remedy.setObjectName("dim")
+        self.add = QPushButton(self.tr("&Import photographs…"))
+        self.add.setAccessibleName(self.tr("Import photographs"))
+        self.add.clicked.connect(self._import)
+        made = QWidget()
+        column = QVBoxLayout(made)
+        column.addStretch(2)
+        for label in (self.what, self.remedy):
+            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+            label.setWordWrap(True)
+            column.addWidget(label)
+        column.addSpacing(8)
+        column.addWidget(self.add, 0, Qt.AlignmentFlag.AlignCenter)
+        column.addStretch(3)
+        return made
+
+    def _actions(self) -> None:
+        turn = QAction(self.tr("Leave out, or put back"), self)
+        turn.setShortcuts([QKeySequence("Space"), QKeySequence("Del")])
+        # Elsewhere the space bar presses the button that has the focus.
+        turn.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
+        turn.triggered.connect(lambda checked: self._turn({one.name for one in self.sheet.chosen()}))
+        self.sheet.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
+        for widget in (self.sheet, self.view):
+            widget.addAction(turn)
+        for text, keys, call in (
+            (self.tr("Show clipping"), "C", self.clipping.toggle),
+            (self.tr("Previous photograph"), "PgUp", lambda: self._step(-1)),
+            (self.tr("Next photograph"), "PgDown", lambda: self._step(1)),
+            (self.tr("To the contact sheet"), "Ctrl+L", self.sheet.setFocus),
+        ):
+            action = QAction(text, self)
+            action.setShortcut(QKeySequence(keys))
+            action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            action.triggered.connect(lambda checked, call=call: call())
+            self.addAction(action)
+
+    # What arrives
+
+    def _read(self) -> None:
+        session = self._session
+        if session is not None and not self._unsaved and self.isVisible():
+            self._background.ask("list", lambda: photographs.read(session), self._take, self._refuse)
+
+    def _take(self, listing: Listing) -> None:
+        if listing.session != self._session or self._unsaved:
+            return
+        same, self._listing = listing == self._listing, listing
+        if not same:
+            self._waiting.clear()
+            self._fill()
+        self._take_out(listing.left_out)
+        for photograph in listing.photographs if not same else ():
+            self._look_up(photograph)
+        self._look_at_next()
+        self._show_state()
+
+    def _refuse(self, fault: Trouble) -> None:
+        self._listing = None
+        self._show_state()
+        self.what.setText(fault.what)
+        self.remedy.setText(fault.remedy)
+
+    def _look_up(self, photograph: Photograph) -> None:
+        """What an earlier look kept, or else the child's turn."""
+
+        def read() -> tuple[Look | None, QImage]:
+            look = photographs.look(photograph.kept)
+            picture = QImage() if look is None else shrunk(QImage(_file(photograph.kept, ".png")))
+            return (None if picture.isNull() else look), picture
+
+        def arrived(found: tuple[Look | None, QImage]) -> None:
+            look, picture = found
+            if look is not None:
+                self._seen(photograph, look, picture)
+            elif photograph not in self._waiting:
+                self._waiting.append(photograph)
+                self._look_at_next()
+
+        self._background.ask(photograph.shot, read, arrived, self._tell)
+
+    def _look_at_next(self) -> None:
+        """Let the child look at one more; the chosen one first."""
+        if self._looking is not None or not self._waiting or not self.isVisible() or self._session is None:
+            return
+        current = self._current()
+        if current in self._waiting:
+            self._waiting.remove(current)
+            self._waiting.appendleft(current)
+        photograph = self._looking = self._waiting.popleft()
+        take = self._bridge.queued(lambda answer: self._looked(photograph, answer))
+        self._looker.ask(
+            "look", take, session=str(self._session), shot=photograph.shot, to=str(photograph.kept),
+            edge_px=photographs.THUMBNAIL_EDGE_PX,
+        )  # fmt: skip
+        self._show_state()
+
+    def _looked(self, photograph: Photograph, answer: Answer) -> None:
+        self._looking = None
+        if answer.trouble is not None:
+            item = self.sheet.item_of(photograph)
+            if item is not None:
+                item.setToolTip(f"{answer.trouble.what}\n{answer.trouble.remedy}")
+        elif self._listing is not None and photograph in self._listing.photographs:
+            self._look_up(photograph)
+        self._look_at_next()
+        self._show_state()
+
+    def _seen(self, photograph: Photograph, look: Look, picture: QImage) -> None:
+        self.sheet.show_look(photograph, look, picture)
+        if photograph == self._current():
+            self.facts.show_look(look)
+            self._ask_small(photograph)
+
+    # What is shown
+
+    def _current(self) -> Photograph | None:
+        row = self.sheet.currentRow()
+        return self.sheet.photograph(row) if row >= 0 else None
+
+    def _fill(self) -> None:
+        if self._listing is None:
+            return
+        looks = {photograph.name: self._look_of(photograph) for photograph in self._listing.photographs}
+        order = self.order.currentData()
+
+        def worst(photograph: Photograph) -> float:
+            look = looks[photograph.name]
+            return -1.0 if look is None else -((look.blur_px or 0.0) if order == "blur" else look.clipped)
+
+        listed = self._listing.photographs
+        self.sheet.fill(listed if order == "taken" else tuple(sorted(listed, key=worst)))
+        self.sheet.show_left_out(self._out)
+
+    def _look_of(self, photograph: Photograph) -> Look | None:
+        item = self.sheet.item_of(photograph)
+        return None if item is None else item.data(LOOK)
+
+    def _step(self, by: int) -> None:
+        if self.sheet.count():
+            self.sheet.setCurrentRow(min(max(self.sheet.currentRow() + by, 0), self.sheet.count() - 1))
+
+    def _show_current(self) -> None:
+        """The small picture at once, the large one as soon as the child has made it."""
+        photograph, self._large = self._current(), None
+        count = len(self._listing.photographs) if self._listing is not None else 0
+        self.facts.show_photograph(photograph, count)
+        self.facts.show_look(self._look_of(photograph) if photograph is not None else None)
+        self.facts.show_use(photograph, photograph is not None and photograph.name in self._out)
+        if photograph is None:
+            self.view.show_picture(None)
+            return
+        self._ask_small(photograph)
+        self._ask_large()
+
+    def _ask_small(self, photograph: Photograph) -> None:
+        self._background.ask("small", lambda: _pixels(photograph.kept), self._take_small, self._tell)
+
+    def _take_small(self, small: np.ndarray | None) -> None:
+        if self._large is not None:
+            return
+        if small is None:
+            self.view.show_picture(None, message=self.tr("Reading the photograph…"))
+            return
+        port = self.view.viewport
+        if port.picture.width <= 1 or not _alike(small, port.picture.width / port.picture.height):
+            port.show(small.shape[1], small.shape[0], None)
+        self.view.show_picture([small])
+
+    def _ask_large(self) -> None:
+        photograph, number = self._current(), next(self._numbers)
+        if photograph is None or self._session is None:
+            return
+        self._newest = number
+        to = Path(self._scratch.name) / f"large-{number % 4}"
+        arrived = self._bridge.queued(lambda answer: self._large_made(number, to, answer))
+        self._looker.ask(
+            "photograph", arrived, session=str(self._session), shot=photograph.shot, to=str(to),
+            edge_px=LARGE_EDGE_PX, exposure=self.facts.chosen_exposure,
+        )  # fmt: skip
+
+    def _large_made(self, number: int, to: Path, answer: Answer) -> None:
+        if number != self._newest:
+            return
+        if answer.trouble is not None:
+            told = " ".join(part for part in (answer.trouble.what, answer.trouble.remedy) if part)
+            self.view.show_picture(None, message=told)
+            return
+
+        def read() -> tuple[np.ndarray | None, np.ndarray | None]:
+            return _pixels(to), _pixels(to.with_name(f"{to.name}.clip"))
+
+        def arrived(pictures: tuple[np.ndarray | None, np.ndarray | None]) -> None:
+            picture, clip = pictures
+            if number == self._newest and picture is not None and clip is not None:
+                self._large = picture, clip
+                self.view.viewport.show(picture.shape[1], picture.shape[0], None)
+                self._draw()
+
+        self._background.ask("large", read, arrived, self._tell)
+
+    def _draw(self) -> None:
+        if self._large is None:
+            return
+        (picture, clip), marked = self._large, self.clipping.isChecked()
+        self._background.ask(
+            "draw", lambda: falsecolour.halves(_over(picture, clip) if marked else picture), self.view.show_picture
+        )  # fmt: skip
+
+    def _show_state(self) -> None:
+        listing = self._listing
+        views = () if listing is None else listing.photographs
+        self.stack.setCurrentIndex(1 if views else 0)
+        for widget in (self.clipping, self.order, self.process):
+            widget.setEnabled(bool(views))
+        self.heading.setText("" if self._session is None else called(self._session))
+        self.add.setVisible(self._session is None)
+        self.facts.again.setVisible(listing is not None and listing.captured)
+        if listing is None:
+            self.told.setText("")
+            self.what.setText(
+                self.tr("No session is open") if self._session is None else self.tr("Reading the session…")
+            )
+            self.remedy.setText(
+                self.tr("Import photographs, or open a session on the start page") if self._session is None else ""
+            )  # fmt: skip
+            return
+        self.what.setText(self.tr("There are no photographs yet"))
+        self.remedy.setText(self.tr("They appear here as they are captured"))
+        told = [self.tr("1 photograph") if len(views) == 1 else self.tr("{0} photographs").format(len(views))]
+        counts = {len(photograph.exposures) for photograph in views}
+        if counts and max(counts) > 1:
+            told.append(self.tr("{0} exposures each").format("/".join(map(str, sorted(counts)))))
+        told += [listing.camera] if listing.camera else []
+        if self._out:
+            told.append(self.tr("{0} left out").format(len(self._out)))
+        left = len(self._waiting) + (self._looking is not None)
+        if left:
+            told.append(self.tr("{0} still to be looked at").format(left))
+        self.told.setText("  ·  ".join(told))
+
+    # Leaving out
+
+    def _tick(self, out: bool) -> None:
+        photograph = self._current()
+        if photograph is not None:
+            self._change(self._out | {photograph.name} if out else self._out - {photograph.name})
+
+    def _turn(self, names: set[str]) -> None:
+        """Put these back if all are left out, else leave all of them out."""
+        if names:
+            self._change(self._out - names if names <= self._out else self._out | names)
+
+    def _change(self, names: frozenset[str]) -> None:
+        text = self.tr("leaving out") if len(names) > len(self._out) else self.tr("putting back")
+        self.undo_stack.push(LeaveOut(text, self._out, names, self._apply))
+
+    def _apply(self, names: frozenset[str]) -> None:
+        listing = self._listing
+        if listing is None:
+            return
+        self._take_out(names)
+        self._unsaved = True
+        self._background.ask(
+            "write", lambda: photographs.leave_out(listing, names), lambda answer: self._saved(), self._not_saved
+        )  # fmt: skip
+        self._show_state()
+
+    def _saved(self) -> None:
+        self._unsaved = False
+        self._read()
+
+    def _not_saved(self, fault: Trouble) -> None:
+        """What the session holds is shown again."""
+        self._unsaved = False
+        self.undo_stack.clear()
+        self._read()
+        self._tell(fault)
+
+    def _take_out(self, names: frozenset[str]) -> None:
+        self._out = names
+        self.sheet.show_left_out(names)
+        photograph = self._current()
+        self.facts.show_use(photograph, photograph is not None and photograph.name in names)
+
+    def _take_again(self) -> None:
+        photograph, listing = self._current(), self._listing
+        if photograph is None or listing is None:
+            return
+        kept: list[Path] = []  # where it is while it is put aside
+
+        def apply(away: bool) -> None:
+            self._background.ask("again", lambda: move(away), moved, self._not_saved)
+
+        def move(away: bool) -> bool:
+            if away:
+                kept.append(photographs.take_again(listing, photograph))
+            elif kept:
+                photographs.bring_back(listing, photograph, kept.pop())
+            return away
+
+        def moved(away: bool) -> None:
+            self._read()
+            if away and self._shell is not None:
+                told = self.tr("{0} is put aside; resume on the Capture page to take it again")
+                self._shell.wishes.say.emit(told.format(photograph.name))
+
+        self.undo_stack.push(TakeAgain(self.tr("taking {0} again").format(photograph.name), apply))
+
+    # The window
+
+    def _wish_page(self, key: str) -> None:
+        if self._shell is not None:
+            self._shell.wishes.show_page.emit(key)
+
+    def _import(self) -> None:
+        if self._shell is not None:
+            self._shell.wishes.add_photographs.emit(None)
+
+    def _tell(self, fault: Trouble) -> None:
+        tell(self._shell, self, fault)
+
+
+def _file(base: Path, suffix: str) -> str:
+    return str(base.with_name(base.name + suffix))
+
+
+def _pixels(base: Path) -> np.ndarray | None:
+    """A picture that the child wrote, as Qt draws it; None where it is not there. In any thread."""
+    image = QImage(_file(base, ".png"))
+    if image.isNull():
+        return None
+    image = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
+    rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.bytesPerLine())
+    return rows[:, : 4 * image.width()].reshape(image.height(), image.width(), 4).copy()
+
+
+def _over(picture: np.ndarray, clip: np.ndarray) -> np.ndarray:
+    """What is clipped laid over the picture; both premultiplied."""
+    under = 255 - clip[..., 3:].astype(np.uint16)
+    return clip + (picture * under // 255).astype(np.uint8)
+
+
+def _alike(picture: np.ndarray, aspect: float) -> bool:
+    return abs(picture.shape[1] / picture.shape[0] / aspect - 1) < 0.05
