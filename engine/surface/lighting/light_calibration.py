@@ -86,7 +86,7 @@ def prior_light(
 ) -> LightParameters:
     """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
     shows so many times brighter than its surroundings."""
-    gain = np.exp(_light_prior(grouped_light, config)[0])[:, None].repeat(3, 1)
+    gain = np.exp(light_belief(grouped_light, config)[0])[:, None].repeat(3, 1)
     gain[grouped_light.unseen] = unseen
     still = (
         np.zeros(grouped_light.incident.energy.shape[2] // 3),
@@ -235,26 +235,24 @@ def calibrate_with_distance(
     return replace(found, distance_stderr=config.search_step * float(np.sqrt(2 / bend)))
 
 
-def _light_prior(
-    grouped_light: GroupedLight, config: CalibrationConfig
+def light_belief(
+    grouped_light: GroupedLight, config: CalibrationConfig = CalibrationConfig()
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Mean and spread of every group's log gain."""
+    """Mean and spread of every group's log gain. Of one that is clipped in part, that part alone may be brighter."""
     beliefs = {
         KNOWN: (0.0, grouped_light.gain_sigma), CLIPPED: config.clipped_belief, UNSEEN: config.unseen_belief,
         FILLED: config.filled_belief,
     }  # fmt: skip
     mean, spread = np.array([beliefs[int(kind)] for kind in grouped_light.kind]).T
-    # Of a group that is clipped in part, that part alone is brighter: the rest is what the background says.
-    share = grouped_light.clipped_share
-    gain = 1 + share * (np.exp(mean) - 1)
-    of_part = spread * share * np.exp(mean) / gain
-    partly = np.sqrt(of_part**2 + ((1 - share) * grouped_light.gain_sigma) ** 2)
-    mean, spread = (
-        np.where(grouped_light.clipped, x, y) for x, y in ((np.log(gain), mean), (partly, spread))
+    share, clipped = grouped_light.clipped_share, grouped_light.clipped
+    brighter = share * np.exp(mean)
+    gain = np.where(clipped, 1 - share + brighter, np.exp(mean))
+    spread = np.where(
+        clipped, np.hypot(spread * brighter / gain, (1 - share) * grouped_light.gain_sigma), spread
     )
     if grouped_light.patches is not None:
         spread = spread / np.sqrt(grouped_light.patches.extent(len(spread)))
-    return mean, spread
+    return np.log(gain), spread
 
 
 def _unknowns(setting, parts):
@@ -367,7 +365,7 @@ def _system_with_prior(setting, parts, sample, state, free_distance, free_light,
     far, exposures, angles, unknowns = _unknowns(setting, parts)
     system, slope, misfits, _ = _system(setting, parts, sample, state, config)
     misfit = np.sort(misfits)[: int(config.trusted_share * len(misfits))].mean() * len(misfits)
-    mean, spread = _light_prior(parts, config)
+    mean, spread = light_belief(parts, config)
     logs = np.log(setting.gain)
     off = (logs - mean[:, None]) / spread[:, None]
     trust = np.full(unknowns, config.fixed_weight)
