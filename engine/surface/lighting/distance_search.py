@@ -218,9 +218,10 @@ def _calibrated_from_scratch(
 def _brighter_lamps(
     light_parameters: LightParameters, grouped_light: GroupedLight, factor: float, distance: float
 ) -> LightParameters:
-    """A setting whose clipped lamps shine so many times brighter than they are expected to."""
-    expected = factor * prior_light(grouped_light, distance).gain
-    gain = np.where(grouped_light.clipped[:, None], expected, light_parameters.gain)
+    """A setting in which what is clipped shines so many times brighter than it is expected to."""
+    recorded = 1 - grouped_light.clipped_share[:, None]
+    brighter = recorded + factor * (prior_light(grouped_light, distance).gain - recorded)
+    gain = np.where(grouped_light.clipped[:, None], brighter, light_parameters.gain)
     return replace(light_parameters, distance=distance, gain=gain)
 
 

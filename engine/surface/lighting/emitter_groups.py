@@ -33,7 +33,7 @@ class EmitterGroupsConfig:
     near_share: float = 0.15  # of their distance to the object, within which bright Gaussians are one lamp
     unseen_sr: float = 0.18  # of a group that no photograph shows, before any is divided: a cap of 14 degrees
     parts: int = 3  # that such a group is divided into, if it has so many patches
-    clipped_share: float = 0.25  # of a group's light, in the views that look its way: others may hide it
+    clipped_share: float = 0.02  # of a group's light, from which on its brightness is open
 
 
 CONFIG = EmitterGroupsConfig()
@@ -105,15 +105,15 @@ def group_emitters(
     return np.unique(group, return_inverse=True)[1]
 
 
-def clipped_groups(
+def clipped_shares(
     gaussians: Gaussians,
     group: Int[np.ndarray, " k"],
     frames: Frames,
     masks: Masks,
     poses: Poses,
-    config: EmitterGroupsConfig = CONFIG,
-) -> Bool[np.ndarray, " g"]:
-    """Groups most of whose light was photographed clipped: the background gives a lower bound only."""
+) -> Float[np.ndarray, " g"]:
+    """The share of every group's light that was photographed clipped, of which the background gives a lower bound only;
+    in the views that look its way, for others may hide it."""
     count = int(group.max()) + 1
     seen, cut = np.zeros(len(group)), np.zeros(len(group))
     height, width = frames.clipped.shape[1:]
@@ -127,7 +127,7 @@ def clipped_groups(
     energy *= 1 - np.exp(-gaussians.density)
     share = np.bincount(group, energy * cut / np.maximum(seen, 1), minlength=count)
     known = np.bincount(group, energy * (seen > 0), minlength=count)
-    return share > config.clipped_share * np.maximum(known, 1e-30)
+    return share / np.maximum(known, 1e-30)
 
 
 def _pixels_of(camera, cam_from_world, points, width, height):

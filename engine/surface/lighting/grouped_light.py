@@ -24,6 +24,7 @@ class GroupedLight:
     group: Int[np.ndarray, "m d n"]  # of each cell of it
     area_lights: AreaLights  # the lamps, as recorded: the groups just before the last
     kind: UInt8[np.ndarray, " k"]  # of every group, see `emitter_groups.py`; the last is what was filled in
+    clipped_share: Float[np.ndarray, " k"]  # of every group's light: recorded as a lower bound
     gain_sigma: float  # spread of the log gain of a known one
     cam_from_world_rotation: Float[np.ndarray, "n 3 3"]  # world to camera
     lamp_tangents: Float[np.ndarray, "l 2 3"]  # world: a lamp's step per radian, two ways
@@ -39,7 +40,7 @@ class GroupedLight:
 
     @property
     def clipped(self) -> Bool[np.ndarray, " k"]:
-        """Groups whose brightness is only a lower bound."""
+        """Groups of whose brightness a part is only a lower bound."""
         return self.kind == CLIPPED
 
     @property

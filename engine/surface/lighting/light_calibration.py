@@ -46,7 +46,7 @@ class CalibrationConfig:
 
     total_sigma: float = 0.001  # relative, per channel, of the sum of the light neither clipped nor unseen
     correlated: float = 10.0  # observations that share one model error: a pixel has so many times fewer
-    clipped_belief: tuple[float, float] = (0.7, 2.0)  # of a clipped lamp
+    clipped_belief: tuple[float, float] = (0.7, 2.0)  # of a lamp that is clipped all over
     unseen_belief: tuple[float, float] = (0.0, 1.5)  # of what no view shows: a lamp may hang there, or none;
     # of a part of it less, as that is smaller: dividing the unseen says nothing about it
     filled_belief: tuple[float, float] = (0.0, 1e-3)  # of what was filled in between: it keeps its level
@@ -86,7 +86,7 @@ def prior_light(
 ) -> LightParameters:
     """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
     shows so many times brighter than its surroundings."""
-    gain = np.exp(_light_prior(grouped_light, config)[0])[:, None].repeat(3, 1)
+    gain = np.exp(light_belief(grouped_light, config)[0])[:, None].repeat(3, 1)
     gain[grouped_light.unseen] = unseen
     still = (
         np.zeros(grouped_light.incident.energy.shape[2] // 3),
@@ -130,6 +130,7 @@ def split_groups(
         grouped_light,
         group=cells,
         kind=grouped_light.kind[before],
+        clipped_share=grouped_light.clipped_share[before],
         patches=replace(grouped_light.patches, group=group),
     )
     return finer, replace(light_parameters, gain=light_parameters.gain[before])
@@ -234,18 +235,24 @@ def calibrate_with_distance(
     return replace(found, distance_stderr=config.search_step * float(np.sqrt(2 / bend)))
 
 
-def _light_prior(
-    grouped_light: GroupedLight, config: CalibrationConfig
+def light_belief(
+    grouped_light: GroupedLight, config: CalibrationConfig = CalibrationConfig()
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Mean and spread of every group's log gain."""
+    """Mean and spread of every group's log gain. Of one that is clipped in part, that part alone may be brighter."""
     beliefs = {
         KNOWN: (0.0, grouped_light.gain_sigma), CLIPPED: config.clipped_belief, UNSEEN: config.unseen_belief,
         FILLED: config.filled_belief,
     }  # fmt: skip
     mean, spread = np.array([beliefs[int(kind)] for kind in grouped_light.kind]).T
+    share, clipped = grouped_light.clipped_share, grouped_light.clipped
+    brighter = share * np.exp(mean)
+    gain = np.where(clipped, 1 - share + brighter, np.exp(mean))
+    spread = np.where(
+        clipped, np.hypot(spread * brighter / gain, (1 - share) * grouped_light.gain_sigma), spread
+    )
     if grouped_light.patches is not None:
         spread = spread / np.sqrt(grouped_light.patches.extent(len(spread)))
-    return mean, spread
+    return np.log(gain), spread
 
 
 def _unknowns(setting, parts):
@@ -358,7 +365,7 @@ def _system_with_prior(setting, parts, sample, state, free_distance, free_light,
     far, exposures, angles, unknowns = _unknowns(setting, parts)
     system, slope, misfits, _ = _system(setting, parts, sample, state, config)
     misfit = np.sort(misfits)[: int(config.trusted_share * len(misfits))].mean() * len(misfits)
-    mean, spread = _light_prior(parts, config)
+    mean, spread = light_belief(parts, config)
     logs = np.log(setting.gain)
     off = (logs - mean[:, None]) / spread[:, None]
     trust = np.full(unknowns, config.fixed_weight)
@@ -383,7 +390,9 @@ def _system_with_prior(setting, parts, sample, state, free_distance, free_light,
     system += np.diag(trust)
     # The sum of all light that is neither clipped nor unseen is the background's; only its parts are open to argument, else
     # albedo drifts.
-    known = parts.levels() * ~(parts.clipped | parts.unseen)[:, None]
+    # What is clipped in part counts as far as its gain is the background's to say.
+    said = np.minimum(parts.gain_sigma / spread, 1) ** 2 * ~parts.unseen
+    known = parts.levels() * said[:, None]
     part = known * setting.gain
     drift = np.log(part.sum(0) / known.sum(0))
     misfit += float((drift**2).sum()) / config.total_sigma**2
@@ -407,7 +416,8 @@ def _step(setting, parts, sample, state, free_distance, free_light, config):
     step[angles:] = np.clip(step[angles:], -config.max_lamp_step_rad, config.max_lamp_step_rad)
     step = np.clip(step, -config.max_step, config.max_step)
     logs = np.log(setting.gain) + step[:far].reshape(setting.gain.shape)
-    logs[parts.clipped] = np.maximum(logs[parts.clipped], 0)  # a clipped lamp is no dimmer than recorded
+    # What is clipped is no dimmer than recorded.
+    logs[parts.clipped] = np.maximum(logs[parts.clipped], np.log(parts.clipped_share[parts.clipped, None]))
     distance, stderr = setting.distance, 0.0
     if free_distance:
         distance, stderr = float(distance * np.exp(step[far])), float(np.sqrt(covariance[far, far]))

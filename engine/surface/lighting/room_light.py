@@ -20,11 +20,12 @@ from engine.light.incident.unseen_patches import DIRECTIONS, patches
 from engine.progress import Progress
 from engine.surface.lighting.emitter_groups import (
     CLIPPED,
+    CONFIG,
     FILLED,
     KNOWN,
     UNSEEN,
     EnvironmentPatches,
-    clipped_groups,
+    clipped_shares,
     group_emitters,
     group_patches,
     nearest_emitter,
@@ -61,6 +62,7 @@ class RoomLight:
     kind: UInt8[
         np.ndarray, " g"
     ]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`emitter_groups.py`)
+    clipped_share: Float[np.ndarray, " g"]  # of each group's light: recorded as a lower bound
     gain_sigma: float  # spread of a known group's log gain
     exposure_sigma: float  # spread of a view's log exposure; 0: none drifts
     lamp_offset_sigma: float  # of the lamps' directions, radians; 0: all stand where they were found
@@ -80,13 +82,12 @@ class RoomLight:
             return self
         known = len(self.group) - len(patches.group)
         first, last = int(patches.group.min()), int(self.group.max())
-        kind = (
-            self.kind[:first],
-            np.full(int(patches.group.max()) + 1 - first, UNSEEN, np.uint8),
-            self.kind[last + 1 :],
-        )
+        more = int(patches.group.max()) - last
         return replace(
-            self, group=np.concatenate([self.group[:known], patches.group]), kind=np.concatenate(kind)
+            self,
+            group=np.concatenate([self.group[:known], patches.group]),
+            kind=np.insert(self.kind, first, np.full(more, UNSEEN, np.uint8)),
+            clipped_share=np.insert(self.clipped_share, first, np.zeros(more)),
         )
 
     def size(self) -> float:
@@ -132,15 +133,13 @@ def build_room_light(
     field = apart(gaussians, lamps)
     unseen, group = patches(field, middle), group_emitters(field, middle, groups, seed)
     beyond = group_patches(unseen, middle, DIRECTIONS, seed)
-    clipped = clipped_groups(field, group, frames, masks, poses)
-    kind = [
-        np.where(clipped, CLIPPED, KNOWN),
-        np.full(beyond.max(initial=-1) + 1, UNSEEN),
-        np.where(lamps.clipped, CLIPPED, KNOWN),
-    ]
+    seen, none = clipped_shares(field, group, frames, masks, poses), np.zeros(beyond.max(initial=-1) + 1)
+    clipped = np.concatenate([seen, none, lamps.clipped])
+    kind = np.where(clipped > CONFIG.clipped_share, CLIPPED, KNOWN).astype(np.uint8)
+    kind[len(seen) : len(seen) + len(none)] = UNSEEN
     emitters = Emitters(beside(joined(field, unseen), lamps), lamps, len(unseen.means))
-    every = np.concatenate([group, len(clipped) + beyond])
-    return RoomLight(emitters, poses, every, np.concatenate(kind).astype(np.uint8), prior, drift, astray)
+    every = np.concatenate([group, len(seen) + beyond])
+    return RoomLight(emitters, poses, every, kind, clipped, prior, drift, astray)
 
 
 def gather_incident_light(
@@ -206,6 +205,7 @@ def gather_grouped_light(
         came_from,
         near,
         kind,
+        np.append(room.clipped_share, 0.0),
         room.gain_sigma,
         turned,
         across,

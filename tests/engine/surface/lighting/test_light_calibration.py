@@ -18,9 +18,11 @@ from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, KNOWN, UNSEE
 from engine.surface.lighting.exposure_offset import EXPOSURE_SIGMA
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.lighting.light_calibration import (
+    CalibrationConfig,
     LightParameters,
     calibrate,
     calibrate_with_distance,
+    light_belief,
     light_variance,
     prior_light,
 )
@@ -45,10 +47,10 @@ RADIUS, COLOUR = 0.1, (1.0, 0.9, 0.8)
 AWAY = 0.85
 
 
-def parts_of_lamps(rng: np.random.Generator, clipped: bool, depths: int = 5) -> GroupedLight:
+def parts_of_lamps(rng: np.random.Generator, clipped: float, depths: int = 5) -> GroupedLight:
     """Three lamps a metre away, another place in every view, in a dim room; probes at some depths.
 
-    Two are part of the room; the third, which may be clipped, stands apart.
+    Two are part of the room; the third, of which a share may be clipped, stands apart.
     """
     directions = direction_cells(CELLS)
     lattice = ProbeGrid(np.array([-0.3, -0.25, 0.35]), np.array([0.3, 0.25, 0.7]), (2, 2, depths))
@@ -79,7 +81,8 @@ def parts_of_lamps(rng: np.random.Generator, clipped: bool, depths: int = 5) -> 
     light = IncidentLight(lattice, directions, energy, AreaLights.none(VIEWS, CELLS))
     kind = np.array([KNOWN, KNOWN, CLIPPED if clipped else KNOWN, FILLED], np.uint8)
     across = AWAY * np.stack(tangents(bulb[None]), 1)
-    return GroupedLight(light, group, near, kind, 0.15, turned, across)
+    share = np.array([0, 0, clipped, 0], float)
+    return GroupedLight(light, group, near, kind, share, 0.15, turned, across)
 
 
 def sample_of(
@@ -154,17 +157,29 @@ def test_no_distance_is_told_where_every_distance_misfits_alike():
     assert found.distance_stderr > 0.1
 
 
-def test_a_clipped_lamp_is_as_bright_as_the_shading_says():
-    parts = parts_of_lamps(np.random.default_rng(1), True)
+@pytest.mark.parametrize(("clipped", "brighter"), [(1.0, 3.5), (0.3, 1.6)])
+def test_a_clipped_lamp_is_as_bright_as_the_shading_says(clipped: float, brighter: float):
+    parts = parts_of_lamps(np.random.default_rng(1), clipped)
     gain = np.ones((4, 3))
-    gain[2] = 3.5
+    gain[2] = brighter
     sample, state, albedo = sample_of(parts, gain)
     found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
-    np.testing.assert_allclose(found.gain[2], 3.5, rtol=0.1)
+    np.testing.assert_allclose(found.gain[2], brighter, rtol=0.1)
     np.testing.assert_allclose(found.gain[:2], 1, atol=0.06)
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
     assert found.distance == TRUE_Z
     assert found.distance_stderr == 0
+
+
+def test_the_less_of_a_lamp_is_clipped_the_better_is_its_light_known():
+    shares = np.array([1.0, 0.5, 0.1, 0.001])
+    mean, spread = np.array(
+        [np.array(light_belief(parts_of_lamps(np.random.default_rng(1), one)))[:, 2] for one in shares]
+    ).T
+    assert (mean[0], spread[0]) == pytest.approx(CalibrationConfig().clipped_belief)
+    assert (np.diff(mean) < 0).all()
+    assert (np.diff(spread) < 0).all()
+    assert (mean[-1], spread[-1]) == pytest.approx((0, 0.15), abs=2e-3)
 
 
 def test_the_sum_of_light_that_is_not_clipped_stays_the_backgrounds():
