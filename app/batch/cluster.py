@@ -95,7 +95,7 @@ def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
                 str(i): [cores()[(i * each + k) % len(cores())] for k in range(each)] for i in range(count)
             }
             local = LocalCluster(
-                n_workers=count, threads_per_worker=1, processes=True, memory_limit=None, dashboard_address=None,  # type: ignore
+                n_workers=count, threads_per_worker=1, processes=True, memory_limit=None, dashboard_address="127.0.0.1:0",
                 resources={TOKEN: memory_gb}, silence_logs=logging.CRITICAL, preload=["app.batch.child"],
             )  # fmt: skip
             address: Any = stack.enter_context(local)

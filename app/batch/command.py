@@ -178,6 +178,8 @@ def _finish(batch: Batch, besides: str) -> int:
             "complaints": batch.complaints,
         }, indent=1))  # fmt: skip
     else:
+        if batch.code is ExitCode.STOPPED:
+            besides = "stopped; the same command goes on with what is left"
         failed = len(
             {ended.name for ended in batch.ended if ended.code not in (ExitCode.DONE, ExitCode.DOUBTED)}
         )

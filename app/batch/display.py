@@ -62,6 +62,8 @@ class Display:
             self._running.pop(ended.name, None)
         if ended.name in self._tasks:
             self._bars.remove_task(self._tasks.pop(ended.name))
+        if ended.code is ExitCode.STOPPED:
+            return  # told once, for all of them
         self.say(f"{ended.name}: {told(ended)}{self._summary(', ') if not self._console.is_terminal else ''}")
 
     def say(self, text: str) -> None:
@@ -133,8 +135,6 @@ def told(ended: Ended) -> str:
     """How a session ended, in some words."""
     if ended.code is ExitCode.BUSY:
         return f"left out: {ended.message}"
-    if ended.code is ExitCode.STOPPED:
-        return "stopped"
     if ended.code is not ExitCode.DONE:
         return f"failed: {ended.message}"
     quality = ended.result.get("quality")

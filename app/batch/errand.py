@@ -34,8 +34,8 @@ def run(
     return child.run(batch, order, surroundings)
 
 
-def stop(program: str, batch: str) -> None:
-    """End a batch's children here."""
+async def stop(program: str, batch: str) -> None:
+    """End a batch's children here; a coroutine, which dask starts without waiting for its end."""
     if not unfit(program):
         from app.batch import child
 
