@@ -1,8 +1,7 @@
 """The command line: says what each command takes, runs it, and turns errors into one line and an exit code.
 
-Exit codes: 0 done, 2 something the person can put right (one line on stderr), 130 stopped by Ctrl-C. Any
-other exception is a bug and keeps its traceback. Rooms are imported inside the commands, so that help and
-faults in the command line cost no time.
+Exit codes: app/exit_codes.py. An exception that is not expected is a bug and keeps its traceback. Rooms are
+imported inside the commands, so that help and faults in the command line cost no time.
 """
 
 import argparse
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app import commands, cores, simulating
+from app.exit_codes import ExitCode, code_of
 from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import PRESETS, SOLVERS
 from hardware.errors import HardwareError
@@ -33,19 +33,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return args.run(args)
     except (Cancelled, KeyboardInterrupt):
         print("stopped; run again to resume", file=sys.stderr)
-        return 130
+        return ExitCode.STOPPED
     except (RoomlightError, HardwareError) as error:
         print(f"roomlight: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+        return code_of(error)
     except BrokenPipeError:
         # The reader of our output left, as `roomlight plan ... | head` does; there is nobody to tell.
         sys.stderr.close()
-        return 0
+        return ExitCode.DONE
     except OSError as error:
         if error.errno not in _UNFIT:
             raise
         print(f"roomlight: {error.filename}: {_UNFIT[error.errno]}", file=sys.stderr)
-        return 2
+        return ExitCode.REFUSED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -80,6 +80,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     process.set_defaults(run=commands.run_process)
 
+    batch = add("batch", help="process many sessions side by side, here or on a cluster")
+    _add_sessions(batch)
+    _add_settings(batch)
+    batch.add_argument("--until", metavar="STAGE", help="stop after this stage")
+    batch.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
+    batch.add_argument("--strict", action="store_true", help="exit code 3 where a result is not good")
+    batch.add_argument(
+        "--plan",
+        action="store_true",
+        help="say what would run, why, how long and in how much memory; changes nothing",
+    )
+    batch.set_defaults(run=commands.run_batch)
+
     pack = add("pack", help="write a session as one file, to hand over or archive")
     _add_session(pack)
     pack.add_argument("bundle", type=Path, metavar="FILE.zip")
@@ -96,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     plan = add("plan", help="say which stages would run and why; changes nothing")
     _add_session(plan)
     _add_settings(plan)
+    plan.add_argument("--json", action="store_true", help="print JSON")
     plan.set_defaults(run=commands.run_plan)
 
     simulate = add("simulate", help="photograph a virtual object in a virtual room: OUT/session, OUT/truth")
@@ -106,8 +120,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_rig(add("rig", help="list ports and cameras; ask, home, move or stop a rig"))
 
     export = add("export", help="write the results as EXR, PNG, PLY, GLB, COLMAP and transforms.json")
-    _add_session(export)
-    export.add_argument("--to", type=Path, required=True, help="folder to write to")
+    _add_sessions(export)
+    export.add_argument(
+        "--to", type=Path, required=True, help="folder to write to; of several sessions DIR/NAME for each"
+    )
     export.add_argument(
         "--normals",
         choices=("opengl", "directx"),
@@ -116,8 +132,11 @@ def _parser() -> argparse.ArgumentParser:
     export.set_defaults(run=commands.run_export)
 
     report = add("report", help="write one self-contained HTML page about the results")
-    _add_session(report)
-    report.add_argument("--to", type=Path, help="HTML file; SESSION/exports/report.html if left out")
+    _add_sessions(report)
+    report.add_argument(
+        "--to", type=Path,
+        help="HTML file; of several sessions a folder of NAME.html; SESSION/exports/report.html if left out",
+    )  # fmt: skip
     report.add_argument("--truth", type=Path, help="a ground truth to show the errors against")
     report.set_defaults(run=commands.run_report)
 
@@ -352,6 +371,34 @@ def _add_session(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path)
 
 
+def _add_sessions(parser: argparse.ArgumentParser) -> None:
+    """One session or many, and who works on many."""
+    parser.add_argument(
+        "sessions",
+        type=Path,
+        nargs="+",
+        metavar="SESSION",
+        help="sessions, or folders that hold them at any depth",
+    )
+    parser.add_argument(
+        "--where", choices=("new", "unfinished", "stale", "done"),
+        help="only sessions that stand so: new: no stage has run; stale: settings, inputs or versions changed since",
+    )  # fmt: skip
+    parser.add_argument(
+        "--workers", type=_count, metavar="N", help="sessions at once; as cores and memory allow if left out"
+    )
+    parser.add_argument(
+        "--memory",
+        type=_gigabytes,
+        metavar="GB",
+        help="of all workers together; four fifths of what is free if left out",
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="a running cluster of dask.distributed, as tcp://head:8786"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON, and progress on stderr")
+
+
 def _add_settings(parser: argparse.ArgumentParser) -> None:
     """What changes params.toml; left out, what is written there holds."""
     parser.add_argument("--preset", choices=PRESETS, default=None)
@@ -380,6 +427,22 @@ def _joined(words: Sequence[str]) -> list[str]:
         else:
             joined.append(word)
     return joined
+
+
+def _count(text: str) -> int:
+    if not (text.isdigit() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of workers; give 1 or more")
+    return int(text)
+
+
+def _gigabytes(text: str) -> float:
+    try:
+        gigabytes = float(text)
+    except ValueError:
+        gigabytes = 0.0
+    if not 0 < gigabytes < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is no amount of memory; write gigabytes, as in 16")
+    return gigabytes
 
 
 def _stops(text: str) -> tuple[float, ...]:

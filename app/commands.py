@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from engine.pipeline import settings as asked
+from app.changes import Changes, changes_of, open_changed
+from app.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from engine.results.quality import Quality
-
-DOUBTED = 3
-"""Exit code of `process --strict` where the result is not good."""
 
 
 def run_import(args: Namespace) -> int:
@@ -57,25 +55,29 @@ def run_unpack(args: Namespace) -> int:
 
 
 def run_plan(args: Namespace) -> int:
-    from engine.io import session
-    from engine.pipeline import stage_table, stages
+    from engine.pipeline import stages
 
-    opened = session.open_session(args.session)
-    before = asked.from_toml(session.read_params(opened))
-    rows = stage_table.stages(args.solver or before.solver)
-    changed = asked.with_changes(before, args.preset, args.seed, args.set, args.solver, stages.files(rows))
-    for note in changed.notes:
+    if args.json:
+        from app.batch import agenda
+
+        entry = agenda.entry(args.session, str(args.session), changes_of(args))
+        print(json.dumps(entry.content(), indent=1))
+        return ExitCode.DONE
+    asked = open_changed(args.session, changes_of(args))
+    steps = stages.plan(asked.session, asked.rows, asked.settings)
+    for note in asked.settings.notes:
         print(f"note: {note}")
-    for step in stages.plan(opened, rows, changed):
+    for step in steps:
         print(f"{step.stage.name:8} {step.fingerprint}  {step.tell()}")
-    return 0
+    return ExitCode.DONE
 
 
 def run_process(args: Namespace) -> int:
     if args.without is not None:
         leave_out(args.session, args.without)
-    verdict = process(args.session, args.preset, args.seed, args.set, args.until, args.device, args.solver)
-    return DOUBTED if args.strict and verdict is not None and not verdict.good else 0
+    verdict = process(args.session, changes_of(args), args.until, args.device)
+    doubted = args.strict and verdict is not None and not verdict.good
+    return ExitCode.DOUBTED if doubted else ExitCode.DONE
 
 
 def leave_out(folder: Path, words: Sequence[str]) -> None:
@@ -97,13 +99,7 @@ def leave_out(folder: Path, words: Sequence[str]) -> None:
 
 
 def process(
-    folder: Path,
-    preset: str | None = None,
-    seed: int | None = None,
-    assignments: Sequence[str] = (),
-    until: str | None = None,
-    device: str = "auto",
-    solver: str | None = None,
+    folder: Path, changes: Changes, until: str | None = None, device: str = "auto"
 ) -> "Quality | None":
     """Run the stages with bars; what was asked is kept in params.toml: a resumed run needs no options.
 
@@ -112,14 +108,10 @@ def process(
     from rich.console import Console
 
     from app import terminal
-    from engine.io import session
-    from engine.pipeline import run, stage_table, stages
+    from engine.pipeline import run
 
-    opened = session.open_session(folder)
-    before = asked.from_toml(session.read_params(opened))
-    rows = stage_table.stages(solver or before.solver)
-    changed = asked.with_changes(before, preset, seed, assignments, solver, stages.files(rows))
-    for note in changed.notes:
+    asked = open_changed(folder, changes)
+    for note in asked.settings.notes:
         print(f"note: {note}")
     with terminal.stoppable() as cancelled, terminal.Display(Console()) as display:
         watcher = run.Watcher(
@@ -128,7 +120,7 @@ def process(
             lambda step, seconds: display.end(seconds),
             cancelled,
         )
-        steps = run.process(opened, rows, changed, device, until, watcher)
+        steps = run.process(asked.session, asked.rows, asked.settings, device, until, watcher)
     ran, verdict = [step.stage.name for step in steps if not step.done], None
     if any(step.stage.name == "surface" for step in steps):
         from app import results
@@ -169,21 +161,44 @@ def run_rig(args: Namespace) -> int:
     return rigs.run(args)
 
 
+def run_batch(args: Namespace) -> int:
+    from app.batch import command
+
+    return command.run_batch(args)
+
+
 def run_export(args: Namespace) -> int:
-    from app import results
     from engine.results import export
 
     green = export.GREEN[args.normals] if args.normals else None
-    export.copy(results.finished(args.session, "export").folder, args.to, green)
-    print(f"{args.to}: exported from {args.session}")
-    return 0
+    if not _is_one(args.sessions):
+        from app.batch import command
+
+        return command.run_export(args, green)
+    from app import results
+
+    export.copy(results.finished(args.sessions[0], "export").folder, args.to, green)
+    print(f"{args.to}: exported from {args.sessions[0]}")
+    return ExitCode.DONE
 
 
 def run_report(args: Namespace) -> int:
+    if not _is_one(args.sessions):
+        from app.batch import command
+
+        if args.truth:
+            raise SessionError("--truth: is of one session; give its report alone")
+        return command.run_report(args)
     from app import results
 
-    print(results.write_report(args.session, args.to, args.truth))
-    return 0
+    print(results.write_report(args.sessions[0], args.to, args.truth))
+    return ExitCode.DONE
+
+
+def _is_one(places: Sequence[Path]) -> bool:
+    """One place that is a session, or should be; several, and folders of sessions, are done side by side."""
+    place = places[0]
+    return len(places) == 1 and ((place / "session.json").is_file() or not any(place.rglob("session.json")))
 
 
 def run_evaluate(args: Namespace) -> int:

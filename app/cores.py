@@ -2,8 +2,10 @@
 
 import atexit
 import contextlib
+import ctypes
 import os
 import shutil
+import signal
 import tempfile
 import time
 from pathlib import Path
@@ -56,6 +58,12 @@ def keep_kernels(source: Path = Path(__file__).parents[1]) -> None:
         folder = Path(tempfile.mkdtemp(prefix="roomlight-kernels-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def die_with_starter() -> None:
+    """Let Linux kill this process the moment the thread that started it ends, however that ends (prctl(2), PR_SET_PDEATHSIG)."""
+    pr_set_pdeathsig = 1
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
 def stand_back(nice: int) -> None:

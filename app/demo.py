@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 from app import commands, results
+from app.changes import Changes
 from engine.errors import SessionError
 from engine.io import session as sessions
 
@@ -25,7 +26,7 @@ def run(to: Path, preset: str | None, device: str) -> int:
     if not (folder / "session.json").is_file():
         copy(source, folder)
     print(f"demo: {len(sessions.shots(sessions.open_session(folder)))} RAW brackets in {folder}")
-    commands.process(folder, preset=preset, device=device)
+    commands.process(folder, Changes(preset), device=device)
     truth = BUNDLED / "truth"
     page = results.write_report(folder, to / "report.html", truth)
     print(results.told(results.evaluate(folder, truth)))

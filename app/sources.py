@@ -1,5 +1,6 @@
 """What the program's own text is, as a name: another text may compute another result."""
 
+import functools
 import hashlib
 from pathlib import Path
 
@@ -13,3 +14,10 @@ def digest(*folders: Path, holding: bytes = b"") -> str:
             if holding in text:
                 sha.update(f"{path.relative_to(folder)}\0{len(text)}\0".encode() + text)
     return sha.hexdigest()[:16]
+
+
+@functools.cache
+def program() -> str:
+    """This program's own name: what computes results, and what starts that."""
+    home = Path(__file__).parents[1]
+    return digest(home / "engine", home / "app")

@@ -33,7 +33,6 @@ from app.work.queue import Board
 from engine.errors import RoomlightError
 from engine.io.session import open_session
 
-
 SHOWS = {
     "desk": "capture", "relight": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
     "export": "export", "report": "export",

@@ -57,6 +57,7 @@ class JobStatus:
     message: str = ""  # of a failure: one line, "cause; remedy"
     details: str = ""  # of a failure: traceback, or the tail of stderr
     result: Mapping[str, Any] = field(default_factory=dict)  # what the task gave back
+    code: int | None = None  # the child's exit code, minus a signal's number where one killed it
 
     @property
     def active(self) -> bool:
@@ -83,15 +84,18 @@ class Job:
         patience_s: float | None = PATIENCE_S,
         clock: Callable[[], float] = time.monotonic,
         command: Callable[[str, Mapping[str, Any]], Sequence[str]] = child_command,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         """
         Args:
             name: what a person calls this run.
             patience_s: how long a cancelled child may take to end; None: as long as it wants.
+            environment: variables of the child; None: those of this process.
         """
         self.task, self.request = task, dict(request)
         self._status = JobStatus(name)
         self._patience_s, self._clock, self._command = patience_s, clock, command
+        self._environment = environment
         self._lock = threading.RLock()
         self._news: deque[JobStatus] = deque()
         self._telling = False
@@ -121,14 +125,15 @@ class Job:
             if self._status.state is not JobState.QUEUED or self._child is not None:
                 return
             root = str(Path(__file__).resolve().parents[2])
-            path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+            variables = os.environ if self._environment is None else self._environment
+            path = os.pathsep.join([root, *filter(None, [variables.get("PYTHONPATH")])])
             try:
                 self._child = subprocess.Popen(
                     self._command(self.task, self.request),
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.PIPE,
-                    env={**os.environ, "PYTHONPATH": path},
+                    env={**variables, "PYTHONPATH": path},
                     # Ctrl-C in the terminal is for the window, which then ends its children in order.
                     start_new_session=True,
                 )
@@ -242,6 +247,8 @@ class Job:
         self._tell()
 
     def _conclude(self, last: Event | None, code: int) -> None:
+        with self._lock:
+            self._status = replace(self._status, code=code)  # told with the end, not before it
         if last is None:
             if self._status.state is JobState.CANCELLING:
                 self._end(JobState.CANCELLED)

@@ -4,6 +4,7 @@ Each function takes the request (plain JSON values) and the link to the window; 
 so that a child loads what its task needs and nothing else.
 """
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,19 +13,18 @@ from app.work.worker import Link
 
 
 def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
-    """Run the stages that are not done, as params.toml asks.
+    """Run the stages that are not done, as params.toml and the request's changes ask; `quality` is the result's verdict.
 
-    Request: session, device ("auto" | "cpu" | "cuda"), until (a stage; optional).
+    Request: session, device ("auto" | "cpu" | "cuda"), until (a stage; optional), changes (fields of `Changes`; optional).
     """
-    from engine.io import session as sessions
-    from engine.pipeline import run, stage_table, stages
-    from engine.pipeline import settings as asked
+    from app.changes import Changes, open_changed
+    from app.quality import quality_of
+    from engine.pipeline import run, stages
 
-    opened = sessions.open_session(Path(request["session"]))
-    settings = asked.from_toml(sessions.read_params(opened))
+    asked = open_changed(Path(request["session"]), Changes(**request.get("changes", {})))
+    opened, rows, settings = asked.session, asked.rows, asked.settings
     for note in settings.notes:
         link.log(f"note: {note}")
-    rows = stage_table.stages(settings.solver)
     until = request.get("until")
     planned = stages.until(stages.plan(opened, rows, settings), until)
     waiting = [step.stage.name for step in planned if not step.done]
@@ -44,7 +44,9 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
         begins, lambda step, fraction, note: link.move(fraction, note), ends, link.cancelled
     )
     steps = run.process(opened, rows, settings, request.get("device", "auto"), until, watcher)
-    return {"ran": [step.stage.name for step in steps if not step.done]}
+    verdict = quality_of({step.stage.name: step.folder for step in steps})
+    ran = [step.stage.name for step in steps if not step.done]
+    return {"ran": ran} | ({} if verdict is None else {"quality": dataclasses.asdict(verdict)})
 
 
 def import_photographs(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:

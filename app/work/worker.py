@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from app import cores
+from app.exit_codes import ExitCode, code_of
 from engine.errors import Cancelled, RoomlightError
 from engine.progress import Progress
 from hardware.errors import HardwareError
@@ -41,6 +42,8 @@ GRACE_S = 10.0
 PROGRESS_EVERY_S = 0.05
 MOST_EARLY = 1000
 ORPHANED = 3  # exit code
+UNATTENDED = "--unattended"
+"""No window is near: the child stands back for nobody, and dies with the thread that started it."""
 
 Task = Callable[[Mapping[str, Any], "Link"], Mapping[str, Any] | None]
 
@@ -148,19 +151,19 @@ def perform(task: Task, request: Mapping[str, Any], link: Link) -> int:
         result = task(request, link)
     except Cancelled:
         link.emit("cancelled")
-        return 130
+        return ExitCode.STOPPED
     except (RoomlightError, HardwareError) as error:
         link.emit(
             "failed", message=" ".join(str(error).split()), details=traceback.format_exc(), expected=True
         )
-        return 2
+        return code_of(error)
     except MemoryError:
         link.emit(
             "failed",
             message="memory ran out; close other programs, or process with the draft preset",
             details=traceback.format_exc(),
         )
-        return 2
+        return ExitCode.REFUSED
     except Exception as error:
         link.emit(
             "failed",
@@ -168,9 +171,9 @@ def perform(task: Task, request: Mapping[str, Any], link: Link) -> int:
             " details if it repeats",
             details=traceback.format_exc(),
         )
-        return 1
+        return ExitCode.FAULT
     link.emit("done", result=dict(result or {}))
-    return 0
+    return ExitCode.DONE
 
 
 def find(name: str) -> Task:
@@ -179,7 +182,9 @@ def find(name: str) -> Task:
 
 
 def main(argv: Sequence[str]) -> int:
-    name, request = argv
+    name, request, *options = argv
+    if UNATTENDED in options:
+        cores.die_with_starter()
     cores.prepare()
     out = os.dup(1)
     os.dup2(2, 1)
@@ -190,7 +195,7 @@ def main(argv: Sequence[str]) -> int:
     def work(request: Mapping[str, Any], link: Link) -> Mapping[str, Any] | None:
         return find(name)(request, link)
 
-    cores.stand_back(NICE.get(name, 0))
+    cores.stand_back(0 if UNATTENDED in options else NICE.get(name, 0))
     code = perform(work, json.loads(request), link)
     os.close(out)
     return code

@@ -144,11 +144,17 @@ def files(table: Sequence[Stage]) -> tuple[str, ...]:
 def until(steps: Sequence[Step], last: str | None) -> tuple[Step, ...]:
     """The steps up to and with stage `last`."""
     names = [step.stage.name for step in steps]
-    if last is None:
-        return tuple(steps)
-    if last not in names:
-        raise SessionError(f"there is no stage {last!r}; stages: {', '.join(names)}")
-    return tuple(steps[: names.index(last) + 1])
+    check_stage(last, names)
+    return tuple(steps) if last is None else tuple(steps[: names.index(last) + 1])
+
+
+def check_stage(name: str | None, known: Sequence[str]) -> None:
+    """
+    Raises:
+        SessionError: the stage is named and not among those that are known.
+    """
+    if name not in (None, *known):
+        raise SessionError(f"there is no stage {name!r}; stages: {', '.join(known)}")
 
 
 def _record(folder: Path) -> dict[str, Any] | None:

@@ -17,6 +17,7 @@ import pytest
 
 from app import commands
 from app.cli import main
+from app.exit_codes import ExitCode
 from engine.io import session as sessions
 from engine.results.quality import DOUBTFUL, GOOD, Quality
 from tests.app.calls import ROOT, command, digest, refused
@@ -244,7 +245,7 @@ def test_a_changed_photograph_stops_the_run(session: Path, capsys: pytest.Captur
 def test_a_second_process_is_told_who_works_on_the_session(session: Path) -> None:
     with sessions.lock(sessions.open_session(session)):
         answer = command("process", session, "--until", "hdr")
-    assert answer.returncode == 2
+    assert answer.returncode == ExitCode.BUSY
     assert answer.stderr.count("\n") == 1
     assert f"process {os.getpid()} is working on this session" in answer.stderr
 

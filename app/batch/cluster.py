@@ -1,0 +1,138 @@
+"""The workers of a batch: a cluster of our own on this machine, or any running cluster of dask.distributed.
+
+Memory is handed out by tokens: a worker declares gigabytes under `TOKEN`, an order takes as many as its plan expects. Workers of our own
+declare an equal share of what the batch may use; a foreign cluster's are started with `--resources roomlight_gb=16`, or
+hand out none.
+"""
+
+import contextlib
+import logging
+import os
+import uuid
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.batch import errand
+from app.batch.orders import BatchError
+from app.sources import program
+
+TOKEN = "roomlight_gb"
+ANSWER_S = 15
+"""How long a scheduler may take to answer."""
+FREE_SHARE = 0.8
+"""Of the memory that is free when the batch begins, what it may use unless --memory says otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a person asked of the workers; None: as this machine allows."""
+
+    workers: int | None = None
+    memory_gb: float | None = None
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """Workers that can be asked."""
+
+    client: Any  # distributed.Client
+    batch: str  # names this batch among all that the cluster has seen
+    memory_gb: float | None  # that the largest worker hands out; None: nobody counts
+    shares: Mapping[str, Sequence[int]]  # cores of each worker, by name; none in a foreign cluster
+    unfit: Mapping[str, str]  # workers that are asked nothing, by address, and why
+    place: str  # what a person calls the cluster
+    threads: int  # orders that can be under way at once
+
+
+def free_memory_gb() -> float:
+    """What Linux could give to programs now."""
+    for line in Path("/proc/meminfo").read_text().splitlines():
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) * 1024 / 1e9
+    raise BatchError("/proc/meminfo tells no free memory; say with --memory GB how much the batch may use")
+
+
+def cores() -> list[int]:
+    return sorted(os.sched_getaffinity(0))
+
+
+def count_workers(wanted: Wanted, largest_gb: float, orders: int) -> tuple[int, float]:
+    """How many workers of our own, and the gigabytes that each hands out.
+
+    Left to us, as many as there are cores and orders, and no more than leave each enough memory for the largest session.
+    """
+    memory_gb = wanted.memory_gb or FREE_SHARE * free_memory_gb()
+    count = wanted.workers or max(1, min(len(cores()), orders, int(memory_gb / max(largest_gb, 0.1))))
+    return count, memory_gb / count
+
+
+@contextlib.contextmanager
+def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
+    """
+    Raises:
+        BatchError: dask is not installed, the scheduler does not answer, or no worker is fit.
+    """
+    # Read when distributed is first imported, here and in the workers; what matters is told in the house's words.
+    os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
+    try:
+        import cloudpickle
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise BatchError(
+            f"a batch needs dask.distributed ({error}); install it with `pip install 'roomlight[batch]'`"
+        ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    cloudpickle.register_pickle_by_value(errand)
+    with contextlib.ExitStack() as stack:
+        shares: dict[str, Sequence[int]] = {}
+        if wanted.scheduler is None:
+            each = max(1, len(cores()) // count)
+            shares = {
+                str(i): [cores()[(i * each + k) % len(cores())] for k in range(each)] for i in range(count)
+            }
+            local = LocalCluster(
+                n_workers=count, threads_per_worker=1, processes=True, memory_limit=None, dashboard_address="127.0.0.1:0",
+                resources={TOKEN: memory_gb}, silence_logs=logging.CRITICAL, preload=["app.batch.child"],
+            )  # fmt: skip
+            address: Any = stack.enter_context(local)
+        else:
+            address = wanted.scheduler
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of versions that differ: what would not work is found below
+                client = stack.enter_context(Client(address, timeout=ANSWER_S, set_as_default=False))
+                crew = _muster(client, shares, wanted.scheduler or "this machine")
+        except (OSError, ValueError, TypeError) as error:
+            raise BatchError(
+                f"{address}: no scheduler of dask.distributed answers there ({' '.join(str(error).split())[:120]}); check the"
+                " address, and that the scheduler and this program have the same version of distributed"
+            ) from None
+        yield crew
+
+
+def _muster(client: Any, shares: Mapping[str, Sequence[int]], place: str) -> Crew:
+    answers = client.run(errand.unfit, program(), on_error="return")
+    unfit = {
+        address: answer if isinstance(answer, str) else f"does not answer ({answer})"
+        for address, answer in answers.items()
+        if answer != ""
+    }
+    known = client.scheduler_info()["workers"]
+    fit = [facts for address, facts in known.items() if address not in unfit]
+    counted = [facts["resources"][TOKEN] for facts in fit if TOKEN in facts["resources"]]
+    if not fit:
+        raise BatchError(
+            f"{place}: no worker can be used: "
+            + (
+                "; ".join(f"{a} {why}" for a, why in unfit.items())
+                or "there is none; start one with `dask worker`"
+            )
+        )
+    threads = sum(facts["nthreads"] for facts in fit)
+    return Crew(
+        client, f"roomlight-{uuid.uuid4().hex}", max(counted, default=None), shares, unfit, place, threads
+    )

@@ -1,0 +1,92 @@
+"""What a stage will take: as its last run in the session did, else by the number of pixels that the photographs have.
+
+The table was measured with the demo (46 views of 480 x 360), a set of 40 x 128 x 96, and one of 150 x 616 x 462 (README), on one core
+of an AMD EPYC; surface 44, light 11. An object that fills the picture, or one of few pixels, takes up to twice as much or half.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from engine.errors import SessionError
+from engine.io.session import Session, shots
+from engine.pipeline.stages import Step
+
+# Stage -> seconds of one core, and of them per million pixels of all views; megabytes at the peak, and of them per million.
+PER_MEGAPIXEL = {
+    "hdr": (1.0, 1.2, 350, 25),
+    "segment": (0.5, 0.5, 350, 30),
+    "poses": (3.0, 6.0, 400, 40),
+    "light": (45.0, 4.0, 1000, 40),
+    "surface": (100.0, 5.0, 1300, 35),
+    "export": (3.0, 0.5, 1200, 35),
+}
+PRESETS = {"draft": 0.4, "standard": 1.0, "fine": 2.0}
+"""How much of standard's time the surface takes."""
+SECOND_CORE = 1.7
+"""How much sooner a stage ends on two cores and more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Of one stage, or of several after one another."""
+
+    seconds: float  # NaN: nobody knows, as of the paper's solver
+    memory_bytes: int
+
+
+def told_gigabytes(count: float) -> str:
+    return f"{count / 1e9:.1f} GB"
+
+
+def latest_record(stage: Path) -> Mapping[str, Any] | None:
+    """The record of a stage's latest finished run in a session, whatever its settings were; `stage` is its folder."""
+    found = []
+    for path in stage.glob("*/record.json"):
+        try:
+            record = json.loads(path.read_bytes())
+            found.append((float(record["finished"]), float(record["seconds"]), path, record))
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+    return max(found, key=lambda entry: entry[:3])[-1] if found else None
+
+
+def cost_of(session: Session, step: Step, megapixels: float, preset: str, cores: int) -> Cost:
+    """What a step that waits will take on so many cores."""
+    record = latest_record(step.folder.parent)
+    if record is not None and record["version"] == step.stage.version and "cpu_seconds" in record:
+        return Cost(max(record["seconds"], record["cpu_seconds"] / cores), record["peak_memory_bytes"])
+    if step.stage.name == "surface" and not hasattr(step.params, "probes_across"):
+        return Cost(math.nan, 2_000_000_000)
+    base_s, more_s, base_mb, more_mb = PER_MEGAPIXEL[step.stage.name]
+    seconds = base_s + more_s * megapixels
+    seconds *= PRESETS[preset] if step.stage.name == "surface" else 1.0
+    return Cost(
+        seconds / (1.0 if cores == 1 else SECOND_CORE), int(1e6 * (base_mb + more_mb * megapixels))
+    )  # fmt: skip
+
+
+def megapixels_of(session: Session, long_edge_px: int) -> float:
+    """Of all views, as `hdr` averages them down.
+
+    Raises:
+        SessionError: the session does not say how large its photographs are.
+    """
+    camera = session.facts["camera"]
+    try:
+        width, height = int(camera["width"]), int(camera["height"])
+    except (KeyError, TypeError, ValueError):
+        raise SessionError(
+            f"{session.folder / 'session.json'}: damaged (camera {camera!r}); restore it from a copy or import the photographs"
+            " again"
+        ) from None
+    by = max(1, math.ceil(max(width, height) / long_edge_px))
+    return len(shots(session)) * (width // by) * (height // by) / 1e6
+
+
+def together(costs: "list[Cost]") -> Cost:
+    """One after the other in one process."""
+    return Cost(sum(cost.seconds for cost in costs), max((cost.memory_bytes for cost in costs), default=0))

@@ -1,0 +1,147 @@
+"""One real batch on two workers, with whatever goes wrong in one: a child killed, a worker killed, bad data, a held session."""
+
+import contextlib
+import io
+import json
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from app.batch import cluster
+from app.cli import main
+from app.exit_codes import ExitCode
+from engine.io import session as sessions
+from tests.app.calls import refused
+from tests.app.sessions import small
+from tests.bench.killed import differing, results
+
+LONG_S = 120.0
+UNTIL = ("--until", "segment", "--device", "cpu")
+
+
+def child_of(session: Path) -> psutil.Process:
+    """The child that works on a session, as soon as there is one."""
+    end = time.monotonic() + LONG_S
+    while time.monotonic() < end:
+        for child in psutil.Process().children(recursive=True):
+            with contextlib.suppress(psutil.Error):
+                if str(session) in " ".join(child.cmdline()):
+                    return child
+        time.sleep(0.01)
+    raise TimeoutError(f"no child for {session}")
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """What a batch of five sessions told; `struck` and `orphaned` lost their child and their worker once."""
+    folder = tmp_path_factory.mktemp("runner")
+    first = small(folder, "alone.session")
+    shelf = folder / "shelf"
+    for name in ("struck", "orphaned", "spoilt", "held", "plain"):
+        shutil.copytree(first, shelf / f"{name}.session")
+    spoilt = next((shelf / "spoilt.session" / "shots").glob("0003/*.exr"))
+    spoilt.write_bytes(spoilt.read_bytes()[:-1] + b"?")
+    assert main(["process", str(first), *UNTIL]) == 0
+
+    def strike() -> None:
+        child_of(shelf / "struck.session").kill()
+
+    def orphan() -> None:
+        child = child_of(shelf / "orphaned.session")
+        os.kill(child.ppid(), signal.SIGKILL)
+        child.wait(LONG_S)  # it goes with its worker: its second try finds the session free
+
+    threads = [threading.Thread(target=strike), threading.Thread(target=orphan)]
+    for thread in threads:
+        thread.start()
+    out = io.StringIO()
+    with sessions.lock(sessions.open_session(shelf / "held.session")), contextlib.redirect_stdout(out):
+        code = main(["batch", str(shelf), *UNTIL, "--json", "--workers", "2", "--memory", "8"])
+    for thread in threads:
+        thread.join(LONG_S)
+    told = json.loads(out.getvalue())
+    yield {
+        "code": code,
+        "told": {one["name"]: one for one in told["sessions"]},
+        "alone": first,
+        "shelf": shelf,
+    }
+
+
+def test_every_session_ends_whatever_becomes_of_one(ran: dict[str, Any]) -> None:
+    codes = {name: told["code"] for name, told in ran["told"].items()}
+    assert codes == {
+        "struck": 0, "orphaned": 0, "plain": 0, "spoilt": ExitCode.REFUSED, "held": ExitCode.BUSY,
+    }  # fmt: skip
+    assert "0003/radiance.exr: its bytes changed" in ran["told"]["spoilt"]["message"]
+    assert f"process {os.getpid()} is working on this session" in ran["told"]["held"]["message"]
+    assert ran["code"] == ExitCode.REFUSED  # the worst that happened
+
+
+@pytest.mark.parametrize("name", ["plain", "struck", "orphaned"])
+def test_a_batch_gives_the_bytes_of_process(ran: dict[str, Any], name: str) -> None:
+    alone = results(ran["alone"])
+    assert alone
+    assert differing(alone, results(ran["shelf"] / f"{name}.session")) == []
+
+
+def test_the_same_command_goes_on_with_what_is_left(
+    ran: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["batch", str(ran["shelf"]), *UNTIL, "--plan", "--json"])
+    told = json.loads(capsys.readouterr().out)["sessions"]
+    left = [Path(one["session"]).stem for one in told if one["standing"] != "done"]
+    assert left == ["held", "spoilt"]
+
+
+def test_a_session_that_fits_no_worker_is_named_before_it_is_begun(
+    ran: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Crew:
+        unfit, memory_gb, threads = {}, 0.2, 1
+
+    monkeypatch.setattr(cluster, "open_crew", lambda *asked: contextlib.nullcontext(Crew()))
+    assert main(["batch", str(ran["shelf"] / "held.session"), "--memory", "0.2"]) == ExitCode.REFUSED
+    assert "held: needs about 1.3 GB, a worker has 0.2 GB; take fewer --workers" in capsys.readouterr().err
+
+
+def test_a_scheduler_that_does_not_answer_is_named(
+    ran: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "ANSWER_S", 1)
+    told = refused(capsys, "batch", ran["shelf"] / "held.session", "--scheduler", "tcp://127.0.0.1:9")
+    assert "tcp://127.0.0.1:9: no scheduler of dask.distributed answers there" in told
+    told = refused(capsys, "batch", ran["shelf"] / "held.session", "--scheduler", "nonsense://x")
+    assert "nonsense://x: no scheduler" in told
+
+
+def test_several_exports_go_to_folders_of_their_names_and_never_over_one_another(
+    ran: dict[str, Any], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for year in ("2024", "2025"):
+        shutil.copytree(ran["shelf"] / "plain.session", tmp_path / year / "plain.session")
+    assert main(["export", str(tmp_path), "--to", str(tmp_path / "to")]) == ExitCode.REFUSED
+    assert "stage export never ran; run `roomlight process" in capsys.readouterr().err
+    assert main(["report", str(tmp_path), "--to", str(tmp_path / "to")]) == ExitCode.REFUSED
+    assert "are all called plain; rename them" in capsys.readouterr().err
+    assert not (tmp_path / "to").exists()
+
+
+def test_left_to_us_there_are_as_many_workers_as_cores_and_memory_allow(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cluster, "cores", lambda: list(range(16)))
+    memory = cluster.Wanted(memory_gb=32.0)
+    assert cluster.count_workers(memory, 4.0, 100) == (8, 4.0)
+    assert cluster.count_workers(memory, 1.0, 100) == (16, 2.0)
+    assert cluster.count_workers(memory, 1.0, 3) == (3, 32 / 3)
+    assert cluster.count_workers(memory, 64.0, 9) == (1, 32.0)
+    assert cluster.count_workers(cluster.Wanted(2, 32.0), 64.0, 9) == (2, 16.0)
