@@ -187,6 +187,8 @@ def run_report(args: Namespace) -> int:
         from app.batch import command
 
         if args.truth:
+            from engine.errors import SessionError
+
             raise SessionError("--truth: is of one session; give its report alone")
         return command.run_report(args)
     from app import results
