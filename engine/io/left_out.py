@@ -7,9 +7,6 @@ at them, and stage *poses* gives them no pose, which keeps them out of all that 
 import json
 from collections.abc import Collection, Sequence
 
-import numpy as np
-from jaxtyping import Int
-
 from engine.errors import SessionError, reason
 from engine.io.session import Session, drop_edit, lock, write_edit
 
@@ -52,7 +49,7 @@ def write(session: Session, names: Collection[str], views: Collection[str]) -> N
             drop_edit(session, FILE)
 
 
-def kept(session: Session, names: Sequence[str]) -> Int[np.ndarray, " k"]:
+def kept(session: Session, names: Sequence[str]) -> list[int]:
     """Which of the views, by index, are to be used.
 
     Raises:
@@ -64,4 +61,4 @@ def kept(session: Session, names: Sequence[str]) -> Int[np.ndarray, " k"]:
             f"{session.folder / 'edits' / FILE}: there is no photograph {min(unknown)}; remove the file and leave"
             " the photographs out again"
         )
-    return np.flatnonzero([name not in out for name in names])
+    return [index for index, name in enumerate(names) if name not in out]

@@ -68,7 +68,7 @@ def segment(work: Work) -> Records:
     from engine.segmentation.segment import Strokes, from_object, segment
 
     frames = work.load("hdr", "frames", Frames)
-    views = left_out.kept(work.session, frames.names)
+    views = np.array(left_out.kept(work.session, frames.names))
     camera, folder = work.session.facts["camera"], work.session.folder / "edits"
     grid, painted = frames.dark.shape[1:], None
     if (folder / "strokes.png").is_file():
@@ -118,7 +118,7 @@ def on_grid(mask: Bool[np.ndarray, "hh ww"], grid: tuple[int, ...]) -> Bool[np.n
 def poses(work: Work) -> Records:
     """poses, and the report of how they were found, or of what the photographs say of those that were given."""
     frames = work.load("hdr", "frames", Frames)
-    count, views = len(frames.names), left_out.kept(work.session, frames.names)
+    count, views = len(frames.names), np.array(left_out.kept(work.session, frames.names))
     some = len(views) < count
     frames = frames.views(views) if some else frames
     given = _given_poses(work.session, frames) if work.given else None

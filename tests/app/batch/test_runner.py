@@ -8,7 +8,6 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,7 @@ def child_of(session: Path) -> psutil.Process:
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What a batch of five sessions told; `struck` and `orphaned` lost their child and their worker once."""
     folder = tmp_path_factory.mktemp("runner")
     first = small(folder, "alone.session")
@@ -68,7 +67,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     for thread in threads:
         thread.join(LONG_S)
     told = json.loads(out.getvalue())
-    yield {
+    return {
         "code": code,
         "told": {one["name"]: one for one in told["sessions"]},
         "alone": first,
