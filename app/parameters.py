@@ -149,6 +149,10 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Enlarge at most"), QT_TRANSLATE_NOOP("parameters", "times"),
         QT_TRANSLATE_NOOP("parameters", "Largest factor of that."),
         1, 8)),
+    ("poses.features.doubled_below_px", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Double photographs below"), PX,
+        QT_TRANSLATE_NOOP("parameters", "The finest features are sought in photographs of twice the size, where their longer side is shorter."),
+        0, 16384)),
     ("poses.features.peak_threshold", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Least contrast of a feature"), "",
         QT_TRANSLATE_NOOP("parameters", "Of the normalised picture; lower finds more features, and worse ones."),

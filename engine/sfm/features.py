@@ -89,6 +89,7 @@ def detect(
     options.use_gpu = False
     options.sift.max_num_features = params.maximum
     options.sift.peak_threshold = params.peak_threshold
+    options.sift.first_octave = -1 if factor * max(width, height) < params.doubled_below_px else 0
     reader = pycolmap.ImageReaderOptions()
     reader.mask_path = covers
     with pycolmap.Database.open(database) as opened:

@@ -15,6 +15,7 @@ import pycolmap
 from jaxtyping import Float, UInt32
 
 from engine.errors import Cancelled
+from engine.parallel import abreast
 from engine.progress import Progress
 from engine.sfm import epipolar
 from engine.sfm import rig_alignment as rigs
@@ -36,6 +37,7 @@ LOG_OFF = (
     0.02  # of the path, between it and the rig's log: a right one had .004, that of a lens that slid .24
 )
 _AS_GOOD = 0.01  # of the matches: what agrees with two models alike tells nothing between them
+_EXPLAINED = 1e-6  # of the sum of squares: an adjustment that gains less by a step has ended; COLMAP's goes on for as long as it can
 _FARTHEST = 0.7  # radians between descriptors, above which two never show the same point
 
 
@@ -56,11 +58,13 @@ def match(
     with pycolmap.Database.open(database) as opened:
         views = sorted({i for pair in pairs for i in pair})
         descriptors = {i: np.asarray(opened.read_descriptors(i + 1).data, np.float32) for i in views}
-        for k, (i, j) in enumerate(pairs):
+
+        def compare(pair: tuple[int, int]) -> UInt32[np.ndarray, "k 2"]:
+            return best_of_both(*(descriptors[i] for i in pair), params.match_ratio)
+
+        for k, ((i, j), matches) in enumerate(zip(pairs, abreast(compare, pairs), strict=True)):
             progress.step(0.6 * k / len(pairs), f"matching {len(pairs)} pairs of views")
-            opened.write_matches(
-                i + 1, j + 1, best_of_both(descriptors[i], descriptors[j], params.match_ratio)
-            )
+            opened.write_matches(i + 1, j + 1, matches)
     for batch, part in enumerate(np.array_split(np.array(pairs), _BATCHES)):
         progress.step(0.6 + 0.4 * batch / _BATCHES, f"checking {len(pairs)} pairs of views")
         if len(part):
@@ -281,6 +285,7 @@ def options_of(factor: int, params: MapParams, seed: int) -> pycolmap.Incrementa
     options.random_seed = seed
     options.extract_colors = False
     options.ba_refine_principal_point = False
+    options.ba_local_function_tolerance = options.ba_global_function_tolerance = _EXPLAINED
     options.mapper.init_min_tri_angle = params.first_angle_deg
     options.mapper.init_min_num_inliers = 2 * params.placed_inliers
     options.mapper.abs_pose_min_num_inliers = params.placed_inliers
@@ -337,6 +342,7 @@ def refine(model: pycolmap.Reconstruction, factor: int, params: MapParams) -> No
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.loss_function_scale = 0.5 * factor
     options.ceres.solver_options.num_threads = 1  # as in `options_of`
+    options.ceres.solver_options.function_tolerance = _EXPLAINED
     for _ in range(2):
         config = pycolmap.BundleAdjustmentConfig()
         for image in model.reg_image_ids():

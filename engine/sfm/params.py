@@ -6,7 +6,8 @@ from engine.errors import PoseError
 from engine.validation import MORE, check
 
 FEATURE_BOUNDS = {
-    "maximum": (100, MORE), "enlarge_below_px": (0, MORE), "enlarge_most": (1, 8), "peak_threshold": (0.0, 1.0),
+    "maximum": (100, MORE), "enlarge_below_px": (0, MORE), "enlarge_most": (1, 8), "doubled_below_px": (0, MORE),
+    "peak_threshold": (0.0, 1.0),
     "margin": (0.0, 0.5), "neighbours": (1, MORE), "exhaustive_below": (0, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
@@ -23,6 +24,8 @@ class FeatureParams:
     maximum: int = 2000  # per view; COLMAP keeps the coarsest, which are the best located
     enlarge_below_px: int = 900  # photographs whose longer side is shorter are enlarged by an integer factor
     enlarge_most: int = 2
+    # SIFT's first octave is of doubled photographs. Of larger ones the coarsest `maximum` are elsewhere already.
+    doubled_below_px: int = 1000
     # Of the normalised image; COLMAP's 0.0067 is meant for contrasty photographs.
     peak_threshold: float = 0.004
     margin: float = 0.015  # of the longer side, kept free of features around the object
