@@ -70,9 +70,7 @@ class Errand(QWidget):
         self.start.setAccessibleName(text.replace("&", "") or self.tr("Start"))
         self._show()
 
-    def begin(
-        self, name: str, task: str, request: Mapping[str, Any], by: QPushButton | None = None
-    ) -> None:
+    def begin(self, name: str, task: str, request: Mapping[str, Any], by: QPushButton | None = None) -> None:
         """Start a child; an earlier one is stopped.
 
         Args:

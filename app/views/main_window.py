@@ -25,7 +25,6 @@ from app.work.queue import Board
 from engine.errors import RoomlightError
 from engine.io.session import open_session
 
-
 SHOWS = {
     "desk": "capture", "relight": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
     "export": "export", "report": "export",
@@ -191,9 +190,7 @@ class MainWindow(QMainWindow):
     def show_shortcuts(self) -> None:
         """The sheet of every shortcut of the window and its pages, and of what the mouse does."""
         everywhere = self.tr("Everywhere")
-        groups: list[tuple[str, QWidget]] = [
-            (rail.title(row), self.page(row.key)) for row in PAGES
-        ]
+        groups: list[tuple[str, QWidget]] = [(rail.title(row), self.page(row.key)) for row in PAGES]
         # Pages are children of the window too: what is theirs is listed under their names first.
         found = collect([*groups, (everywhere, self)])
         keys = sorted(found, key=lambda shortcut: shortcut.group != everywhere)

@@ -32,7 +32,10 @@ def collect(groups: Iterable[tuple[str, QWidget]]) -> tuple[Shortcut, ...]:
             if action in listed:
                 continue
             listed.add(action)
-            what, keys = action.whatsThis(), action.keys() if isinstance(action, QShortcut) else action.shortcuts()
+            what, keys = (
+                action.whatsThis(),
+                action.keys() if isinstance(action, QShortcut) else action.shortcuts(),
+            )
             if isinstance(action, QAction):
                 what = what or action.text().replace("&", "").rstrip(".…") or action.toolTip()
             told = ", ".join(_told(one) for one in keys)

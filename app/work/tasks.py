@@ -110,7 +110,5 @@ def report(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
 
     link.emit("stage", name="report", number=1, count=1)
     to = request.get("to")
-    page = results.write_report(
-        Path(request["session"]), Path(to) if to else None, progress=link.progress()
-    )
+    page = results.write_report(Path(request["session"]), Path(to) if to else None, progress=link.progress())
     return {"page": str(page)}

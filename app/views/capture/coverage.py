@@ -8,6 +8,7 @@ from app.views import theme
 from app.views.background import Background
 from app.views.capture.parts import dim
 from app.views.capture.picture import read_picture
+
 HATCH_PX = 8
 
 

@@ -110,7 +110,9 @@ class Jog(Section):
         """
         self._finds_zero = finds_zero
         self._axes, self._turns = axes, turns
-        focused = next((part for part in (*self.arrows.values(), self.go, self.home) if part.hasFocus()), None)
+        focused = next(
+            (part for part in (*self.arrows.values(), self.go, self.home) if part.hasFocus()), None
+        )
         self.setVisible(bool(axes))
         for key, arrow in self.arrows.items():
             arrow.setEnabled(turns and ("pan" if key in ("left", "right") else "tilt") in axes)
@@ -140,7 +142,11 @@ class Jog(Section):
 
     def show_where(self, pan_deg: float | None, tilt_deg: float | None) -> None:
         if pan_deg is None and self.home.isEnabled():
-            first = self.tr("Find the zero position first") if self._finds_zero else self.tr("Turn it to its zero first")
+            first = (
+                self.tr("Find the zero position first")
+                if self._finds_zero
+                else self.tr("Turn it to its zero first")
+            )
             self.where.setText(first)
             return
         parts = [self.tr("pan {0}").format(told_angle(pan_deg))]

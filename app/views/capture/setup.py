@@ -131,9 +131,7 @@ class CaptureSetup(QFrame):
             self.histogram.show_counts(channels, counts.white)
         told = ""
         if picture is not None:
-            told = self.tr("Clipped in all: {0:.1%}. Too dark: {1:.1%}").format(
-                picture.clipped, picture.dark
-            )
+            told = self.tr("Clipped in all: {0:.1%}. Too dark: {1:.1%}").format(picture.clipped, picture.dark)
         self.shares.setText(told)
 
     def _told_rig(self, where: Where) -> str:

@@ -84,9 +84,7 @@ class ExportPage(QWidget):
         if export is not None:
             self.greens[export.green].setChecked(True)
             length = (
-                ""
-                if export.length != "unknown"
-                else self.tr("; no real-world scale: lengths are relative")
+                "" if export.length != "unknown" else self.tr("; no real-world scale: lengths are relative")
             )
             self.state.setText(self.tr("up to date") + length)
         self._show()

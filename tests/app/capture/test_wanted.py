@@ -48,7 +48,12 @@ def test_rigs_on_a_port_of_unknown_kind_are_offered_as_each_kind() -> None:
     urls = [choice.url for choice in wanted.rig_choices(examples, [port])]
     assert urls == ["virtual:", "grbl:///dev/ttyS9?axes=xy", "zaber:///dev/ttyS9?axes=1.1", "none:"]
     assert len(wanted.rig_choices(examples, [{**port, "likely": "zaber"}])) == 3
-    assert [choice.kind for choice in wanted.rig_choices(examples, [])] == ["virtual", "grbl", "zaber", "none"]
+    assert [choice.kind for choice in wanted.rig_choices(examples, [])] == [
+        "virtual",
+        "grbl",
+        "zaber",
+        "none",
+    ]
     assert [choice.kind for choice in wanted.camera_choices([])] == ["virtual", "folder"]
 
 

@@ -89,7 +89,9 @@ def test_bars_of_runs_keep_their_names_and_the_readout_goes_with_its_chart(
     assert [series.name for series in page.chart.series][:2] == ["Merge brackets", "Mask"]
     assert page._view is not None
     axis = page._view._plots[0][0].getAxis("left")
-    widest = max(QFontMetrics(axis.style["tickFont"]).horizontalAdvance(name) for name in page.chart.ticks.values())
+    widest = max(
+        QFontMetrics(axis.style["tickFont"]).horizontalAdvance(name) for name in page.chart.ticks.values()
+    )
     assert axis.minimumWidth() > widest
     narrowest = page.minimumSizeHint().width()
     page._view.pointed.emit(" · ".join(series.labels[0] for series in page.chart.series))
@@ -205,7 +207,9 @@ def test_coverage_is_worked_out_on_demand(page: ChartsPage, qtbot: QtBot, sessio
     assert not page.errand.start.isVisible()
 
 
-def test_residuals_of_all_views_are_offered_and_go_on_until_they_are_stopped(page: ChartsPage, qtbot: QtBot) -> None:
+def test_residuals_of_all_views_are_offered_and_go_on_until_they_are_stopped(
+    page: ChartsPage, qtbot: QtBot
+) -> None:
     choose(page, "views", qtbot)
     assert "2 of 9 views" in page.said.text()
     assert page.errand.start.isVisible()
