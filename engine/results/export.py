@@ -8,6 +8,7 @@ whole, by one rename, or not at all.
 import contextlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict
@@ -225,9 +226,8 @@ FRAME = "camera: x right, y down, z forward; a normal that faces the camera has 
 
 def told(fault: OSError, place: Path) -> ExportError:
     """An operating system's refusal in one line: file, cause, remedy."""
-    # Of a copy, the second name is the one that is written, in a folder that becomes `place`.
-    named = str(fault.filename2 or fault.filename or place)
-    where = named.replace(f".{place.name}.partial", place.name)
+    # Of a copy, the second name is the one that is written; `.out.partial` becomes `out`.
+    where = re.sub(r"/\.([^/]+)\.partial(?=/|$)", r"/\1", str(fault.filename2 or fault.filename or place))
     remedy = {
         28: "free space or export to another disk",
         122: "free space or export to another disk",
