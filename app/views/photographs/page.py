@@ -5,12 +5,8 @@ saw is kept in this person's cache. Reading and writing happen in a thread.
 """
 
 import contextlib
-import itertools
-import tempfile
-from collections import deque
 from pathlib import Path
 
-import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QCloseEvent, QImage, QKeySequence, QShowEvent, QUndoStack
 from PySide6.QtWidgets import (
@@ -27,7 +23,6 @@ from PySide6.QtWidgets import (
 )
 
 from app import photographs
-from app.inspect import falsecolour
 from app.photographs import Listing, Look, Photograph
 from app.state import Trouble, called
 from app.views.background import Background
@@ -36,12 +31,12 @@ from app.views.elided import Elided
 from app.views.pages import Shell, tell
 from app.views.photographs.edit import LeaveOut, TakeAgain
 from app.views.photographs.facts import Facts
-from app.views.photographs.sheet import CELL, LOOK, ContactSheet, shrunk
-from app.views.pictures.view import ImageView
-from app.work.enquiries import Answer, Enquiries
+from app.views.photographs.large import LargePhotograph
+from app.views.photographs.looks import Looks
+from app.views.photographs.sheet import CELL, LOOK, ContactSheet
+from app.work.enquiries import Enquiries
 from engine.errors import RoomlightError
 
-LARGE_EDGE_PX = 3200
 ORDERS = ("taken", "blur", "clipped")
 
 
@@ -58,12 +53,6 @@ class PhotographsPage(QWidget):
         self._listing: Listing | None = None
         self._out: frozenset[str] = frozenset()  # as shown; the session follows in a moment
         self._unsaved = False
-        self._waiting: deque[Photograph] = deque()  # nobody looked at these yet
-        self._looking: Photograph | None = None  # the child is at it
-        self._large: tuple[np.ndarray, np.ndarray] | None = None  # picture and what is clipped of it
-        self._numbers = itertools.count(1)
-        self._newest = 0  # of the large pictures asked for
-        self._scratch = tempfile.TemporaryDirectory(prefix="roomlight-photographs-")
         self._looker = Enquiries()
         self._bridge = Bridge(self)
         self._background = Background(self, "photographs")
@@ -79,9 +68,9 @@ class PhotographsPage(QWidget):
     def show_session(self, folder: Path | None) -> None:
         """Show a session's photographs; returns at once."""
         if folder != self._session:
-            self._session, self._listing, self._large = folder, None, None
+            self._session, self._listing = folder, None
             self.undo_stack.clear()
-            self._waiting.clear()
+            self.looks.want(None, ())
             self._take_out(frozenset())
             self.sheet.fill(())
             self._show_state()
@@ -97,7 +86,7 @@ class PhotographsPage(QWidget):
             with contextlib.suppress(RoomlightError):
                 photographs.leave_out(self._listing, self._out)
         self._looker.close()
-        self._scratch.cleanup()
+        self.view.close_files()
         super().closeEvent(event)
 
     # Building
@@ -115,7 +104,6 @@ class PhotographsPage(QWidget):
         self.clipping = QCheckBox(self.tr("Show &clipping"))
         self.clipping.setAccessibleName(self.tr("Show clipping"))
         self.clipping.setToolTip(self.tr("Red: clipped in all exposures; amber: in the one shown (C)"))
-        self.clipping.toggled.connect(self._draw)
         self.process = QPushButton(self.tr("To &processing"))
         self.process.setObjectName("primary")
         self.process.setAccessibleName(self.tr("To processing"))
@@ -136,11 +124,15 @@ class PhotographsPage(QWidget):
         self.sheet.setMinimumWidth(CELL.width() + 24)
         self.sheet.currentItemChanged.connect(lambda now, before: self._show_current())
         self.sheet.marked.connect(lambda name: self._turn({name}))
-        self.view = ImageView()
-        self.view.setAccessibleName(self.tr("Photograph"))
+        self.view = LargePhotograph(self._looker, self._background)
+        self.clipping.toggled.connect(self.view.show_clipping)
+        self.looks = Looks(self._looker, self._background, self)
+        self.looks.seen.connect(self._seen)
+        self.looks.failed.connect(self._unseen)
+        self.looks.changed.connect(self._go_on)
         self.facts = Facts()
         self.facts.out_wanted.connect(self._tick)
-        self.facts.exposure_picked.connect(self._ask_large)
+        self.facts.exposure_picked.connect(self._show_exposure)
         self.facts.again_wanted.connect(self._take_again)
         large = QWidget()
         column = QVBoxLayout(large)
@@ -218,13 +210,10 @@ class PhotographsPage(QWidget):
             return
         same, self._listing = listing == self._listing, listing
         if not same:
-            self._waiting.clear()
             self._fill()
+            self.looks.want(listing.session, listing.photographs)
         self._take_out(listing.left_out)
-        for photograph in listing.photographs if not same else ():
-            self._look_up(photograph)
-        self._look_at_next()
-        self._show_state()
+        self._go_on()
 
     def _refuse(self, fault: Trouble) -> None:
         self._listing = None
@@ -232,56 +221,22 @@ class PhotographsPage(QWidget):
         self.what.setText(fault.what)
         self.remedy.setText(fault.remedy)
 
-    def _look_up(self, photograph: Photograph) -> None:
-        """What an earlier look kept, or else the child's turn."""
-
-        def read() -> tuple[Look | None, QImage]:
-            look = photographs.look(photograph.kept)
-            picture = QImage() if look is None else shrunk(QImage(_file(photograph.kept, ".png")))
-            return (None if picture.isNull() else look), picture
-
-        def arrived(found: tuple[Look | None, QImage]) -> None:
-            look, picture = found
-            if look is not None:
-                self._seen(photograph, look, picture)
-            elif photograph not in self._waiting:
-                self._waiting.append(photograph)
-                self._look_at_next()
-
-        self._background.ask(photograph.shot, read, arrived, self._tell)
-
-    def _look_at_next(self) -> None:
-        """Let the child look at one more; the chosen one first."""
-        if self._looking is not None or not self._waiting or not self.isVisible() or self._session is None:
-            return
-        current = self._current()
-        if current in self._waiting:
-            self._waiting.remove(current)
-            self._waiting.appendleft(current)
-        photograph = self._looking = self._waiting.popleft()
-        take = self._bridge.queued(lambda answer: self._looked(photograph, answer))
-        self._looker.ask(
-            "look", take, session=str(self._session), shot=photograph.shot, to=str(photograph.kept),
-            edge_px=photographs.THUMBNAIL_EDGE_PX,
-        )  # fmt: skip
-        self._show_state()
-
-    def _looked(self, photograph: Photograph, answer: Answer) -> None:
-        self._looking = None
-        if answer.trouble is not None:
-            item = self.sheet.item_of(photograph)
-            if item is not None:
-                item.setToolTip(f"{answer.trouble.what}\n{answer.trouble.remedy}")
-        elif self._listing is not None and photograph in self._listing.photographs:
-            self._look_up(photograph)
-        self._look_at_next()
-        self._show_state()
-
     def _seen(self, photograph: Photograph, look: Look, picture: QImage) -> None:
         self.sheet.show_look(photograph, look, picture)
         if photograph == self._current():
             self.facts.show_look(look)
-            self._ask_small(photograph)
+            self.view.show_small(photograph)
+
+    def _unseen(self, photograph: Photograph, fault: Trouble) -> None:
+        item = self.sheet.item_of(photograph)
+        if item is not None:
+            item.setToolTip(f"{fault.what}\n{fault.remedy}")
+
+    def _go_on(self) -> None:
+        """While the page is shown only: what is processed meanwhile has the other core."""
+        if self.isVisible():
+            self.looks.go_on(self._current())
+        self._show_state()
 
     # What is shown
 
@@ -312,71 +267,15 @@ class PhotographsPage(QWidget):
             self.sheet.setCurrentRow(min(max(self.sheet.currentRow() + by, 0), self.sheet.count() - 1))
 
     def _show_current(self) -> None:
-        """The small picture at once, the large one as soon as the child has made it."""
-        photograph, self._large = self._current(), None
+        photograph = self._current()
         count = len(self._listing.photographs) if self._listing is not None else 0
         self.facts.show_photograph(photograph, count)
         self.facts.show_look(self._look_of(photograph) if photograph is not None else None)
         self.facts.show_use(photograph, photograph is not None and photograph.name in self._out)
-        if photograph is None:
-            self.view.show_picture(None)
-            return
-        self._ask_small(photograph)
-        self._ask_large()
+        self._show_exposure()
 
-    def _ask_small(self, photograph: Photograph) -> None:
-        self._background.ask("small", lambda: _pixels(photograph.kept), self._take_small, self._tell)
-
-    def _take_small(self, small: np.ndarray | None) -> None:
-        if self._large is not None:
-            return
-        if small is None:
-            self.view.show_picture(None, message=self.tr("Reading the photograph…"))
-            return
-        port = self.view.viewport
-        if port.picture.width <= 1 or not _alike(small, port.picture.width / port.picture.height):
-            port.show(small.shape[1], small.shape[0], None)
-        self.view.show_picture([small])
-
-    def _ask_large(self) -> None:
-        photograph, number = self._current(), next(self._numbers)
-        if photograph is None or self._session is None:
-            return
-        self._newest = number
-        to = Path(self._scratch.name) / f"large-{number % 4}"
-        arrived = self._bridge.queued(lambda answer: self._large_made(number, to, answer))
-        self._looker.ask(
-            "photograph", arrived, session=str(self._session), shot=photograph.shot, to=str(to),
-            edge_px=LARGE_EDGE_PX, exposure=self.facts.chosen_exposure,
-        )  # fmt: skip
-
-    def _large_made(self, number: int, to: Path, answer: Answer) -> None:
-        if number != self._newest:
-            return
-        if answer.trouble is not None:
-            told = " ".join(part for part in (answer.trouble.what, answer.trouble.remedy) if part)
-            self.view.show_picture(None, message=told)
-            return
-
-        def read() -> tuple[np.ndarray | None, np.ndarray | None]:
-            return _pixels(to), _pixels(to.with_name(f"{to.name}.clip"))
-
-        def arrived(pictures: tuple[np.ndarray | None, np.ndarray | None]) -> None:
-            picture, clip = pictures
-            if number == self._newest and picture is not None and clip is not None:
-                self._large = picture, clip
-                self.view.viewport.show(picture.shape[1], picture.shape[0], None)
-                self._draw()
-
-        self._background.ask("large", read, arrived, self._tell)
-
-    def _draw(self) -> None:
-        if self._large is None:
-            return
-        (picture, clip), marked = self._large, self.clipping.isChecked()
-        self._background.ask(
-            "draw", lambda: falsecolour.halves(_over(picture, clip) if marked else picture), self.view.show_picture
-        )  # fmt: skip
+    def _show_exposure(self) -> None:
+        self.view.show_photograph(self._session, self._current(), self.facts.chosen_exposure)
 
     def _show_state(self) -> None:
         listing = self._listing
@@ -405,9 +304,8 @@ class PhotographsPage(QWidget):
         told += [listing.camera] if listing.camera else []
         if self._out:
             told.append(self.tr("{0} left out").format(len(self._out)))
-        left = len(self._waiting) + (self._looking is not None)
-        if left:
-            told.append(self.tr("{0} still to be looked at").format(left))
+        if self.looks.left:
+            told.append(self.tr("{0} still to be looked at").format(self.looks.left))
         self.told.setText("  ·  ".join(told))
 
     # Leaving out
@@ -490,27 +388,3 @@ class PhotographsPage(QWidget):
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)
-
-
-def _file(base: Path, suffix: str) -> str:
-    return str(base.with_name(base.name + suffix))
-
-
-def _pixels(base: Path) -> np.ndarray | None:
-    """A picture that the child wrote, as Qt draws it; None where it is not there. In any thread."""
-    image = QImage(_file(base, ".png"))
-    if image.isNull():
-        return None
-    image = image.convertToFormat(QImage.Format.Format_ARGB32_Premultiplied)
-    rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.bytesPerLine())
-    return rows[:, : 4 * image.width()].reshape(image.height(), image.width(), 4).copy()
-
-
-def _over(picture: np.ndarray, clip: np.ndarray) -> np.ndarray:
-    """What is clipped laid over the picture; both premultiplied."""
-    under = 255 - clip[..., 3:].astype(np.uint16)
-    return clip + (picture * under // 255).astype(np.uint8)
-
-
-def _alike(picture: np.ndarray, aspect: float) -> bool:
-    return abs(picture.shape[1] / picture.shape[0] / aspect - 1) < 0.05
