@@ -36,7 +36,13 @@ def shelf(merged: Path, tmp_path: Path) -> Path:
 
 
 def test_sessions_are_found_at_any_depth_and_once(shelf: Path) -> None:
-    twice = [shelf, shelf / "2024", shelf / "2024" / "lion.session", shelf.parent / "empty", shelf / "nothing"]
+    twice = [
+        shelf,
+        shelf / "2024",
+        shelf / "2024" / "lion.session",
+        shelf.parent / "empty",
+        shelf / "nothing",
+    ]
     found, complaints = find_sessions(twice)
     assert [str(folder.relative_to(shelf)) for folder in found] == [
         "2024/lion.session", "2025/lion.session", "bowl.session", "vase.session",

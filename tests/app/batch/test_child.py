@@ -13,7 +13,9 @@ def test_a_killed_child_raises_which_dask_tries_again(signal: int) -> None:
         ended("a", JobStatus("a", JobState.FAILED, message="memory ran out", code=signal), 1.0)
 
 
-@pytest.mark.parametrize(("code", "told"), [(2, ExitCode.REFUSED), (4, ExitCode.BUSY), (1, ExitCode.FAULT), (77, ExitCode.FAULT)])
+@pytest.mark.parametrize(
+    ("code", "told"), [(2, ExitCode.REFUSED), (4, ExitCode.BUSY), (1, ExitCode.FAULT), (77, ExitCode.FAULT)]
+)
 def test_what_the_child_said_is_passed_on_and_not_tried_again(code: int, told: ExitCode) -> None:
     answer = ended("a", JobStatus("a", JobState.FAILED, message="why; do this", code=code), 1.0)
     assert (answer["code"], answer["message"]) == (told, "why; do this")
