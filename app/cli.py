@@ -140,6 +140,12 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("--truth", type=Path, help="a ground truth to show the errors against")
     report.set_defaults(run=commands.run_report)
 
+    catalogue = add("catalogue", help="write an index of many sessions: one page with pictures, CSV and JSON")
+    _add_places(catalogue)
+    catalogue.add_argument("--to", type=Path, required=True, metavar="DIR", help="folder to write to")
+    catalogue.add_argument("--title", default="Roomlight", help="heading of the page")
+    catalogue.set_defaults(run=commands.run_catalogue)
+
     evaluate = add("evaluate", help="compare the results with a ground truth")
     _add_session(evaluate)
     evaluate.add_argument("truth", type=Path, help="a studio's truth folder, or an .npz")
@@ -397,6 +403,16 @@ def _add_sessions(parser: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="ADDRESS", help="a running cluster of dask.distributed, as tcp://head:8786"
     )
     parser.add_argument("--json", action="store_true", help="print JSON, and progress on stderr")
+
+
+def _add_places(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "sessions",
+        type=Path,
+        nargs="+",
+        metavar="SESSION",
+        help="sessions, or folders that hold them at any depth",
+    )
 
 
 def _add_settings(parser: argparse.ArgumentParser) -> None:

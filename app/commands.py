@@ -203,6 +203,12 @@ def _is_one(places: Sequence[Path]) -> bool:
     return len(places) == 1 and ((place / "session.json").is_file() or not any(place.rglob("session.json")))
 
 
+def run_catalogue(args: Namespace) -> int:
+    from app.catalogue import command
+
+    return command.run(args)
+
+
 def run_evaluate(args: Namespace) -> int:
     from app import results
 

@@ -42,22 +42,22 @@ def told_gigabytes(count: float) -> str:
     return f"{count / 1e9:.1f} GB"
 
 
-def latest_record(stage: Path) -> Mapping[str, Any] | None:
-    """The record of a stage's latest finished run in a session, whatever its settings were; `stage` is its folder."""
+def latest_run(stage: Path) -> tuple[Path, Mapping[str, Any]] | None:
+    """A stage's latest finished run in a session, whatever its settings were, and its record; `stage` holds all runs."""
     found = []
     for path in stage.glob("*/record.json"):
         try:
             record = json.loads(path.read_bytes())
-            found.append((float(record["finished"]), float(record["seconds"]), path, record))
+            found.append((float(record["finished"]), float(record["seconds"]), path.parent, record))
         except (OSError, ValueError, KeyError, TypeError):
             continue
-    return max(found, key=lambda entry: entry[:3])[-1] if found else None
+    return max(found, key=lambda run: run[:3])[2:] if found else None
 
 
 def cost_of(session: Session, step: Step, megapixels: float, preset: str, cores: int) -> Cost:
     """What a step that waits will take on so many cores."""
-    record = latest_record(step.folder.parent)
-    if record is not None and record["version"] == step.stage.version and "cpu_seconds" in record:
+    _, record = latest_run(step.folder.parent) or (None, {})
+    if record.get("version") == step.stage.version and "cpu_seconds" in record:
         return Cost(max(record["seconds"], record["cpu_seconds"] / cores), record["peak_memory_bytes"])
     if step.stage.name == "surface" and not hasattr(step.params, "probes_across"):
         return Cost(math.nan, 2_000_000_000)

@@ -152,6 +152,8 @@ def _run(batch: Batch, orders: Sequence[Order]) -> None:
                     f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {most_gb:.1f} GB; take fewer"
                     " --workers or more --memory"
                 )
+        if not fit:
+            return
         with Display(batch.console, fit, crew.threads) as display:
             batch.ended = runner.run(fit, crew, display, cancelled)
 

@@ -52,7 +52,8 @@ def run(orders: Sequence[Order], crew: Crew, display: Display, cancelled: Callab
         future.add_done_callback(news.put)
 
     def hear(event: tuple[float, Mapping[str, Any]]) -> None:
-        display.move(Moved(**event[1]))
+        told = event[1]
+        display.move(Moved(told["name"], told["stage"], told["fraction"], told["note"]))
 
     crew.client.subscribe_topic(crew.batch, hear)
     for order in orders:

@@ -140,16 +140,10 @@ def _choices(hint: Any) -> list[Any]:
 
 def _took(folder: Path) -> float | None:
     """Seconds of the stage's latest finished run in this session."""
-    import json
+    from app.costs import latest_run
 
-    runs = []
-    for path in folder.glob("*/record.json"):
-        try:
-            record = json.loads(path.read_bytes())
-            runs.append((float(record["finished"]), float(record["seconds"])))
-        except (OSError, ValueError, KeyError, TypeError):
-            continue
-    return max(runs)[1] if runs else None
+    run = latest_run(folder)
+    return float(run[1]["seconds"]) if run else None
 
 
 def gpu(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import os
 import shutil
 import signal
 import threading
-import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +22,22 @@ from tests.app.calls import refused
 from tests.app.sessions import small
 from tests.bench.killed import differing, results
 
-LONG_S = 120.0
 UNTIL = ("--until", "segment", "--device", "cpu")
 
 
-def child_of(session: Path) -> psutil.Process:
-    """The child that works on a session, as soon as there is one."""
-    end = time.monotonic() + LONG_S
-    while time.monotonic() < end:
+def strike(session: Path, over: threading.Event, how: Callable[[psutil.Process], None]) -> None:
+    """Do something to the child that works on a session, as soon as there is one."""
+    while not over.wait(0.01):
         for child in psutil.Process().children(recursive=True):
-            with contextlib.suppress(psutil.Error):
+            with contextlib.suppress(psutil.NoSuchProcess):
                 if str(session) in " ".join(child.cmdline()):
-                    return child
-        time.sleep(0.01)
-    raise TimeoutError(f"no child for {session}")
+                    how(child)
+                    return
+
+
+def kill_worker(child: psutil.Process) -> None:
+    """Its child must go with it, or the second try would find the session held."""
+    os.kill(child.ppid(), signal.SIGKILL)
 
 
 @pytest.fixture(scope="module")
@@ -47,25 +49,23 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     for name in ("struck", "orphaned", "spoilt", "held", "plain"):
         shutil.copytree(first, shelf / f"{name}.session")
     spoilt = next((shelf / "spoilt.session" / "shots").glob("0003/*.exr"))
-    spoilt.write_bytes(spoilt.read_bytes()[:-1] + b"?")
+    content = spoilt.read_bytes()
+    spoilt.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     assert main(["process", str(first), *UNTIL]) == 0
 
-    def strike() -> None:
-        child_of(shelf / "struck.session").kill()
-
-    def orphan() -> None:
-        child = child_of(shelf / "orphaned.session")
-        os.kill(child.ppid(), signal.SIGKILL)
-        child.wait(LONG_S)  # it goes with its worker: its second try finds the session free
-
-    threads = [threading.Thread(target=strike), threading.Thread(target=orphan)]
+    over = threading.Event()
+    threads = [
+        threading.Thread(target=strike, args=(shelf / f"{name}.session", over, how))
+        for name, how in (("struck", psutil.Process.kill), ("orphaned", kill_worker))
+    ]
     for thread in threads:
         thread.start()
     out = io.StringIO()
     with sessions.lock(sessions.open_session(shelf / "held.session")), contextlib.redirect_stdout(out):
         code = main(["batch", str(shelf), *UNTIL, "--json", "--workers", "2", "--memory", "8"])
-    for thread in threads:
-        thread.join(LONG_S)
+    spared = [thread.is_alive() for thread in threads]
+    over.set()
+    assert not any(spared)
     told = json.loads(out.getvalue())
     return {
         "code": code,
