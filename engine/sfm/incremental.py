@@ -59,7 +59,8 @@ def match(
         descriptors = {i: np.asarray(opened.read_descriptors(i + 1).data, np.float32) for i in views}
 
         def compare(pair: tuple[int, int]) -> UInt32[np.ndarray, "k 2"]:
-            return best_of_both(*(descriptors[i] for i in pair), params.match_ratio)
+            i, j = pair
+            return best_of_both(descriptors[i], descriptors[j], params.match_ratio)
 
         for k, ((i, j), matches) in enumerate(zip(pairs, abreast(compare, pairs), strict=True)):
             progress.step(0.6 * k / len(pairs), f"matching {len(pairs)} pairs of views")
