@@ -92,16 +92,16 @@ def merge(
     stated = np.array([[fact.exposure() for fact in view] for view in facts])
     scale = float(np.median(stated[:, stated.shape[1] // 2]))
     width, height = facts[0][0].width, facts[0][0].height
-    most = max(1, SITES_AT_ONCE // (stated.shape[1] * width * height))  # brackets
+    at_once = max(1, SITES_AT_ONCE // (stated.shape[1] * width * height))  # brackets
 
-    progress.step(0.02, "learning the sensor's noise")
     chosen = np.unique(np.linspace(0, len(shots) - 1, params.learning_views).round().astype(int)).tolist()
     decoded: dict[int, list[Mosaic]] = {}
     samples, shares = [], []
-    for n, mosaics in zip(chosen, abreast(lambda n: _decoded(paths[n]), chosen, most), strict=True):
+    for n, mosaics in zip(chosen, abreast(lambda n: _decoded(paths[n]), chosen, at_once), strict=True):
+        progress.step(0.02 + 0.03 * len(shares) / len(chosen), "learning the sensor's noise")
         shares.append(exposures.white_share(mosaics[-1]))
         samples.append([exposures.sampled(mosaic) for mosaic in mosaics])
-        if len(decoded) < most:
+        if len(decoded) < at_once:
             decoded[n] = mosaics
     white_share = min(shares)
     saturation = params.saturation_share * white_share
@@ -135,7 +135,7 @@ def merge(
             radiance[n][to] = averaged(developed, reduce_by) * np.float32(to_radiance)
             clipped[n][to] = averaged(spoiled, reduce_by) > 0
 
-    for n, _ in enumerate(abreast(merge_one, range(len(shots)), most)):
+    for n, _ in enumerate(abreast(merge_one, range(len(shots)), at_once)):
         progress.step(0.05 + 0.95 * n / len(shots), f"merging {shots[n].name}")
 
     shot_noise, floor = np.median(variances, axis=0) / reduce_by**2
