@@ -70,7 +70,7 @@ TITLES = {
     "times": QT_TRANSLATE_NOOP("maps", "Time of the stages"),
     "views": QT_TRANSLATE_NOOP("maps", "Residual of each view"),
     "coverage": QT_TRANSLATE_NOOP("maps", "Coverage of the light"),
-    "settling": QT_TRANSLATE_NOOP("maps", "Convergence of light and shape"),
+    "settling": QT_TRANSLATE_NOOP("maps", "Convergence"),
     "distance": QT_TRANSLATE_NOOP("maps", "Distance of the object"),
     "exposures": QT_TRANSLATE_NOOP("maps", "Exposure of each view"),
 }

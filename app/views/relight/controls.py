@@ -71,7 +71,7 @@ class RelightControls(Column):
         )
         self.panorama.clicked.connect(self.panorama_wanted)
         row = QHBoxLayout()
-        label = QLabel(self.tr("from photo&graph"))
+        label = QLabel(self.tr("photo&graph"))
         label.setBuddy(self.view)
         row.addWidget(label)
         row.addWidget(self.view, 1)

@@ -5,19 +5,22 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QPoint, Qt
-from PySide6.QtGui import QColor, QImage
+from PySide6.QtGui import QColor, QImage, QPixmap
 from PySide6.QtWidgets import QApplication, QPushButton
 from pytestqt.qtbot import QtBot
 
 from app.capture import order as capture_order
+from app.capture.dots import Dot
 from app.capture.order import Order, Pose
 from app.views.capture.page import CapturePage
 from app.views.main_window import MainWindow
 from app.views.pages import Shell
+from app.views.theme import colours
 from app.work.jobs import JobState
 from hardware.interfaces import Angles, Bracket, Exposure
 from tests.app.views.conftest import make_session, until
 from tests.app.views.played_desk import PlayedDesk
+from tests.app.views.test_theme import contrast
 
 
 @pytest.fixture
@@ -73,6 +76,12 @@ def test_a_newcomer_connects_the_virtual_studio_with_one_click(
 ) -> None:
     assert "minutes" in page.setup.devices.hint.text()
     assert page.setup.devices.hint.isVisible()
+    at = page.setup.devices.toggle.y()
+    page.setup.devices.choose("manual:", "gphoto2:")
+    page.setup.devices.layout().activate()
+    assert not page.setup.devices.hint.isVisible()
+    assert page.setup.devices.toggle.y() == at
+    page.setup.devices.choose("virtual:", "virtual:?room=study&object=blob")
     qtbot.mouseClick(page.setup.devices.toggle, Qt.MouseButton.LeftButton)
     assert desk.last("open") == {"rig": "virtual:", "camera": "virtual:?room=study&object=blob"}
 
@@ -113,6 +122,7 @@ def test_the_stop_button_is_there_while_devices_are_open(
         ready(page, desk, qtbot)
     assert page.setup.stop.isVisible() is opened
     assert page.setup.stop.height() >= 40 or not opened
+    assert page.setup.stop.styleSheet().startswith("QPushButton {")  # its tip is none
     if opened:
         for order in ("move", "preview"):
             desk.say("order", command=order)
@@ -301,6 +311,26 @@ def test_the_sphere_turns_by_drag_and_by_keys(page: CapturePage, qtbot: QtBot) -
     assert sphere.place(0.0, 0.0)[0] == before
     assert sphere.place(0.0, 0.0)[1]
     assert not sphere.place(180.0, 0.0)[1]
+
+
+def test_a_pose_taken_on_the_far_side_is_seen_and_stands_out_from_the_cross(page: CapturePage) -> None:
+    sphere = page.scene.sphere
+    sphere.show_dots([Dot("far", 180.0, 0.0, "done"), Dot("here", 0.0, 0.0, "done")])
+    sphere.show_here(0.0, 0.0)
+    seen, ours = sphere.grab().toImage(), colours(sphere)
+    far, here = (sphere.place(pan, 0.0)[0].toPoint() for pan in (180.0, 0.0))
+    assert contrast(seen.pixelColor(far).name(), ours.field) > 3
+    assert contrast(seen.pixelColor(here + QPoint(3, 0)).name(), ours.good) < 2  # the cross leaves it free
+
+
+def test_what_is_not_seen_yet_is_hatched_at_twice_the_scale_too(page: CapturePage) -> None:
+    panorama = page.scene.coverage.panorama
+    picture = QPixmap(panorama.size() * 2)
+    picture.setDevicePixelRatio(2.0)
+    panorama.render(picture)
+    seen, line = picture.toImage(), QColor(colours(panorama).line)
+    row = [seen.pixelColor(x, 40) == line for x in range(seen.width())]
+    assert any(one and other for one, other in zip(row, row[1:], strict=False))  # lines of two pixels
 
 
 def test_a_shot_is_shown_with_its_histogram_and_clipping_can_be_hidden(

@@ -234,6 +234,7 @@ def test_a_second_session_queues_behind_the_first(
     page.queue.added.emit(tmp_path / "nowhere")
     until(qtbot, lambda: page.queue.list.topLevelItemCount() == 2)
     assert [work.status.name for work in shell.board.queue] == ["lion", "bear"]
+    assert str(other) not in shell.settings.value.recent  # which are those that were opened
     page.show_session(other)
     until(qtbot, lambda: page.column.count())
     assert not page.bar.run.isEnabled()
