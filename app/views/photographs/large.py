@@ -35,13 +35,14 @@ class LargePhotograph(ImageView):
         self._numbers = itertools.count(1)
         self._newest = 0  # of the large pictures asked for
         self._pictures: tuple[Pixels, Pixels] | None = None  # the large one, and what is clipped of it
+        self._refused = False  # the photograph cannot be read: that stays told
         self._clipping = False
 
     def show_photograph(
         self, session: Path | None, photograph: Photograph | None, exposure: int | None
     ) -> None:
         """Another photograph, or another exposure of its bracket."""
-        self._newest, self._pictures = next(self._numbers), None
+        self._newest, self._pictures, self._refused = next(self._numbers), None, False
         if session is None or photograph is None:
             self.show_picture(None)
             return
@@ -65,7 +66,7 @@ class LargePhotograph(ImageView):
         self._scratch.cleanup()
 
     def _take_small(self, small: Pixels | None) -> None:
-        if self._pictures is not None:
+        if self._pictures is not None or self._refused:
             return
         if small is None:
             self.show_picture(None, message=self.tr("Reading the photograph…"))
@@ -93,6 +94,7 @@ class LargePhotograph(ImageView):
         self._background.ask("large", lambda: (_pixels(to), _pixels(clipped)), arrived, self._refuse)
 
     def _refuse(self, fault: Trouble) -> None:
+        self._refused = True
         self.show_picture(None, message=". ".join(part for part in (fault.what, fault.remedy) if part))
 
     def _draw(self) -> None:

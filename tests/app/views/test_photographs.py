@@ -8,7 +8,8 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from app.photographs import Look
+from app import photographs
+from app.photographs import Look, Photograph
 from app.settings import Settings
 from app.state import State, Trouble, trouble
 from app.views.pages import Shell, Wishes
@@ -171,6 +172,9 @@ def test_a_file_that_cannot_be_read_is_told_and_the_others_are_shown(
     file.write_bytes(b"x" * file.stat().st_size)
     page.sheet.setCurrentRow(2)
     until(qtbot, lambda: "0002/radiance.exr" in page.view.message)
+    page.view.show_small(page.sheet.photograph(1))  # a small picture that comes late does not hide it
+    until(qtbot, lambda: not page._background.busy)
+    assert "0002/radiance.exr" in page.view.message
 
 
 def test_a_captured_photograph_can_be_taken_again(page: PhotographsPage, session: Path, qtbot: QtBot) -> None:
@@ -186,3 +190,15 @@ def test_a_captured_photograph_can_be_taken_again(page: PhotographsPage, session
     page.undo_stack.undo()
     until(qtbot, lambda: page.sheet.count() == small.VIEWS)
     assert (session / "shots" / "0004" / "shot.json").exists()
+
+
+def test_camera_and_time_are_told_by_the_cameras_own_clock() -> None:
+    facts = [
+        {"shutter_s": shutter, "iso": 100, "aperture": 8.0, "time_s": 1.7e9 + shutter}
+        for shutter in (0.01, 0.1)
+    ]
+    photograph = Photograph("a", 1, "0000", tuple(facts), None, None, Path("a"))
+    assert photographs.told_camera(photograph) == "ISO 100  f/8"
+    assert photographs.told_time(photograph) == "2023-11-14  22:13:20"
+    nothing = Photograph("a", 1, "0000", ({},), None, None, Path("a"))
+    assert photographs.told_camera(nothing) == photographs.told_time(nothing) == ""
