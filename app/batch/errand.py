@@ -21,7 +21,7 @@ def unfit(program: str) -> str:
 
 
 def run(
-    program: str, batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]
+    order: Mapping[str, Any], program: str, batch: str, surroundings: Mapping[str, Any]
 ) -> Mapping[str, Any]:
     """Do one order in a child, where this worker is fit to; plain values in, plain values out."""
     refusal = unfit(program)
