@@ -245,11 +245,11 @@ def light_belief(
     }  # fmt: skip
     mean, spread = np.array([beliefs[int(kind)] for kind in grouped_light.kind]).T
     share, clipped = grouped_light.clipped_share, grouped_light.clipped
+    # The less of a group is clipped, the nearer is what is to what can be recorded.
+    mean, spread = (np.where(clipped, share * x, x) for x in (mean, spread))
     brighter = share * np.exp(mean)
     gain = np.where(clipped, 1 - share + brighter, np.exp(mean))
-    spread = np.where(
-        clipped, np.hypot(spread * brighter / gain, (1 - share) * grouped_light.gain_sigma), spread
-    )
+    spread = np.where(clipped, np.maximum(spread * brighter / gain, grouped_light.gain_sigma), spread)
     if grouped_light.patches is not None:
         spread = spread / np.sqrt(grouped_light.patches.extent(len(spread)))
     return np.log(gain), spread

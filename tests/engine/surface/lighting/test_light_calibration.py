@@ -157,7 +157,7 @@ def test_no_distance_is_told_where_every_distance_misfits_alike():
     assert found.distance_stderr > 0.1
 
 
-@pytest.mark.parametrize(("clipped", "brighter"), [(1.0, 3.5), (0.3, 1.6)])
+@pytest.mark.parametrize(("clipped", "brighter"), [(1.0, 3.5), (0.3, 1.2)])
 def test_a_clipped_lamp_is_as_bright_as_the_shading_says(clipped: float, brighter: float):
     parts = parts_of_lamps(np.random.default_rng(1), clipped)
     gain = np.ones((4, 3))
@@ -178,8 +178,8 @@ def test_the_less_of_a_lamp_is_clipped_the_better_is_its_light_known():
     ).T
     assert (mean[0], spread[0]) == pytest.approx(CalibrationConfig().clipped_belief)
     assert (np.diff(mean) < 0).all()
-    assert (np.diff(spread) < 0).all()
-    assert (mean[-1], spread[-1]) == pytest.approx((0, 0.15), abs=2e-3)
+    assert (np.diff(spread) <= 0).all()
+    assert (mean[-1], spread[-1]) == pytest.approx((0, 0.15), abs=1e-5)
 
 
 def test_the_sum_of_light_that_is_not_clipped_stays_the_backgrounds():
