@@ -42,6 +42,8 @@ PHOTOGRAPHS = {
 ROUTES = ("exhaustive", "sequential")
 """COLMAP's, with its default options."""
 OURS = "process"
+LEAST_PLACED = 0.9
+"""Share of the views that a route of COLMAP's places, to be compared with."""
 GATED_SHARE = 0.3
 """By how much a ratio to COLMAP may grow before the gate calls it worse."""
 
@@ -201,7 +203,8 @@ def as_metrics(ways: Sequence[Way]) -> list[Metric]:
                 Metric(f"{key}/peak", float(part.peak_bytes), "bytes", "lower"),
             ]
     poses = {way.size: part for way in ways if way.name == OURS for part in way.parts if part.name == "poses"}
-    for way in (way for way in ways if way.name != OURS):
+    # What placed few views is quick, and no measure.
+    for way in (way for way in ways if way.name != OURS and (way.registered_share or 0) >= LEAST_PLACED):
         ratio = poses[way.size].core_seconds / sum(part.core_seconds for part in way.parts)
         key = f"{way.size}/poses-in-{way.name.replace(' ', '-')}"
         metrics.append(Metric(key, ratio, "1", "lower", GATED_SHARE * ratio))

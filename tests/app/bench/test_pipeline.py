@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,7 +30,9 @@ def way(name: str, *parts: tuple[str, float]) -> Way:
 
 
 OURS = way("process", ("hdr", 1.0), ("poses", 6.0), ("light", 3.0))
-THEIRS = way("colmap exhaustive", ("features", 4.0), ("matching", 4.0), ("mapping", 4.0))
+THEIRS = replace(
+    way("colmap exhaustive", ("features", 4.0), ("matching", 4.0), ("mapping", 4.0)), registered_share=1.0
+)
 
 
 def test_a_stages_seconds_are_its_own_and_what_starting_took(
@@ -67,7 +70,8 @@ def test_a_stage_that_fails_says_why() -> None:
 
 
 def test_only_the_ratio_to_colmap_is_gated() -> None:
-    metrics = {metric.key: metric for metric in pipeline.as_metrics([OURS, THEIRS])}
+    failed = replace(THEIRS, name="colmap sequential", registered_share=0.04)
+    metrics = {metric.key: metric for metric in pipeline.as_metrics([OURS, THEIRS, failed])}
     assert metrics["small/process/poses/seconds"].tolerance is None
     ratio = metrics["small/poses-in-colmap-exhaustive"]
     assert (ratio.value, ratio.direction) == (0.5, "lower")
