@@ -1,7 +1,7 @@
 """The Capture page shows what the desk says, asks of it what a person wants, and never moves anything by itself."""
 
-import itertools
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -331,7 +331,7 @@ def test_what_is_not_seen_yet_is_hatched_at_twice_the_scale_too(page: CapturePag
     panorama.render(picture)
     seen, line = picture.toImage(), QColor(colours(panorama).line)
     row = [seen.pixelColor(x, 40) == line for x in range(seen.width())]
-    assert any(one and other for one, other in itertools.pairwise(row))  # lines of two pixels
+    assert any(one and other for one, other in pairwise(row))  # lines of two pixels
 
 
 def test_a_shot_is_shown_with_its_histogram_and_clipping_can_be_hidden(
