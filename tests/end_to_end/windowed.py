@@ -281,7 +281,7 @@ def exported(shown: ExportPage, to: Path) -> Path:
     shown.to.setText(str(to))
     until(lambda: shown.action.isEnabled(), "the export can be started")
     shown.action.trigger()
-    until(lambda: not shown.bar.isVisible() and to.is_dir(), "the export ends")
+    until(lambda: not shown.errand.busy and to.is_dir(), "the export ends")
     return to
 
 

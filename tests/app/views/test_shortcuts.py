@@ -36,7 +36,7 @@ def test_a_key_that_two_pages_have_stands_under_both_and_undo_names_no_edit(
     (dialog,) = window.findChildren(ShortcutsDialog)
     sheet = dialog.sheet.text()
     assert sheet.count("Fit the object") == 3  # 3D, Maps and Mask, shown before or not
-    assert sheet.count("PgUp") == 3
+    assert sheet.count("PgUp") == 4  # and Photographs
     assert "Undo preset" not in sheet
     assert "Mouse" in sheet
     dialog.close()
