@@ -379,13 +379,7 @@ def _add_session(parser: argparse.ArgumentParser) -> None:
 
 def _add_sessions(parser: argparse.ArgumentParser) -> None:
     """One session or many, and who works on many."""
-    parser.add_argument(
-        "sessions",
-        type=Path,
-        nargs="+",
-        metavar="SESSION",
-        help="sessions, or folders that hold them at any depth",
-    )
+    _add_places(parser)
     parser.add_argument(
         "--where", choices=("new", "unfinished", "stale", "done"),
         help="only sessions that stand so: new: no stage has run; stale: settings, inputs or versions changed since",

@@ -5,11 +5,9 @@ Pictures are read and drawn in a thread of the page's own, re-renderings by a ch
 
 from pathlib import Path
 
-from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QFileDialog,
-    QLabel,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -21,6 +19,7 @@ from app.inspect.readings import under
 from app.inspect.runs import Run
 from app.state import Trouble, called, place_of
 from app.views.background import Background
+from app.views.empty import Empty
 from app.views.maps.bar import MapsBar
 from app.views.maps.compare import MapsCompare
 from app.views.maps.grid import MapsGrid
@@ -57,7 +56,7 @@ class MapsPage(QWidget):
             self.stack.addWidget(pane)
         self.bar = MapsBar(self, self.viewport)
         self.readout = Readout(self)
-        self.empty = self._make_empty()
+        self.empty = Empty()
         self.body = QWidget()
         column = QVBoxLayout(self.body)
         column.setContentsMargins(0, 0, 0, 0)
@@ -117,20 +116,6 @@ class MapsPage(QWidget):
         super().showEvent(event)
         if self._session is not None:
             self.refresh()
-
-    def _make_empty(self) -> QWidget:
-        empty = QWidget()
-        self.empty_what, self.empty_remedy = QLabel(), QLabel()
-        self.empty_what.setObjectName("heading")
-        self.empty_remedy.setObjectName("dim")
-        column = QVBoxLayout(empty)
-        column.addStretch(2)
-        for label in (self.empty_what, self.empty_remedy):
-            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-            label.setWordWrap(True)
-            column.addWidget(label)
-        column.addStretch(3)
-        return empty
 
     # Choices
 
@@ -296,8 +281,8 @@ class MapsPage(QWidget):
     def _show_empty(self, why: Trouble) -> None:
         self.body.hide()
         self.empty.show()
-        self.empty_what.setText(why.what)
-        self.empty_remedy.setText(sentence(why.remedy))
+        self.empty.what.setText(why.what)
+        self.empty.remedy.setText(sentence(why.remedy))
 
     def _fail_load(self, fault: Trouble) -> None:
         self._maps = None

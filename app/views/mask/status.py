@@ -5,11 +5,12 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
 
 from app.mask_files import Developed
 from app.plan import Row, told_reason
 from app.state import Trouble
+from app.views import empty
 from app.views.elided import Elided
 from app.words import sentence
 from app.work.jobs import JobState, JobStatus
@@ -38,29 +39,17 @@ class Standing:
         return self.job is None and self.segment is not None and not (self.segment.done and self.planned)
 
 
-class Empty(QWidget):
+class Empty(empty.Empty):
     """In place of the photographs while there are none: why, and the button that makes them."""
 
     def __init__(self, parent: QWidget, find: QAction) -> None:
-        super().__init__(parent)
-        self.what, self.remedy = QLabel(), QLabel()
-        self.what.setObjectName("heading")
-        self.remedy.setObjectName("dim")
-        self.develop = QPushButton(self.tr("&Develop photographs"))
+        self.develop = QPushButton()
+        super().__init__(parent, self.develop)
+        self.develop.setText(self.tr("&Develop photographs"))
         self.develop.setObjectName("primary")
         self.develop.setAccessibleName(self.tr("Develop photographs"))
         self.develop.setToolTip(self.tr("Merge the photographs and find the object (F5)"))
         self.develop.clicked.connect(find.trigger)
-        column = QVBoxLayout(self)
-        column.setSpacing(8)
-        column.addStretch(2)
-        for label in (self.what, self.remedy):
-            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-            label.setWordWrap(True)
-            column.addWidget(label)
-        column.addSpacing(8)
-        column.addWidget(self.develop, 0, Qt.AlignmentFlag.AlignCenter)
-        column.addStretch(3)
 
     def show_standing(self, now: Standing) -> None:
         if now.session is None:

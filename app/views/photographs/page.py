@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFrame,
     QHBoxLayout,
-    QLabel,
     QPushButton,
     QSplitter,
     QStackedWidget,
@@ -28,6 +27,8 @@ from app.state import Trouble, called
 from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.elided import Elided
+from app.views.empty import Empty
+from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.photographs.edit import LeaveOut, TakeAgain
 from app.views.photographs.facts import Facts
@@ -148,7 +149,11 @@ class PhotographsPage(QWidget):
         self.split.setSizes([2 * CELL.width() + 28, 10000])
         self.split.setChildrenCollapsible(False)
         self.stack = QStackedWidget()
-        self.stack.addWidget(self._empty())
+        self.add = QPushButton(self.tr("&Import photographs…"))
+        self.add.setAccessibleName(self.tr("Import photographs"))
+        self.add.clicked.connect(self._import)
+        self.empty = Empty(button=self.add)
+        self.stack.addWidget(self.empty)
         self.stack.addWidget(self.split)
         whole = QVBoxLayout(self)
         whole.setContentsMargins(0, 0, 0, 0)
@@ -156,26 +161,6 @@ class PhotographsPage(QWidget):
         whole.addWidget(self.bar)
         whole.addWidget(self.stack, 1)
         self._actions()
-
-    def _empty(self) -> QWidget:
-        """In place of the photographs while there are none."""
-        self.what, self.remedy = QLabel(), QLabel()
-        self.what.setObjectName("heading")
-        self.remedy.setObjectName("dim")
-        self.add = QPushButton(self.tr("&Import photographs…"))
-        self.add.setAccessibleName(self.tr("Import photographs"))
-        self.add.clicked.connect(self._import)
-        made = QWidget()
-        column = QVBoxLayout(made)
-        column.addStretch(2)
-        for label in (self.what, self.remedy):
-            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-            label.setWordWrap(True)
-            column.addWidget(label)
-        column.addSpacing(8)
-        column.addWidget(self.add, 0, Qt.AlignmentFlag.AlignCenter)
-        column.addStretch(3)
-        return made
 
     def _actions(self) -> None:
         turn = QAction(self.tr("Leave out, or put back"), self)
@@ -192,11 +177,7 @@ class PhotographsPage(QWidget):
             (self.tr("Next photograph"), "PgDown", lambda: self._step(1)),
             (self.tr("To the contact sheet"), "Ctrl+L", self.sheet.setFocus),
         ):
-            action = QAction(text, self)
-            action.setShortcut(QKeySequence(keys))
-            action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            action.triggered.connect(lambda checked, call=call: call())
-            self.addAction(action)
+            page_action(self, text, keys, call)
 
     # What arrives
 
@@ -218,8 +199,8 @@ class PhotographsPage(QWidget):
     def _refuse(self, fault: Trouble) -> None:
         self._listing = None
         self._show_state()
-        self.what.setText(fault.what)
-        self.remedy.setText(fault.remedy)
+        self.empty.what.setText(fault.what)
+        self.empty.remedy.setText(fault.remedy)
 
     def _seen(self, photograph: Photograph, look: Look, picture: QImage) -> None:
         self.sheet.show_look(photograph, look, picture)
@@ -288,15 +269,15 @@ class PhotographsPage(QWidget):
         self.facts.again.setVisible(listing is not None and listing.captured)
         if listing is None:
             self.told.setText("")
-            self.what.setText(
+            self.empty.what.setText(
                 self.tr("No session is open") if self._session is None else self.tr("Reading the session…")
             )
-            self.remedy.setText(
+            self.empty.remedy.setText(
                 self.tr("Import photographs, or open a session on the start page") if self._session is None else ""
             )  # fmt: skip
             return
-        self.what.setText(self.tr("There are no photographs yet"))
-        self.remedy.setText(self.tr("They appear here as they are captured"))
+        self.empty.what.setText(self.tr("There are no photographs yet"))
+        self.empty.remedy.setText(self.tr("They appear here as they are captured"))
         told = [self.tr("1 photograph") if len(views) == 1 else self.tr("{0} photographs").format(len(views))]
         counts = {len(photograph.exposures) for photograph in views}
         if counts and max(counts) > 1:

@@ -60,9 +60,9 @@ def shown(page: MapsPage, session: Path, qtbot: QtBot) -> MapsPage:
 
 
 def test_without_results_it_says_what_to_do(page: MapsPage, qtbot: QtBot, tmp_path: Path) -> None:
-    assert "No session is open" in page.empty_what.text()
+    assert "No session is open" in page.empty.what.text()
     page.show_session(tmp_path)
-    until(qtbot, lambda: "no finished surface" in page.empty_what.text())
+    until(qtbot, lambda: "no finished surface" in page.empty.what.text())
     assert page.empty.isVisible()
     assert not page.body.isVisible()
 
@@ -337,7 +337,7 @@ def test_a_run_that_was_removed_meanwhile_is_told(page: MapsPage, qtbot: QtBot, 
     shutil.rmtree(two_runs / "stages" / "surface" / "older")
     page.bar.run_box.setCurrentIndex(1)
     page.bar.run_picked.emit(1)
-    until(qtbot, lambda: "cannot be read back" in page.empty_what.text())
+    until(qtbot, lambda: "cannot be read back" in page.empty.what.text())
 
 
 def test_every_control_has_a_name(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
