@@ -66,7 +66,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         0, 200, advanced=False)),
     ("segment.smoothness", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Smooth outline"), "",
-        QT_TRANSLATE_NOOP("parameters", "Most that a link between like neighbours may cost, in units of pull: higher gives a smoother outline."),
+        QT_TRANSLATE_NOOP("parameters", "Most that a link between like neighbours may cost, in pixel weights: higher gives a smoother outline."),
         0, 100, advanced=False)),
     ("segment.fewest_views", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Fewest views"), VIEWS,
@@ -92,11 +92,11 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Patterns of light"), "",
         QT_TRANSLATE_NOOP("parameters", "Patterns of light that explain the object's shading."),
         1, 64)),
-    ("segment.pull", Meaning(
+    ("segment.unary_limit", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Weight of one pixel"), "",
         QT_TRANSLATE_NOOP("parameters", "Most that one pixel's own evidence weighs."),
         0, 100)),
-    ("segment.evidence", Meaning(
+    ("segment.unary_weight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Evidence that counts"), SHARE,
         QT_TRANSLATE_NOOP("parameters", "Share of a pixel's log odds that counts; neighbours' odds are not independent."),
         0, 1)),
@@ -104,7 +104,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Penalty at the border"), "",
         QT_TRANSLATE_NOOP("parameters", "Against guesses that run along the border of the picture."),
         0, 1000)),
-    ("segment.least_score", Meaning(
+    ("segment.min_contrast", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Least contrast"), QT_TRANSLATE_NOOP("parameters", "log"),
         QT_TRANSLATE_NOOP("parameters", "How much more has to change across the outline than within and outside, or nothing is found."),
         0, 100)),
@@ -198,27 +198,27 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "The same when the model is complete and views are left over."),
         6, 10000)),
 
-    ("light.budget", Meaning(
+    ("light.max_gaussians", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Gaussians, at most"), "",
         QT_TRANSLATE_NOOP("parameters", "How many 3D Gaussians make up the room's light."),
         1, 1_000_000, advanced=False)),
-    ("light.width", Meaning(
+    ("light.max_image_width", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Widest training picture"), PX,
         QT_TRANSLATE_NOOP("parameters", "Width of the largest pictures the light is fitted to."),
         32, 8192, advanced=False)),
-    ("light.passes", Meaning(
+    ("light.epochs", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Passes per size"), "",
         QT_TRANSLATE_NOOP("parameters", "Passes over all views at each picture size, coarse to fine, each twice as wide as the last."),
         advanced=False)),
-    ("light.holdout", Meaning(
+    ("light.validation_every", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Hold out every n-th view"), "",
         QT_TRANSLATE_NOOP("parameters", "Every so many-th view only judges the fit. 0: none."),
         0, 1000, nothing=QT_TRANSLATE_NOOP("parameters", "none"))),
-    ("light.keep_out", Meaning(
+    ("light.camera_clearance", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Clear around the cameras"), SCENE,
         QT_TRANSLATE_NOOP("parameters", "Radius around each camera's place without Gaussians. Automatic: derived from the poses."),
         0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
-    ("light.hollow", Meaning(
+    ("light.opacity_weight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Weight of gaps"), QT_TRANSLATE_NOOP("parameters", "log radiance"),
         QT_TRANSLATE_NOOP("parameters", "Weight of what passes through all Gaussians: higher closes gaps in the walls."),
         0, 100)),
@@ -231,110 +231,81 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Distance of the object"), SCENE,
         QT_TRANSLATE_NOOP("parameters", "From camera to object along the optical axis, where it is known. 0: found from the near light."),
         0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"), advanced=False)),
-    ("surface.together", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Pixels solved together"), PX,
+    ("surface.tile_above_pixels", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Tiles above"), PX,
         QT_TRANSLATE_NOOP("parameters", "Of a larger object a smaller picture is solved first, then every pixel in tiles: memory stays bounded."),
         100, 10**8)),
-    ("surface.rough_rounds", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Rough rounds"), "",
-        QT_TRANSLATE_NOOP("parameters", "At half resolution: solve, integrate, see, refine the light; how often."),
+    ("surface.coarse_iterations", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Coarse iterations"), "",
+        QT_TRANSLATE_NOOP("parameters", "At half resolution: solve pixels, integrate depth, trace visibility, calibrate the light; how often."),
         0, 50, advanced=False)),
-    ("surface.rough_views", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Views of rough rounds"), VIEWS,
+    ("surface.coarse_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views of coarse iterations"), VIEWS,
         QT_TRANSLATE_NOOP("parameters", "Views, spread evenly, that serve at half resolution."),
         8, 100000)),
-    ("surface.full_turn", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Full turn"), "",
-        QT_TRANSLATE_NOOP("parameters", "One with all pixels, where the object hides the room from itself: steep walls and recesses gain by it."))),
+    ("surface.full_phase", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Calibrate at full size"), "",
+        QT_TRANSLATE_NOOP("parameters", "Calibrate the light once more with all pixels: steep walls and recesses gain by it."))),
     ("surface.views", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Views of full rounds"), VIEWS,
+        QT_TRANSLATE_NOOP("parameters", "Views of fine iterations"), VIEWS,
         QT_TRANSLATE_NOOP("parameters", "Views, spread evenly, that serve on all pixels. 0: all."),
         0, 100000, nothing=QT_TRANSLATE_NOOP("parameters", "all"))),
-    ("surface.rounds", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Full rounds"), "",
-        QT_TRANSLATE_NOOP("parameters", "On all pixels, until they stand still: solve, integrate, see; how often at most."),
+    ("surface.fine_iterations", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Fine iterations"), "",
+        QT_TRANSLATE_NOOP("parameters", "On all pixels, until they stand still: solve, integrate the depth, trace visibility; how often at most."),
         1, 50, advanced=False)),
-    ("surface.passes", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Passes of a round"), "",
-        QT_TRANSLATE_NOOP("parameters", "Gauss-Newton evaluations in each round."),
+    ("surface.gauss_newton_steps", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Gauss-Newton steps"), "",
+        QT_TRANSLATE_NOOP("parameters", "Evaluations of every pixel in each iteration."),
         1, 100, advanced=False)),
-    ("surface.full_diffuse", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Disney's diffuse lobe"), "",
-        QT_TRANSLATE_NOOP("parameters", "With retro-reflection, as renderers have it. Off: Lambert, as in the paper."),
-        advanced=False)),
-    ("surface.visibility", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Shadows of itself"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let the object shadow itself."), advanced=False)),
-    ("surface.follow_depth", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Points follow the depth"), "",
-        QT_TRANSLATE_NOOP("parameters", "Light reaches each point where the depth has it. Off: as if the object were flat."), advanced=False)),
-    ("surface.bounce", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Light from itself"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let the object light itself with what was photographed of it."), advanced=False)),
-    ("surface.walls", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Light from walls that no photograph shows"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let steps of the depth throw light as matt walls of their rim's paint would. Off: like the nearest pixel."),
-        advanced=False)),
-    ("surface.robust", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Robust weights"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let views that a pixel's answer explains badly count less. Off: plain least squares."), advanced=False)),
-    ("surface.material", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Metal and coats"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let photographs say whether it is metal, and how much else it mirrors than paint does."),
-        advanced=False)),
-    ("surface.rim", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Background in the rim"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let pixels of the object's rim hold a share of what is photographed beside it."), advanced=False)),
-    ("surface.relight", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Refine the light"), "",
-        QT_TRANSLATE_NOOP("parameters", "Refine the brightness of groups of emitters by the object's own shading."), advanced=False)),
-    ("surface.exposure_drift", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "A factor for the light of each view"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let the light of every view be off by a factor, which the object's shading tells: shutters, windows."),
-        advanced=False)),
-    ("surface.lamp_shift", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Lamps may move"), "",
-        QT_TRANSLATE_NOOP("parameters", "Let the object's shading correct the directions in which lamps were found."), advanced=False)),
-    ("surface.relight_groups", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Groups of emitters"), "",
+    ("surface.diffuse", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Diffuse lobe"), "",
+        QT_TRANSLATE_NOOP("parameters", "disney: with retro-reflection, as renderers have it. lambert: as in the paper."),
+        choices=("disney", "lambert"))),
+    ("surface.without", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Leave out"), "",
+        QT_TRANSLATE_NOOP("parameters", "Parts of the model and passes to do without, by name, to see what they are worth."),
+        nothing=QT_TRANSLATE_NOOP("parameters", "nothing"))),
+    ("surface.light_groups", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Groups of Gaussians"), "",
         QT_TRANSLATE_NOOP("parameters", "Groups whose brightness is refined, besides the lamps."),
         1, 1000)),
-    ("surface.relight_prior", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Trust in the light"), QT_TRANSLATE_NOOP("parameters", "log brightness"),
+    ("surface.light_gain_sigma", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Uncertainty of the light"), QT_TRANSLATE_NOOP("parameters", "log brightness"),
         QT_TRANSLATE_NOOP("parameters", "How far a group's log brightness may be off before the photographs have to argue it."),
         0.001, 10)),
     ("surface.model_error", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Misfit of a good model"), SHARE,
         QT_TRANSLATE_NOOP("parameters", "Relative misfit expected even where everything is right; it bounds how sharply a pixel is judged."),
         0.001, 1)),
-    ("surface.probes_across", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Probes across"), "",
+    ("surface.probe_grid_xy", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Probe grid, across"), "",
         QT_TRANSLATE_NOOP("parameters", "Points along each image axis of the object's box at which the light is gathered."),
         0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
-    ("surface.probes_deep", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Probes deep"), "",
+    ("surface.probe_grid_z", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Probe grid, in depth"), "",
         QT_TRANSLATE_NOOP("parameters", "The same along the viewing axis."),
         0, 20, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
-    ("surface.probe_face_px", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Face of a probe"), PX,
+    ("surface.probe_resolution", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Resolution of a probe"), PX,
         QT_TRANSLATE_NOOP("parameters", "Resolution of one face of each probe's cube."),
         8, 1024)),
-    ("surface.candidates", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Normals tried first"), "",
+    ("surface.normal_candidates", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Normal candidates"), "",
         QT_TRANSLATE_NOOP("parameters", "Normals tried at each pixel by the global search that starts the solve."),
         10, 10000)),
-    ("surface.start_maps", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Start from normals"), "",
+    ("surface.initial_normals", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Initial normals"), "",
         QT_TRANSLATE_NOOP("parameters", "A file of normals made elsewhere (.exr, .png, .npy, .npz), in place of the global search. Empty: none."))),
-    ("surface.start_roughness", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Start from roughness"), "",
+    ("surface.initial_roughness", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Initial roughness"), "",
         QT_TRANSLATE_NOOP("parameters", "The same for roughness. Empty: what explains the photographs best."))),
-    ("surface.start_frame", Meaning(
+    ("surface.normals_frame", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Axes of those normals"), "",
         QT_TRANSLATE_NOOP("parameters", "opencv: y down, z ahead. opengl: y up, z towards the camera, as most networks write."),
         choices=("opencv", "opengl"))),
-    ("surface.held_out", Meaning(
-        QT_TRANSLATE_NOOP("parameters", "Views kept out"), VIEWS,
+    ("surface.validation_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Validation views"), VIEWS,
         QT_TRANSLATE_NOOP("parameters", "Views kept out of the fit and rendered again, to judge it."),
         0, 1000)),
 

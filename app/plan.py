@@ -20,7 +20,7 @@ class Parameter:
     """One parameter of a stage as it is set now."""
 
     name: str  # as `--set` takes it, "surface.directions"
-    kind: str  # "int", "float", "bool", "str", "list"; with "?" where None leaves it to the stage
+    kind: str  # "int", "float", "bool", "str", "list", "words"; with "?" where None leaves it to the stage
     value: Any
     default: Any  # of the preset in force
     meaning: Meaning

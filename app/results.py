@@ -1,7 +1,6 @@
 """What has been computed in a session: read it, hold it against a truth, put it on a page."""
 
 import datetime
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -157,7 +156,8 @@ def flat(scores: Scores) -> Mapping[str, object]:
 
 
 def _stage_run(step: Step) -> report.StageRun:
-    record = json.loads((step.folder / "record.json").read_bytes())
+    record = stages.read_record(step.folder)
+    assert record is not None
     return report.StageRun(
         step.stage.name, record["seconds"], record["device"], record["params"], _facts(step.folder)
     )

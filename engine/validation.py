@@ -38,8 +38,10 @@ def check(
             each = "one number or more, each of " if isinstance(asked, tuple) else ""
             raise fault(f"{stage}.{name} is {_shown(asked)}; give {each}{told}")
     for name, words in (choices or {}).items():
-        if getattr(params, name) not in words:
-            raise fault(f'{stage}.{name} is "{getattr(params, name)}"; give {" or ".join(words)}')
+        asked = getattr(params, name)
+        for word in asked if isinstance(asked, tuple) else (asked,):
+            if word not in words:
+                raise fault(f'{stage}.{name} is "{word}"; give {" or ".join(words)}')
 
 
 def _shown(asked: Any) -> str:

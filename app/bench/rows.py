@@ -77,22 +77,19 @@ def ours(
     title: str,
     params: SurfaceParams,
     change: Callable[[Stored], Stored] = lambda stored: stored,
-    leave_out: tuple[str, ...] = (),
 ) -> Method:
-    """Our solver with some parameters, on what `change` (named by `key`) makes of its input; some passes left out."""
+    """Our solver with some parameters, on what `change` (named by `key`) makes of its input."""
 
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         given = change(stored)
         start = time.perf_counter()
-        surface, *_, emitters, report = solve(
-            *given.inputs, params, device, seed, progress, leave_out=leave_out
-        )
+        surface, *_, emitters, report = solve(*given.inputs, params, device, seed, progress)
         seconds = time.perf_counter() - start
-        if params == SurfaceParams() and given is stored and not leave_out:
+        if params == SurfaceParams() and given is stored:
             hand_over(stored, device, seed, emitters, report.distance.value)
         return Answer(surface, seconds, rendered=report.held_out_error)
 
-    return Method(key, title, "ours", run, dataclasses.asdict(params) | {"leave_out": leave_out})
+    return Method(key, title, "ours", run, dataclasses.asdict(params))
 
 
 def params_of(preset: str) -> SurfaceParams:
@@ -199,35 +196,34 @@ def switch_rows(preset: str) -> tuple[Method, ...]:
     """Ours at a preset, and with one remedy for a bias taken away after the other."""
     usual = params_of(preset)
 
-    def without(key: str, title: str, **changes: Any) -> Method:
+    def changed(key: str, title: str, **changes: Any) -> Method:
         return ours(key, title, replace(usual, **changes))
 
-    def without_pass(name: str, title: str) -> Method:
-        return ours(f"no_{name}", title, usual, leave_out=(name,))
+    def without(title: str, *parts: str) -> Method:
+        return changed(f"no_{parts[-1]}", f"w/o {title}", without=parts)
 
     return (
         ours(preset, "ours" if preset == OURS else f"ours, {preset}", usual),
-        without("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", full_diffuse=False),
-        without("no_visibility", "w/o shadows of the object on itself", visibility=False),
-        without("no_bounce", "w/o light bounced by the object", bounce=False),
-        without("no_walls", "w/o walls that no photograph shows", walls=False),
-        without("no_robust", "w/o robust weights", robust=False),
-        without("no_follow_depth", "w/o points that follow the depth", follow_depth=False),
-        without_pass("expect_roughness", "w/o roughness expected of what looks alike"),
-        without("no_rim", "w/o background in the rim's pixels", rim=False),
-        without("no_material", "w/o metal and other specular levels than paint's", material=False),
-        without_pass("regularize", "w/o neighbours that agree"),
-        without("no_drift", "w/o a factor for the light of each view", exposure_drift=False),
-        without("no_shift", "w/o moving lamps", lamp_shift=False),
-        without("no_relight", "w/o refining the light", relight=False),
+        changed("lambert_diffuse", "w/o Disney's diffuse lobe: Lambert's", diffuse="lambert"),
+        without("shadows of the object on itself", "self_shadowing"),
+        without("light bounced by the object", "interreflections"),
+        without("walls that no photograph shows", "hidden_surfaces"),
+        without("robust weights", "robust_loss"),
+        without("roughness expected of what looks alike", "expect_roughness"),
+        without("background in the rim's pixels", "mixed_pixels"),
+        without("metal and other specular levels than paint's", "detect_metal", "classify_material"),
+        without("neighbours that agree", "regularize"),
+        without("a factor for the light of each view", "view_exposures"),
+        without("moving lamps", "lamp_directions"),
+        without("refining the light", "light_gains"),
         # The turns that find the distance keep their own few probes.
         ours(
             "far_light", "w/o near light: one probe, lamps far away",
-            replace(usual, probes_across=1, probes_deep=1), unlit_by_lamps,
+            replace(usual, probe_grid_xy=1, probe_grid_z=1), unlit_by_lamps,
         ),
-        without(
+        changed(
             "half_directions", "half the directions that gloss asks for",
             directions=ProbeDensityConfig().most_directions // 2,
         ),
-        without("one_round", "one round on all pixels, however they move", rounds=1),
+        changed("one_round", "one round on all pixels, however they move", fine_iterations=1),
     )  # fmt: skip

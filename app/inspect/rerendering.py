@@ -182,7 +182,7 @@ class Scene:
         """What arrives around the object in some views."""
         s = self._solved
         cam_from_world = s.poses.cam_from_world[np.array(views)]
-        face_px = s.params.probe_face_px
+        face_px = s.params.probe_resolution
         return gather_incident_light(
             self.lattice, s.emitters, cam_from_world, s.directions, face_px, progress
         )

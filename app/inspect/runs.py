@@ -16,6 +16,7 @@ from app.state import Trouble
 from engine.pipeline import differences, stage_table
 from engine.pipeline.artifacts import plain
 from engine.pipeline.differences import brief
+from engine.pipeline.stages import read_record
 
 STAGES = ("hdr", "segment", "poses", "light", "surface", "export")
 PAPER = "paper's solver"
@@ -71,7 +72,7 @@ def runs_of(session: Path) -> tuple[Run, ...]:
     for fingerprint, record in _records(session, "surface").items():
         records = {"surface": record}
         for stage, of in record["inputs"].items():
-            known = _read(session / "stages" / stage / str(of) / "record.json") if stage in STAGES else None
+            known = read_record(session / "stages" / stage / str(of)) if stage in STAGES else None
             if known is not None:
                 records[stage] = known
         made = [
@@ -157,18 +158,8 @@ def nothing_yet(session: Path | None) -> Trouble:
 def _records(session: Path, stage: str) -> dict[str, dict[str, Any]]:
     """Fingerprint -> record of every finished result of a stage."""
     folders = (session / "stages" / stage).glob("*")
-    records = {
-        folder.name: _read(folder / "record.json") for folder in folders if folder.suffix != ".partial"
-    }
+    records = {folder.name: read_record(folder) for folder in folders if folder.suffix != ".partial"}
     return {name: record for name, record in records.items() if record is not None and "finished" in record}
-
-
-def _read(path: Path) -> dict[str, Any] | None:
-    try:
-        record = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return None
-    return record if isinstance(record, dict) else None
 
 
 def _latest_export(session: Path) -> str | None:

@@ -77,7 +77,7 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     small = shrunk(solved.surface, solved.poses.camera)
     transfer, light = relighting_files.transfer_file(run), relighting_files.light_file(run, int(view))
     if not transfer.is_file():
-        made = build(small, solved.params.full_diffuse, progress.part(0.05, 0.8))
+        made = build(small, solved.params.diffuse == "disney", progress.part(0.05, 0.8))
         keep(transfer, made)
     if not light.is_file():
         progress.step(0.8, "the light at the object")

@@ -150,7 +150,9 @@ class Field(QWidget):
             return
         self.control.setModified(False)
         text = self.control.text().strip()
-        if self.parameter.kind == "list":
+        if self.parameter.kind == "words":
+            self._tell(tuple(word for word in text.replace(",", " ").split()))
+        elif self.parameter.kind == "list":
             numbers = parse_list(text)
             if numbers is None:
                 self.control.setText(told_value(self.parameter.value))

@@ -124,9 +124,9 @@ def _parameters(path: str, params: Any, defaults: Any) -> list[dict[str, Any]]:
 
 
 def _kind(hint: Any) -> str:
-    """ "int", "float", "bool", "str", "list" of whole numbers; with "?" where it may be left to the stage."""
+    """ "int", "float", "bool", "str", "list" of whole numbers, "words"; with "?" where it may be left to the stage."""
     if typing.get_origin(hint) is tuple:
-        return "list"
+        return "words" if str in typing.get_args(hint) else "list"
     if choices := _choices(hint):
         return type(choices[0]).__name__
     args = [arg for arg in typing.get_args(hint) if arg is not type(None)]

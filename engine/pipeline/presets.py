@@ -10,13 +10,13 @@ Preset = Mapping[str, Mapping[str, Any]]
 def draft() -> Preset:
     """A first look: fewer views, and no second thoughts."""
     fewer = {
-        "rough_rounds": 3,
-        "rough_views": 16,
-        "full_turn": False,
+        "coarse_iterations": 3,
+        "coarse_views": 16,
+        "full_phase": False,
         "views": 32,
-        "rounds": 1,
-        "probes_across": 2,
-        "probes_deep": 2,
+        "fine_iterations": 1,
+        "probe_grid_xy": 2,
+        "probe_grid_z": 2,
         "directions": 512,
     }
     return {"surface": fewer}
@@ -29,7 +29,7 @@ def standard() -> Preset:
 
 def fine() -> Preset:
     """As far as the data carry."""
-    return {"surface": {"directions": 4096, "rounds": 4, "passes": 6}}
+    return {"surface": {"directions": 4096, "fine_iterations": 4, "gauss_newton_steps": 6}}
 
 
 def of_stage(stage: str) -> dict[str, Mapping[str, Any]]:

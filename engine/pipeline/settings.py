@@ -26,10 +26,35 @@ REMOVED = {
     "surface.steps": "the depth is what the normals tell",
     "surface.deepen": "the depth is what the normals tell",
     "surface.ask": "every pixel is solved by its own photographs",
+    "surface.follow_depth": "light reaches points where the depth has them",
     "surface.accord": "the schedule's pass regularize always runs",
     "surface.gloss": "the schedule's pass expect_roughness always runs",
 }
 """Parameters that were, and what holds without them. A params.toml from then still opens, with a note."""
+
+RENAMED = {
+    "segment": {"pull": "unary_limit", "evidence": "unary_weight", "least_score": "min_contrast"},
+    "light": {
+        "budget": "max_gaussians", "width": "max_image_width", "passes": "epochs", "holdout": "validation_every",
+        "keep_out": "camera_clearance", "hollow": "opacity_weight",
+    },
+    "surface": {
+        "together": "tile_above_pixels", "rough_rounds": "coarse_iterations", "rough_views": "coarse_views",
+        "full_turn": "full_phase", "rounds": "fine_iterations", "passes": "gauss_newton_steps",
+        "candidates": "normal_candidates", "probes_across": "probe_grid_xy", "probes_deep": "probe_grid_z",
+        "probe_face_px": "probe_resolution", "full_diffuse": "diffuse", "relight_groups": "light_groups",
+        "relight_prior": "light_gain_sigma", "held_out": "validation_views", "start_maps": "initial_normals",
+        "start_roughness": "initial_roughness", "start_frame": "normals_frame",
+    },
+}  # fmt: skip
+"""Parameters of each stage by their names of the last release, which are taken for one more."""
+SWITCHES = {
+    "visibility": ("self_shadowing",), "bounce": ("interreflections",), "walls": ("hidden_surfaces",),
+    "rim": ("mixed_pixels",), "robust": ("robust_loss",), "relight": ("light_gains",),
+    "exposure_drift": ("view_exposures",), "lamp_shift": ("lamp_directions",),
+    "material": ("detect_metal", "classify_material"),
+}  # fmt: skip
+"""Of the surface, those that said what its model leaves out by being off; `surface.without` says it now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +89,34 @@ def from_toml(content: Mapping[str, Any], where: str = "params.toml") -> Setting
         if parameter in overrides.get(stage, {}):
             overrides[stage] = {key: value for key, value in overrides[stage].items() if key != parameter}
             notes.append(f"{where}: {name} is left out, for it was removed: {now}")
+    for stage, table in overrides.items():
+        overrides[stage] = renamed(stage, table)
+        known = {
+            **RENAMED.get(stage, {}),
+            **(dict.fromkeys(SWITCHES, "without") if stage == "surface" else {}),
+        }
+        notes += [
+            f"{where}: {stage}.{was} is called {stage}.{name} now; the old name is taken until the next release"
+            for was, name in known.items()
+            if was in table
+        ]
     return Settings(preset, seed, overrides, solver, tuple(notes))
+
+
+def renamed(stage: str, params: Mapping[str, Any]) -> dict[str, Any]:
+    """A stage's parameters by their names of today, as the last release wrote them into params.toml and records."""
+    switches = SWITCHES.keys() & params.keys() if stage == "surface" else set()
+    now = {name: value for name, value in params.items() if name not in switches}
+    for was, name in RENAMED.get(stage, {}).items():
+        if was in now:
+            value = now.pop(was)
+            if was == "full_diffuse" and isinstance(value, bool):
+                value = "disney" if value else "lambert"
+            now.setdefault(name, value)
+    if switches:
+        off = [part for was, parts in SWITCHES.items() if params.get(was) is False for part in parts]
+        now["without"] = [*now.get("without", ()), *off]
+    return now
 
 
 def to_toml(settings: Settings) -> dict[str, Any]:
@@ -115,7 +167,7 @@ def with_changes(
         },
         "command line",
     )
-    return dataclasses.replace(changed, notes=settings.notes)
+    return dataclasses.replace(changed, notes=settings.notes + changed.notes)
 
 
 def _parse(text: str) -> Any:
@@ -187,6 +239,8 @@ def _coerce(value: Any, hint: Any, where: str) -> Any:
         raise SessionError(f"{where}: {value!r} is unknown; choose {', '.join(map(str, args))}")
     elif hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
+    elif origin is tuple and str in args and isinstance(value, str):
+        return tuple(word.strip() for word in value.split(",") if word.strip())
     elif origin is tuple and isinstance(value, list | tuple):
         inner = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)
         if len(inner) == len(value):

@@ -62,7 +62,7 @@ def _transport() -> Stage:
 
     return Stage(
         "surface", 46, SurfaceParams(), ("hdr", "segment", "poses", "light"), _produce("surface"), seeded=True,
-        reads=_orientation, presets=presets.of_stage("surface"), files=("start_maps", "start_roughness"),
+        reads=_orientation, presets=presets.of_stage("surface"), files=("initial_normals", "initial_roughness"),
     )  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def _reference() -> Stage:
 
     return Stage(
         "surface", 5, ReferenceParams(), ("hdr", "segment", "poses", "light"), _produce("reference"), seeded=True,
-        reads=_orientation, files=("start_maps",), presets=presets.of_reference(),
+        reads=_orientation, files=("initial_normals",), presets=presets.of_reference(),
     )  # fmt: skip
 
 

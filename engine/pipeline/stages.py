@@ -113,7 +113,7 @@ def plan(session: Session, table: Sequence[Stage], settings: Settings) -> tuple[
         counted = counted_params(stage, params, settings.seed, given)
         print_ = fingerprint(stage.name, stage.version, counted, inputs)
         folder = session.folder / "stages" / stage.name / print_
-        done = _record(folder) is not None
+        done = read_record(folder) is not None
         reasons = () if done else _reasons(folder.parent, stage, settings.preset, counted, inputs)
         steps[stage.name] = Step(stage, params, inputs, print_, folder, done, given, reasons)
     return tuple(steps.values())
@@ -157,20 +157,22 @@ def check_stage(name: str | None, known: Sequence[str]) -> None:
         raise SessionError(f"there is no stage {name!r}; stages: {', '.join(known)}")
 
 
-def _record(folder: Path) -> dict[str, Any] | None:
-    """`record.json` of a finished stage; None where there is none."""
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """`record.json` of a finished stage, its parameters by their names of today; None where there is none."""
     try:
         record = json.loads((folder / "record.json").read_bytes())
     except (OSError, ValueError):
         return None
-    return record if isinstance(record, dict) else None
+    if not isinstance(record, dict):
+        return None
+    return record | {"params": asked.renamed(folder.parent.name, record.get("params", {}))}
 
 
 def _reasons(
     stage_folder: Path, stage: Stage, preset: str, params: Mapping[str, Any], inputs: Hashes
 ) -> tuple[str, ...]:
     """How this run differs from the stage's latest finished one."""
-    records = [_record(folder) for folder in stage_folder.glob("*") if folder.suffix != ".partial"]
+    records = [read_record(folder) for folder in stage_folder.glob("*") if folder.suffix != ".partial"]
     finished = [record for record in records if record is not None]
     if not finished:
         return ("never ran",)

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from engine.conventions import NORMAL_FRAMES
 from engine.errors import SurfaceError
 from engine.surface.lighting.distance_search import Distance
+from engine.surface.params import DIFFUSE
 from engine.validation import MORE, check
 
 Emitter = Literal["ours", "two_stage", "one_stage"]
@@ -21,7 +22,7 @@ BOUNDS = {
     "samples": (1, MORE), "epochs": (0, MORE), "batch_views": (1, MORE), "normal_rate": (0.0, MORE),
     "albedo_rate": (0.0, MORE), "roughness_rate": (0.0, MORE), "depth_rate": (0.0, MORE), "halve_every": (0, MORE),
     "smoothness": (0.0, MORE), "smooth_epochs": (0, MORE), "aim_unit": (0.0, MORE), "pixels": (0, MORE),
-    "held_out": (0, MORE), "object_distance": (0.0, MORE), "emitter_share": (1e-4, MORE), "emitter_most": (1, MORE),
+    "validation_views": (0, MORE), "object_distance": (0.0, MORE), "emitter_share": (1e-4, MORE), "emitter_most": (1, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
 
@@ -50,18 +51,22 @@ class ReferenceParams:
     )
     aim_unit: float = 0.0  # length that Eq. (12) takes for 1, scene units; 0: the object's distance
     pixels: int = 0  # object pixels solved, a random part in small tiles; 0: all
-    full_diffuse: bool = False  # Disney's diffuse lobe; False is the paper's Lambert (10)
-    held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
+    diffuse: str = "lambert"  # Lambert (10) as in the paper; or "disney": Disney's own diffuse lobe
+    validation_views: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0: by the fast solver's first look
-    start_maps: str = ""  # .exr, .png, .npy or .npz with first normals (roughness, albedo); empty: our search
-    start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
+    initial_normals: str = (
+        ""  # .exr, .png, .npy or .npz with first normals (roughness, albedo); empty: our search
+    )
+    normals_frame: str = (
+        "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
+    )
     # The light: the stage before's, or the paper's own training, in two stages as published or in one, its ablation.
     emitter: Emitter = "ours"
     emitter_share: float = 1.0  # of the published iterations of that training
     emitter_most: int = MOST  # Gaussians that it may end with
 
     def __post_init__(self) -> None:
-        choices = {"start_frame": NORMAL_FRAMES, "emitter": get_args(Emitter)}
+        choices = {"normals_frame": NORMAL_FRAMES, "emitter": get_args(Emitter), "diffuse": DIFFUSE}
         check(self, "surface", SurfaceError, BOUNDS, choices)
 
 

@@ -61,12 +61,12 @@ def solve(
     mask = masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
-    fitted, kept_out = held_out(poses.registered, params.held_out)
+    fitted, kept_out = held_out(poses.registered, params.validation_views)
     light = light_for(frames, masks, poses, gaussians, lamps, params, seed, progress.part(0, 0.05))
     gaussians, lamps = light.gaussians, light.lamps
     clock, ours = time.perf_counter(), SurfaceParams()
     room = build_room_light(
-        gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed
+        gaussians, lamps, frames, masks, poses, ours.light_groups, ours.light_gain_sigma, seed
     )
     first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0.05, 0.1), flip)
     solved, distance = part_of(mask, params.pixels, seed), first.distance.value
@@ -83,7 +83,7 @@ def solve(
     mixture = vmf_proposal.fit(gaussians, seed, unit=params.aim_unit or distance, weights=weights)
     scene = Scene(
         there(per_z[solved]), there(poses.cam_from_world), mixture,
-        queries.plant(gaussians), distance, params.samples, params.emitter_sampling, params.full_diffuse,
+        queries.plant(gaussians), distance, params.samples, params.emitter_sampling, params.diffuse == "disney",
     )  # fmt: skip
     photographed = there(frames.radiance[:, solved]) / unit
     descent = Descent(scene, unknowns, photographed, unit, beside_of(solved, device), params)

@@ -56,8 +56,8 @@ def begin(
     Raises:
         SurfaceError: the user's maps cannot be read or do not fit the photographs.
     """
-    ours = SurfaceParams(full_diffuse=params.full_diffuse)
-    views = evenly_spaced(fitted, ours.rough_views)
+    ours = SurfaceParams(diffuse=params.diffuse)
+    views = evenly_spaced(fitted, ours.coarse_views)
     few = frames.views(views)
     who = observe_object(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance, begun = Distance(params.object_distance, 0.0, "given"), None
@@ -66,8 +66,8 @@ def begin(
             who, room, views, ours, seed, progress.part(0, 0.5)
         )
         distance = Distance(begun.distance, np.nan, "light", tried, misfit)
-    if params.start_maps:
-        maps = initial_maps.read(Path(params.start_maps), None, params.start_frame, mask, True, flip)
+    if params.initial_normals:
+        maps = initial_maps.read(Path(params.initial_normals), None, params.normals_frame, mask, True, flip)
         count = len(maps.normals)
         albedo = np.full((count, 3), MIDDLE) if maps.albedo is None else maps.albedo
         roughness = np.full(count, MIDDLE) if maps.roughness is None else maps.roughness
@@ -81,7 +81,7 @@ def begin(
             unseen = room.kind == UNSEEN
             gain[unseen] = begun.gain[:-1][unseen]
         light = gather_incident_light(
-            lattice, room.with_gains(gain), room.poses.cam_from_world[views], CONFIG.directions, ours.probe_face_px,
+            lattice, room.with_gains(gain), room.poses.cam_from_world[views], CONFIG.directions, ours.probe_resolution,
             progress.part(0.5, 0.7),
         )  # fmt: skip
         state = search_initial_normals(who, light, who.geometry_at_distance(z), ours, progress.part(0.7, 0.9))

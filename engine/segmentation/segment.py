@@ -83,7 +83,7 @@ def segment(
         score = _score(grown, small, params) - _against(grown, said, params)
         if score > best_score:
             best, best_score, begun = grown, score, number
-    stands_out = best is not None and _score(best, small, params) >= params.least_score
+    stands_out = best is not None and _score(best, small, params) >= params.min_contrast
     guessed = stands_out or said is None or not said.add.any()
     if said is not None and not guessed:
         best = said.add  # where the object begins
@@ -244,8 +244,8 @@ def _grow(
         # A clamp may ride along like the object, but nothing of the object changes like the room: no hint adds that.
         rare = as_room < np.percentile(as_room[away], ROOM_TAIL)
         odd = cv2.medianBlur(rare.astype(np.uint8), 5) > 0  # single pixels of the room are rare too
-        own = np.clip(params.evidence * odds, -params.pull, params.pull)
-        pull = own + HINT * params.pull * (np.where(odd, adds, 0) - removes)
+        own = np.clip(params.unary_weight * odds, -params.unary_limit, params.unary_limit)
+        pull = own + HINT * params.unary_limit * (np.where(odd, adds, 0) - removes)
         # A stroke pulls harder than all links of a pixel can.
         certain = 5 * params.smoothness
         pull = np.where(said.add, certain, np.where(said.remove, -certain, pull))
@@ -308,5 +308,5 @@ def _without_specks(found: Bool[np.ndarray, "h w"], params: SegmentParams) -> Bo
 
 def _check(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> None:
     """Refuse an outline across which no more changes than elsewhere."""
-    if _score(found, steadiness, params) < params.least_score:
+    if _score(found, steadiness, params) < params.min_contrast:
         raise MaskError(_NOTHING)

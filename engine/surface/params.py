@@ -7,13 +7,30 @@ from engine.errors import SurfaceError
 from engine.validation import MORE, check
 
 LEAST_VIEWS = 8
-
+DIFFUSE = ("disney", "lambert")
+"""Diffuse lobes: Disney's with retro-reflection, as renderers have it, and the paper's."""
+PARTS = {
+    "self_shadowing": "the object shadows itself",
+    "interreflections": "the object lights itself with what was photographed of it",
+    "hidden_surfaces": "and with what steps of the depth throw, which no photograph shows",
+    "mixed_pixels": "pixels of the rim hold a share of the background beside them",
+    "robust_loss": "views that fit a pixel badly count less",
+    "light_gains": "the object's shading corrects the brightness of groups of emitters",
+    "view_exposures": "and the light of each view by a factor",
+    "lamp_directions": "and the directions of lamps",
+    "detect_metal": "pass: pixels that are plainly metal",
+    "classify_material": "pass: metal, and the specular level of the rest",
+    "expect_roughness": "pass: pixels expect the roughness of those that look alike",
+    "regularize": "pass: neighbours agree",
+}
+"""What `SurfaceParams.without` can leave out: parts of the model, and passes of the schedule."""
 
 BOUNDS = {
-    "directions": (64, MORE), "views": (LEAST_VIEWS, MORE), "probes_across": (0, MORE), "probes_deep": (0, MORE),
-    "probe_face_px": (8, MORE), "candidates": (10, MORE), "rough_rounds": (0, MORE), "rough_views": (LEAST_VIEWS, MORE),
-    "rounds": (1, MORE), "passes": (1, MORE), "relight_groups": (1, MORE), "relight_prior": (0.001, MORE),
-    "model_error": (0.001, MORE), "held_out": (0, MORE), "object_distance": (0.0, MORE), "together": (100, MORE),
+    "directions": (64, MORE), "views": (LEAST_VIEWS, MORE), "probe_grid_xy": (0, MORE), "probe_grid_z": (0, MORE),
+    "probe_resolution": (8, MORE), "normal_candidates": (10, MORE), "coarse_iterations": (0, MORE),
+    "coarse_views": (LEAST_VIEWS, MORE), "fine_iterations": (1, MORE), "gauss_newton_steps": (1, MORE),
+    "light_groups": (1, MORE), "light_gain_sigma": (0.001, MORE), "model_error": (0.001, MORE),
+    "validation_views": (0, MORE), "object_distance": (0.0, MORE), "tile_above_pixels": (100, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
 
@@ -30,47 +47,42 @@ class SurfaceParams:
         SurfaceError: too little is asked.
     """
 
-    directions: int = 0  # cells on the sphere of incident directions; 0: as the gloss asks
-    probes_across: int = 0  # probe points along each image axis of the object's box; 0: as the parallax asks
-    probes_deep: int = 0  # the same along the viewing axis
-    probe_face_px: int = 48  # resolution of one face of each probe's cube
-    candidates: int = 300  # normals tried by the global search
-    rough_rounds: int = 4  # on pixels of half the size: solve, integrate, see, refine the light: how often
-    rough_views: int = 32  # that serve in these rounds
-    full_turn: bool = (
-        True  # one turn more before the last look at the light, with all pixels if some hide the room
-    )
-    views: int = 0  # that serve after them, spread evenly; 0: all
-    rounds: int = 3  # at most, on all pixels until they stand still: solve, integrate, see
-    passes: int = 4  # Gauss-Newton evaluations in each round
-    full_diffuse: bool = True  # Disney's diffuse lobe; False is the paper's Lambert (10)
-    visibility: bool = True  # let the object shadow itself
-    follow_depth: bool = True  # light reaches points where the depth has them; False: all in one plane
-    bounce: bool = True  # let the object light itself with what was photographed
-    walls: bool = True  # and with what walls throw that no photograph shows
-    robust: bool = True  # views that fit badly count less; False: plain least squares
-    material: bool = True  # let photographs say how much the object mirrors head on, and whether it is metal
-    rim: bool = True  # let pixels of the rim hold a share of what is photographed beside the object
-    relight: bool = True  # refine the brightness of groups of emitters by the object's own shading
-    exposure_drift: bool = (
-        True  # let the light of every view be off by a factor, told by the object's shading
-    )
-    lamp_shift: bool = True  # let lamps stand in other directions than they were found in, told by the same
-    relight_groups: int = 12  # groups besides the lamps
-    relight_prior: float = 0.02  # how far a group's log brightness may be off before it has to be argued
+    directions: int = 0  # cells on the sphere of incident directions; 0: as the roughness asks
+    probe_grid_xy: int = 0  # probe points along each image axis of the object's box; 0: as the parallax asks
+    probe_grid_z: int = 0  # the same along the viewing axis
+    probe_resolution: int = 48  # pixels along one face of each probe's cube
+    normal_candidates: int = 300  # tried by the global search
+    coarse_iterations: int = 4  # on pixels of half the size: solve, integrate, trace, calibrate the light
+    coarse_views: int = 32  # that serve in these iterations
+    full_phase: bool = True  # the light is calibrated once more with all pixels, if some hide the room
+    views: int = 0  # that serve afterwards, spread evenly; 0: all
+    fine_iterations: int = 3  # at most, on all pixels until they stand still: solve, integrate, trace
+    gauss_newton_steps: int = 4  # evaluations in each iteration
+    diffuse: str = "disney"  # lobe, of `DIFFUSE`
+    without: tuple[str, ...] = ()  # of `PARTS`: what the model leaves out, for ablations
+    light_groups: int = 12  # groups of emitters besides the lamps
+    light_gain_sigma: float = 0.02  # how far a group's log brightness may be off before it has to be argued
     model_error: float = 0.02  # relative misfit expected of a good model
-    held_out: int = 4  # views kept out of the fit and re-rendered; one in eight at most
-    object_distance: float = 0.0  # camera to object along z, scene units; 0 = find it
-    together: int = (
-        400_000  # pixels solved together; of a larger object a smaller picture is, then every pixel in tiles
+    validation_views: int = 4  # kept out of the fit and rendered again; one in eight at most
+    object_distance: float = 0.0  # camera to object along z, scene units; 0: found
+    # Pixels solved jointly; of a larger object a smaller picture is, then every pixel in tiles.
+    tile_above_pixels: int = 400_000
+    initial_normals: str = (
+        ""  # .exr, .png, .npy or .npz with first normals (and roughness); empty: our search
     )
-    start_maps: str = (
-        ""  # .exr, .png, .npy or .npz with first normals (and roughness); empty: our global search
+    initial_roughness: str = ""  # the same with first roughness, where it is a file of its own
+    normals_frame: str = (
+        "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
     )
-    start_roughness: str = ""  # the same with first roughness, where it is a file of its own
-    start_frame: str = "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
 
     def __post_init__(self) -> None:
-        check(self, "surface", SurfaceError, BOUNDS, {"start_frame": NORMAL_FRAMES}, OR_NONE)
-        if self.start_roughness and not self.start_maps:
-            raise SurfaceError("surface.start_roughness begins nothing alone; give surface.start_maps too")
+        choices = {"normals_frame": NORMAL_FRAMES, "diffuse": DIFFUSE, "without": tuple(PARTS)}
+        check(self, "surface", SurfaceError, BOUNDS, choices, OR_NONE)
+        if self.initial_roughness and not self.initial_normals:
+            raise SurfaceError(
+                "surface.initial_roughness begins nothing alone; give surface.initial_normals too"
+            )
+
+    def models(self, *parts: str) -> bool:
+        """Whether the model has all of these parts."""
+        return not set(parts) & set(self.without)

@@ -80,7 +80,9 @@ def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     """The object's distance to a fifth or so unless it is given, with the light that suits it where part of that is open."""
     params = scene.params
     free = params.object_distance <= 0
-    if not free and not (params.relight and np.isin(now.room_light.kind, (CLIPPED, UNSEEN)).any()):
+    if not free and not (
+        params.models("light_gains") and np.isin(now.room_light.kind, (CLIPPED, UNSEEN)).any()
+    ):
         return now
     first, room, tried, misfit = coarse_distance_search(
         now.object_pixels, now.room_light, now.views, params, scene.seed, progress
@@ -99,7 +101,7 @@ def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
 def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The light at probes around the object, by groups; again as soon as there is a depth, and where the object has moved."""
     params, picture, distance = scene.params, scene.picture, now.distance.value
-    face_px, directions = params.probe_face_px, coarse_directions(params)
+    face_px, directions = params.probe_resolution, coarse_directions(params)
     if now.depth is None:
         margin = CONFIG.wide_margin if params.object_distance <= 0 else CONFIG.tight_margin
         near_far = distance / margin, distance * margin
@@ -116,7 +118,7 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
             setting = replace(
                 setting, gain=np.where(surprising[:, None], now.first_light_parameters.gain, setting.gain)
             )
-        surprised = params.relight and bool(surprising.any())
+        surprised = params.models("light_gains") and bool(surprising.any())
         return replace(now, grouped_light=parts, light_parameters=setting, lit_by_shading=surprised)
     if now.probe_distance and not outside_probes(distance, now.probe_distance):
         return now
@@ -150,7 +152,7 @@ def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> gauss_new
 
 def solve_pixels(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Gauss-Newton on every pixel, under what the depth says hides the room from it."""
-    object_pixels, steps = now.compensated_pixels, scene.params.passes
+    object_pixels, steps = now.compensated_pixels, scene.params.gauss_newton_steps
     transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
     state = gauss_newton.minimize(
         now.known_state,
@@ -176,7 +178,7 @@ def expect_roughness(scene: Scene, now: Estimate, progress: Progress) -> Estimat
         pixel_blocks(object_pixels.mask),
         object_pixels.observations,
         object_pixels.mask,
-        scene.params.passes,
+        scene.params.gauss_newton_steps,
         progress,
     )
     return replace(now, state=state)
@@ -194,8 +196,6 @@ def classify_material(scene: Scene, now: Estimate, progress: Progress) -> Estima
 
 def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progress) -> Estimate:
     """What the object turns out to be made of, and its surface as that; the same where nothing else turns out."""
-    if not scene.params.material:
-        return now
     object_pixels, span = now.compensated_pixels, progress.part(0, 0.3)
     made = classify(
         object_pixels, now.known_state, now.incident, now.geometry, settled, scene.params, scene.seed, span
@@ -232,7 +232,7 @@ def solve_and_expect_roughness(
     transport, parts, steps = (
         object_pixels.light_transport(light, params, device, geometry),
         pixel_blocks(object_pixels.mask),
-        params.passes,
+        params.gauss_newton_steps,
     )
     span = progress.part(0, 0.7)
     state = gauss_newton.minimize(
@@ -270,7 +270,7 @@ def trace_visibility(scene: Scene, now: Estimate, progress: Progress) -> Estimat
 
 def split_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The brightest parts of the room that no photograph shows, each in several."""
-    if not scene.params.relight:
+    if not scene.params.models("light_gains"):
         return now
     made = split_groups(now.known_grouped_light, now.known_light_parameters)
     # The first calibration tells what normals could not be sought under.
@@ -299,7 +299,7 @@ def calibrate_light_in_place(scene: Scene, now: Estimate, progress: Progress) ->
 
 def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> Estimate:
     params = scene.params
-    if not (params.relight or free):
+    if not (params.models("light_gains") or free):
         return now
     chosen, sample = _calibration_pixels(scene, now)
     setting, voted = calibrate(
@@ -308,7 +308,7 @@ def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> 
         sample,
         now.known_state.part(chosen),
         free,
-        params.relight,
+        params.models("light_gains"),
         CONFIG.calibration_rounds,
         CONFIG.gauss_newton_steps,
         progress,
@@ -328,7 +328,7 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
         now.known_grouped_light,
         sample,
         voting,
-        params.relight,
+        params.models("light_gains"),
         CONFIG.calibration_rounds // 2,
         CONFIG.gauss_newton_steps,
         progress,
@@ -347,7 +347,7 @@ def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " 
 
 def estimate_light_variance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the calibration leaves open of the light, as variances of other pixels' unknowns."""
-    if not scene.params.relight or now.calibration_pixels is None:
+    if not scene.params.models("light_gains") or now.calibration_pixels is None:
         return now
     object_pixels, light = now.object_pixels, now.incident
     some = random_subset(interior(object_pixels), CONFIG.calibration_pixels, scene.seed + 1)
@@ -380,7 +380,9 @@ def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
         lattice = choose_probe_grid(camera, mask, near_far, emitters, there, params, span.part(0, 0.1))
     rest = np.setdiff1d(views, known)
     cam_from_world = scene.cam_from_world(rest)
-    light = gather_incident_light(lattice, emitters, cam_from_world, directions, params.probe_face_px, span)
+    light = gather_incident_light(
+        lattice, emitters, cam_from_world, directions, params.probe_resolution, span
+    )
     if len(known):
         light, rest = now.incident.beside(light), np.concatenate([known, rest])
     order = np.argsort(rest)

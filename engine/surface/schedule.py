@@ -59,22 +59,18 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
     """What a solve does; `unseen`: some of the light comes from where no photograph looked."""
     pixels, shape = (solve_pixels, expect_roughness), (integrate_depth, trace_visibility)
     light = (place_probes, search_normals)
-    coarse = params.rough_rounds + MORE * (unseen and params.relight)
-    return (
+    coarse = params.coarse_iterations + MORE * (unseen and params.models("light_gains"))
+    phases = (
         Phase("initialise", SMALLEST, (search_distance, *light)),
         Phase("coarse", SMALLEST, (*light, *pixels, detect_metal, *shape, split_light, calibrate_light), max(coarse - 1, 0), 0.3),
         Phase("place", HALF, (*light, *pixels, classify_material, *shape, calibrate_light, estimate_light_variance, refine_distance), min(coarse, 1)),
-        Phase("full", FULL, (*light, *pixels, *shape, calibrate_light_in_place, estimate_light_variance), int(params.full_turn or not coarse)),
+        Phase("full", FULL, (*light, *pixels, *shape, calibrate_light_in_place, estimate_light_variance), int(params.full_phase or not coarse)),
         Phase("relight", FULL, (gather_light, trace_visibility, estimate_exposure)),
-        Phase("fine", FULL, (*pixels, *shape), params.rounds, 1.0),
+        Phase("fine", FULL, (*pixels, *shape), params.fine_iterations, 1.0),
         Phase("finish", FULL, (regularize, *shape)),
     )  # fmt: skip
-
-
-def without(phases: Sequence[Phase], *names: str) -> tuple[Phase, ...]:
-    """The same schedule with the passes of these names left out."""
     return tuple(
-        replace(phase, passes=tuple(one for one in phase.passes if one.__name__ not in names))
+        replace(phase, passes=tuple(one for one in phase.passes if one.__name__ not in params.without))
         for phase in phases
     )
 

@@ -5,7 +5,6 @@ be solved at once, or one that hides nothing of the room from itself, a smaller 
 by tile (`tiled_solve`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +26,7 @@ from engine.surface.params import LEAST_VIEWS, SurfaceParams
 from engine.surface.passes import emitters_of
 from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.rendering.object_pixels import image, light_transport, photographed_radiance
-from engine.surface.schedule import run, schedule, without
+from engine.surface.schedule import run, schedule
 from engine.surface.tiled_solve import SolvedMaps, evaluate_result, solve_tiles
 from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved_variance
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
@@ -95,10 +94,9 @@ def solve(
     seed: int,
     progress: Progress,
     flip: int = 0,
-    leave_out: Sequence[str] = (),
 ) -> tuple[Surface, Renders, Emitters, SurfaceReport]:
     """Solve the surface; `seed` picks the pixels that calibrate the light, start maps are of the upright picture, turned
-    by `flip`. Passes of the schedule named in `leave_out` do not run.
+    by `flip`.
 
     Raises:
         SurfaceError: too few views, an empty mask, frames without usable object pixels, start maps that cannot be
@@ -107,20 +105,20 @@ def solve(
     mask = masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
-    fitted, kept_out = held_out(poses.registered, params.held_out)
+    fitted, kept_out = held_out(poses.registered, params.validation_views)
     room = build_room_light(
-        gaussians, lamps, frames, masks, poses, params.relight_groups, params.relight_prior, seed,
-        EXPOSURE_SIGMA * (params.relight and params.exposure_drift), ASTRAY * (params.relight and params.lamp_shift),
+        gaussians, lamps, frames, masks, poses, params.light_groups, params.light_gain_sigma, seed,
+        EXPOSURE_SIGMA * params.models("light_gains", "view_exposures"), ASTRAY * params.models("light_gains", "lamp_directions"),
     )  # fmt: skip
     whole = Picture(frames, mask, poses.camera, initial_maps.requested(params, mask, flip)).part(
         *window(mask)
     )
-    picture, take = downsample_to(whole, params.together)
+    picture, take = downsample_to(whole, params.tile_above_pixels)
     scene = build_scene(
         picture, replace(poses, camera=picture.camera), fitted, kept_out, params, device, seed
     )
     alone = 0.9 if picture is whole else 0.3
-    phases = without(schedule(params, room.emitters.patches > 0), *leave_out)
+    phases = schedule(params, room.emitters.patches > 0)
     found = run(scene, initial_state(scene, room), phases, progress.part(0, alone))
     assert found.picture is not None
     assert found.light is not None

@@ -133,9 +133,7 @@ def solve_tiles(
         hidden = (
             found.geometry.visibility.part(take[pixels]) if found.geometry.visibility is not None else None
         )
-        geometry = replace(
-            object_pixels.geometry_of_depth(ranges[wide], params.follow_depth), visibility=hidden
-        )
+        geometry = replace(object_pixels.geometry_of_depth(ranges[wide]), visibility=hidden)
         parts = pixel_blocks(part.mask)
         state = minimize(
             state,
@@ -143,7 +141,7 @@ def solve_tiles(
             geometry,
             parts,
             object_pixels.observations,
-            params.passes,
+            params.gauss_newton_steps,
             span.part(0, 0.75),
             reset_scale=True,
         )

@@ -22,8 +22,8 @@ HELD_OUT = (2, 6)
 GLOW = 0.8  # radiance of the room
 ROOM = 3.0  # its radius, scene units
 PARAMS = {
-    "directions": 600, "probes_across": 1, "probes_deep": 1, "probe_face_px": 24, "full_diffuse": False,
-    "relight_groups": 2, "seed": 0,
+    "directions": 600, "probe_grid_xy": 1, "probe_grid_z": 1, "probe_resolution": 24, "diffuse": "lambert",
+    "light_groups": 2, "seed": 0,
 }  # fmt: skip
 
 

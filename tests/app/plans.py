@@ -7,8 +7,8 @@ STAGES = ("hdr", "segment", "poses", "light", "surface", "export")
 PARAMETERS: Mapping[str, tuple[tuple[str, str, Any], ...]] = {
     "hdr": (("hdr.long_edge_px", "int", 2048), ("hdr.dark_sigmas", "float", 2.0)),
     "poses": (("poses.board", "str", ""), ("poses.mapping.match_ratio", "float", 0.8)),
-    "light": (("light.passes", "list", [6, 8, 6]), ("light.keep_out", "float?", None)),
-    "surface": (("surface.directions", "int", 2048), ("surface.bounce", "bool", True)),
+    "light": (("light.epochs", "list", [6, 8, 6]), ("light.camera_clearance", "float?", None)),
+    "surface": (("surface.directions", "int", 2048), ("surface.full_phase", "bool", True)),
     "export": (("export.normal_png", "str", "opengl"),),
 }
 

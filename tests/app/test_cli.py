@@ -152,7 +152,7 @@ def test_a_session_of_a_newer_schema_is_left_alone(
     [
         (("--set", "surface.direction=5"), "did you mean 'directions'"),
         (("--set", "surface.directions=many"), "takes int"),
-        (("--set", "surface.rounds=0"), "surface.rounds is 0; give 1 or more"),
+        (("--set", "surface.fine_iterations=0"), "surface.fine_iterations is 0; give 1 or more"),
         (("--until", "surfaces"), "there is no stage 'surfaces'"),
         (("--seed", "-1"), "seed must be a whole number"),
     ],
@@ -171,9 +171,9 @@ def test_what_is_misspelt_is_refused_and_not_kept(
         ("hdr.long_edge_px=0", "hdr.long_edge_px is 0; give 8 or more"),
         ("segment.margin_px=-2", "segment.margin_px is -2; give 0 or more"),
         ("poses.mapping.match_ratio=2", "poses.mapping.match_ratio is 2.0; give 0.1 to 1"),
-        ("light.width=-3", "light.width is -3; give 32 or more"),
-        ("light.passes=[]", "light.passes is []; give one number or more"),
-        ("light.keep_out=nan", "light.keep_out is nan; give 0 or more"),
+        ("light.max_image_width=-3", "light.max_image_width is -3; give 32 or more"),
+        ("light.epochs=[]", "light.epochs is []; give one number or more"),
+        ("light.camera_clearance=nan", "light.camera_clearance is nan; give 0 or more"),
         ("surface.samples=0", "surface.samples is 0; give 1 or more"),
         ("export.normal_png=foo", 'export.normal_png is "foo"; give opengl or directx'),
     ],
@@ -193,7 +193,7 @@ def test_a_file_to_start_from_is_kept_where_it_is_from_every_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = ["process", str(session), "--until", "hdr", "--device", "cpu"]
-    assert main([*words, "--set", "surface.start_maps=maps.npy"]) == 0
+    assert main([*words, "--set", "surface.initial_normals=maps.npy"]) == 0
     kept = sessions.read_params(sessions.open_session(session))
     assert kept["surface"] == {"start_maps": str(tmp_path / "maps.npy")}
 

@@ -43,13 +43,13 @@ def test_a_parameter_in_a_group_is_written_where_the_engine_reads_it() -> None:
 def test_nothing_is_left_to_the_stage_with_a_word_toml_has() -> None:
     from engine.light.fitting.params import LightParams
 
-    given = parameter("light.keep_out", "float?", 0.3, 0.2)
+    given = parameter("light.camera_clearance", "float?", 0.3, 0.2)
     settings = plans.with_value(Settings(), given, None)
     assert resolve("light", LightParams(), {}, settings.overrides["light"]).keep_out is None
 
 
 def test_lists_are_written_as_toml_has_them() -> None:
-    settings = plans.with_value(Settings(), parameter("light.passes", "list", (6, 8, 6), (6, 8, 6)), (1, 2))
+    settings = plans.with_value(Settings(), parameter("light.epochs", "list", (6, 8, 6), (6, 8, 6)), (1, 2))
     assert settings.overrides == {"light": {"passes": [1, 2]}}
 
 

@@ -61,10 +61,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     views, height, width, _ = frames.radiance.shape
     size, where = Size(views, width, height), machine()
     ours = LightParams()
-    apart(args.session, replace(ours, budget=500, width=32, passes=(1,)), "compiling")
+    apart(args.session, replace(ours, max_gaussians=500, max_image_width=32, epochs=(1,)), "compiling")
     rows = [apart(args.session, ours, "as it is")]
     if args.longer:
-        longer = replace(ours, passes=tuple(args.longer * count for count in ours.passes))
+        longer = replace(ours, epochs=tuple(args.longer * count for count in ours.epochs))
         rows.append(apart(args.session, longer, f"{args.longer} times the passes"))
     print(f"{args.session.name}: {views} views of {width} x {height}, {where}\n\n{table(rows)}\n")
     print("\n".join(verdicts(size, rows)))
@@ -88,7 +88,7 @@ def fitted(session: Path, params: LightParams, what: str) -> Row:
     seconds, cores = clock.read()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9  # Linux counts in KiB
     return Row(
-        params.passes, len(gaussians.means), seconds, cores, peak, report.heldout_log_l1, report.views_heldout
+        params.epochs, len(gaussians.means), seconds, cores, peak, report.heldout_log_l1, report.views_heldout
     )
 
 

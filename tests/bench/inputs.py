@@ -29,7 +29,7 @@ def inputs(session: Path) -> Inputs:
 
 def warm(given: Inputs) -> None:
     """Compile every kernel that will be timed, by the smallest fits there are."""
-    fit(*given, LightParams(budget=500, width=32, passes=(1,)), 0, Progress())
+    fit(*given, LightParams(max_gaussians=500, max_image_width=32, epochs=(1,)), 0, Progress())
     train(
         *given, EmitterParams(iterations=2, refinements=2, width=32, degree=1, degree_every=1), 0, Progress()
     )

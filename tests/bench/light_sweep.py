@@ -61,7 +61,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     where, rows = machine(), []
     warm(given)
-    settings = [LightParams(width=width, budget=count) for width, count in itertools.product(widths, counts)]
+    settings = [
+        LightParams(max_image_width=width, max_gaussians=count)
+        for width, count in itertools.product(widths, counts)
+    ]
     for setting in [*settings, USUAL]:
         rows.append(measured(given, lit, setting))
         print(table(rows[-1:]).splitlines()[-1], file=sys.stderr, flush=True)
@@ -78,7 +81,7 @@ def measured(given: Inputs, lit: irradiance.Lit, setting: LightParams) -> Row:
     seconds, cores = clock.read()
     found = irradiance.off(lit, gaussians, lamps)
     return Row(
-        setting.width, setting.budget, report.count, cores, seconds,
+        setting.max_image_width, setting.max_gaussians, report.count, cores, seconds,
         report.heldout_log_l1, found.mean, found.p95,
     )  # fmt: skip
 
@@ -132,7 +135,7 @@ def draw(rows: Sequence[Row], caption: str) -> Figure:
                 marker=MARKS[i % len(MARKS)], ms=3.5, lw=0.8, label=f"{width} px",
             )  # fmt: skip
         for row in rows:
-            if (row.width, row.asked) == (USUAL.width, USUAL.budget):
+            if (row.width, row.asked) == (USUAL.max_image_width, USUAL.max_gaussians):
                 axes.plot(
                     [getattr(row, key)], [row.mean], "*", color="#000000", ms=9, zorder=4, ls="none", mfc="#F0E442",
                     mew=0.9, label="where nobody sets it",

@@ -74,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def compare(given: Inputs, iterations: int, most: int, width: int, seconds: float) -> list[Row]:
     """Start, ours as the fit asks and to the very minimum, and Adam at every stop."""
     frames, masks, poses = given
-    used, _ = split_views(poses, LightParams().holdout)
+    used, _ = split_views(poses, LightParams().validation_every)
     photographs = supervision(resample(frames, masks, poses, used, width))
     params = replace(scaled(iterations / 30_000), most=most, degree=0)
     rng = np.random.default_rng(0)
@@ -138,7 +138,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("session", type=Path)
     parser.add_argument("--iterations", type=int, default=1500, help="of stage 1, which gives the start")
     parser.add_argument("--most", type=int, default=50_000, help="Gaussians")
-    parser.add_argument("--width", type=int, default=LightParams().width, help="of the pictures, pixels")
+    parser.add_argument(
+        "--width", type=int, default=LightParams().max_image_width, help="of the pictures, pixels"
+    )
     parser.add_argument("--seconds", type=float, default=float("inf"), help="after which Adam stops")
     parser.add_argument("--json", type=Path)
     return parser

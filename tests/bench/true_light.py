@@ -125,7 +125,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         chosen = choices.rooms(args.rooms), choices.objects(args.objects, None, 0, args.object_size)
         params = SurfaceParams(
-            directions=args.directions, rounds=ROUNDS, held_out=0, relight=False, model_error=args.model_error
+            directions=args.directions,
+            fine_iterations=ROUNDS,
+            validation_views=0,
+            without=("light_gains",),
+            model_error=args.model_error,
         )
         for room in chosen[0]:
             for thing in chosen[1]:
@@ -243,7 +247,14 @@ def from_truth(
     who = known.object_pixels
     responses = who.light_transport(known.light, params, "cpu", geometry)
     return minimize(
-        true, responses, geometry, blocks, who.observations, params.passes, progress, reset_scale=True
+        true,
+        responses,
+        geometry,
+        blocks,
+        who.observations,
+        params.gauss_newton_steps,
+        progress,
+        reset_scale=True,
     )
 
 

@@ -71,15 +71,15 @@ def compare(
 ) -> list[Row]:
     """The paper's one stage, both its stages, and ours."""
     frames, masks, poses = given
-    ours = replace(LightParams(), width=width)
+    ours = replace(LightParams(), max_image_width=width)
     share = iterations / EmitterParams().iterations
-    params = replace(scaled(share), width=width, most=most, holdout=ours.holdout)
+    params = replace(scaled(share), width=width, most=most, holdout=ours.validation_every)
     cut = "" if share == 1 else f" (scaled, 1/{1 / share:.3g})"
-    used, held = split_views(poses, ours.holdout)
+    used, held = split_views(poses, ours.validation_every)
 
     clock = Clock()
     gaussians, lamps, report = fit(frames, masks, poses, ours, seed, told("ours"))
-    fitted = ("ours", f"{ours.passes} passes", *clock.read(), gaussians)
+    fitted = ("ours", f"{ours.epochs} passes", *clock.read(), gaussians)
 
     rng = np.random.default_rng(seed)
     with workers() as run:
@@ -130,7 +130,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("session", type=Path)
     parser.add_argument("--iterations", type=int, default=EmitterParams().iterations, help="of each stage")
     parser.add_argument("--most", type=int, default=EmitterParams().most, help="Gaussians of the paper's")
-    parser.add_argument("--width", type=int, default=LightParams().width, help="of the pictures, pixels")
+    parser.add_argument(
+        "--width", type=int, default=LightParams().max_image_width, help="of the pictures, pixels"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     return parser

@@ -82,7 +82,7 @@ def pages(
     windowed.planned(process)
     # The surface once more, with another parameter, so that stages done and under way are seen.
     process.column.chosen.emit("surface")
-    process.parameters.edited.emit("surface.passes", 7)
+    process.parameters.edited.emit("surface.gauss_newton_steps", 7)
     until(lambda: process.start.isEnabled(), "the edit is planned")
     job = windowed.begin(process)
     until(lambda: job.status.ended or job.status.fraction > args.until, "the surface is under way")

@@ -23,17 +23,17 @@ from tests.end_to_end import bundled
 # A third of the pixels each way, a coarse sphere of directions, a small light: a minute on two cores.
 QUICK = (
     "hdr.long_edge_px=160",
-    "light.budget=5000",
-    "light.width=160",
-    "light.passes=[3,4]",
+    "light.max_gaussians=5000",
+    "light.max_image_width=160",
+    "light.epochs=[3,4]",
     "surface.directions=384",
-    "surface.rough_rounds=1",
-    "surface.rounds=1",
-    "surface.passes=3",
-    "surface.probes_across=2",
-    "surface.probe_face_px=32",
-    "surface.candidates=100",
-    "surface.relight=false",
+    "surface.coarse_iterations=1",
+    "surface.fine_iterations=1",
+    "surface.gauss_newton_steps=3",
+    "surface.probe_grid_xy=2",
+    "surface.probe_resolution=32",
+    "surface.normal_candidates=100",
+    "surface.without=light_gains",
     "surface.object_distance=0.66",  # looking for it and refining the light are left to the demo
 )
 
@@ -154,11 +154,11 @@ def test_a_changed_surface_parameter_is_named_and_reruns_surface_and_export_only
 ) -> None:
     assert set(plan(session, capsys).values()) == {"done"}
     done = {path: path.stat().st_mtime_ns for path in session.glob("stages/*/*/record.json")}
-    asked = plan(session, capsys, "surface.passes=1")
+    asked = plan(session, capsys, "surface.gauss_newton_steps=1")
     assert asked["surface"] == "will run because params.passes 3 -> 1"
     assert asked["export"] == "will run because input surface changed"
     assert [asked[name] for name in ("hdr", "segment", "poses", "light")] == ["done"] * 4
-    assert main(["process", str(session), "--device", "cpu", "--set", "surface.passes=1"]) == 0
+    assert main(["process", str(session), "--device", "cpu", "--set", "surface.gauss_newton_steps=1"]) == 0
     assert "surface, export done" in capsys.readouterr().out.splitlines()[-1]
     after = {path: path.stat().st_mtime_ns for path in session.glob("stages/*/*/record.json")}
     assert {path: after[path] for path in done} == done

@@ -69,4 +69,4 @@ def test_what_is_no_choice_is_refused_with_those_that_are(params: Any, changes: 
 
 
 def test_what_is_left_to_the_stage_passes() -> None:
-    assert replace(light.LightParams(keep_out=0.3), keep_out=None).keep_out is None
+    assert replace(light.LightParams(camera_clearance=0.3), camera_clearance=None).camera_clearance is None

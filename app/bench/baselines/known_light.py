@@ -47,19 +47,17 @@ class KnownLightParams:
     visibility: bool = True  # let the object shadow and light itself; second order knows no shadows
     model_error: float = 0.02  # relative misfit expected of a good model
 
-    def ours(self, full_diffuse: bool) -> SurfaceParams:
+    def ours(self, diffuse: str) -> SurfaceParams:
         """The same for the parts of our solver, with nothing refined of the light."""
         return SurfaceParams(
             directions=self.directions,
-            probe_face_px=self.probe_face_px,
-            candidates=self.candidates,
-            passes=self.passes,
-            full_diffuse=full_diffuse,
-            visibility=self.visibility,
-            bounce=self.visibility,
-            relight=False,
+            probe_resolution=self.probe_face_px,
+            normal_candidates=self.candidates,
+            gauss_newton_steps=self.passes,
+            diffuse=diffuse,
+            without=("light_gains", *(() if self.visibility else ("self_shadowing", "interreflections"))),
             model_error=self.model_error,
-            held_out=0,
+            validation_views=0,
             object_distance=self.object_distance,
         )
 
@@ -79,7 +77,7 @@ Solved = tuple[PixelEstimate, Float[np.ndarray, "h w"]]  # and its depth
 Method = Callable[[Scene, KnownLightParams, SurfaceParams, str, Progress], Surface]
 
 
-def on_stages(full_diffuse: bool) -> Callable[[Method], Callable[..., Surface]]:
+def on_stages(diffuse: str) -> Callable[[Method], Callable[..., Surface]]:
     """Makes a method on a scene one on what the stages left: it takes what `surface/solve.py:solve` takes.
 
     Raises (the method): SurfaceError: too few views, an empty mask, or light gains of another light.
@@ -90,7 +88,7 @@ def on_stages(full_diffuse: bool) -> Callable[[Method], Callable[..., Surface]]:
             frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps,
             params: KnownLightParams, device: str, seed: int, progress: Progress,
         ) -> Surface:  # fmt: skip
-            ours = params.ours(full_diffuse)
+            ours = params.ours(diffuse)
             scene = _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress.part(0, 0.2))
             return method(scene, params, ours, device, progress.part(0.2, 1))
 
@@ -99,7 +97,7 @@ def on_stages(full_diffuse: bool) -> Callable[[Method], Callable[..., Surface]]:
     return made
 
 
-@on_stages(full_diffuse=True)
+@on_stages(diffuse="disney")
 def far_field(
     scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
 ) -> Surface:
@@ -107,7 +105,7 @@ def far_field(
     return _under_panoramas(scene, _place(scene), params, ours, device, progress)
 
 
-@on_stages(full_diffuse=True)
+@on_stages(diffuse="disney")
 def one_panorama(
     scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
 ) -> Surface:
@@ -115,7 +113,7 @@ def one_panorama(
     return _under_panoramas(scene, None, params, ours, device, progress)
 
 
-@on_stages(full_diffuse=False)
+@on_stages(diffuse="lambert")
 def harmonics(
     scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
 ) -> Surface:
@@ -140,7 +138,7 @@ def harmonics(
     return answered(object_pixels, state, geometry, depth, params.model_error)
 
 
-@on_stages(full_diffuse=False)
+@on_stages(diffuse="lambert")
 def lambert(
     scene: Scene, params: KnownLightParams, ours: SurfaceParams, device: str, progress: Progress
 ) -> Surface:

@@ -64,7 +64,7 @@ def uncalibrated(
     """
     # Under a light that is not known yet, a share of the background would take up what the light leaves unexplained.
     object_pixels, _ = seen_object(
-        frames, masks, poses, SurfaceParams(model_error=params.model_error, rim=False)
+        frames, masks, poses, SurfaceParams(model_error=params.model_error, without=("mixed_pixels",))
     )
     geometry = object_pixels.geometry_at_distance(params.object_distance)
     states = []

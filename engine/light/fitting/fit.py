@@ -56,9 +56,9 @@ def fit(
     Raises:
         LightError: fewer than 4 registered views, or hardly any background.
     """
-    used, held = split_views(poses, params.holdout)
-    widest = min(params.width, poses.camera.width)
-    widths = [max(32, widest >> (len(params.passes) - 1 - i)) for i in range(len(params.passes))]
+    used, held = split_views(poses, params.validation_every)
+    widest = min(params.max_image_width, poses.camera.width)
+    widths = [max(32, widest >> (len(params.epochs) - 1 - i)) for i in range(len(params.epochs))]
     rng = np.random.default_rng(seed)
     with workers() as run:
         progress.step(0.0, "depth of the room")
@@ -69,15 +69,20 @@ def fit(
 
         small = room(min(64, poses.camera.width))
         start, emptiness = begin(
-            small, room(widths[-1]), poses.points, max(500, params.budget // 3), params.keep_out, run
+            small,
+            room(widths[-1]),
+            poses.points,
+            max(500, params.max_gaussians // 3),
+            params.camera_clearance,
+            run,
         )
         cloud = cloud_of(start)
         knee = knee_of(small)
-        total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))
+        total = sum(p * w * w for p, w in zip(params.epochs, widths, strict=True))
         done, loss = 0.0, np.nan
-        everything = sum(params.passes)
+        everything = sum(params.epochs)
         count = 0
-        for passes, width in zip(params.passes, widths, strict=True):
+        for passes, width in zip(params.epochs, widths, strict=True):
             photographs = room(width)
             surface = surface_of(emptiness, photographs)
             for _ in range(passes):
@@ -174,7 +179,7 @@ def _pass(
     for view in rng.permutation(len(photographs.weight)).tolist():
         _, gradients = push_back(
             cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
-            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.hollow,
+            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.opacity_weight,
             surface[view], run,
         )  # fmt: skip
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
@@ -193,7 +198,7 @@ def _settle(
     if fraction < 0.85:
         useless |= cloud.weight < 0.3
         grown = min(1.0, fraction / 0.6)
-        budget = int(params.budget * (1 / 3 + 2 / 3 * grown))
+        budget = int(params.max_gaussians * (1 / 3 + 2 / 3 * grown))
         faint = np.argsort(cloud.weight, kind="stable")[: int(0.02 * len(cloud.weight))]
         useless[faint] = True
     return resettle(cloud, budget, useless)

@@ -6,8 +6,8 @@ from engine.errors import LightError
 from engine.validation import MORE, check
 
 BOUNDS = {
-    "budget": (1, MORE), "width": (32, MORE), "passes": (1, MORE), "holdout": (0, MORE), "keep_out": (0.0, MORE),
-    "hollow": (0.0, MORE),
+    "max_gaussians": (1, MORE), "max_image_width": (32, MORE), "epochs": (1, MORE), "validation_every": (0, MORE), "camera_clearance": (0.0, MORE),
+    "opacity_weight": (0.0, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
 
@@ -20,13 +20,15 @@ class LightParams:
         LightError: what is asked lies outside `BOUNDS`.
     """
 
-    budget: int = 6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
-    width: int = 256  # widest picture trained on, pixels
-    passes: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
-    holdout: int = 8  # every so many-th view only judges; 0: none
+    max_gaussians: int = (
+        6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
+    )
+    max_image_width: int = 256  # widest picture trained on, pixels
+    epochs: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
+    validation_every: int = 8  # every so many-th view only judges; 0: none
     # Radius around each camera centre without Gaussians, scene units; None: derived.
-    keep_out: float | None = None
-    hollow: float = 1.0  # weight of transmittance left over, in units of log radiance
+    camera_clearance: float | None = None
+    opacity_weight: float = 1.0  # weight of transmittance left over, in units of log radiance
 
     def __post_init__(self) -> None:
         check(self, "light", LightError, BOUNDS)

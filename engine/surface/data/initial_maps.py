@@ -78,10 +78,10 @@ def requested(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 
     Raises:
         SurfaceError: as `read`.
     """
-    if not params.start_maps:
+    if not params.initial_normals:
         return None
-    roughness = Path(params.start_roughness) if params.start_roughness else None
-    return read(Path(params.start_maps), roughness, params.start_frame, mask, False, flip)
+    roughness = Path(params.initial_roughness) if params.initial_roughness else None
+    return read(Path(params.initial_normals), roughness, params.normals_frame, mask, False, flip)
 
 
 def downsample(maps: InitialMaps, small: Bool[np.ndarray, "h2 w2"]) -> InitialMaps:

@@ -80,5 +80,5 @@ def upsample_estimate(
         object_pixels,
         state,
         depth,
-        replace(object_pixels.geometry_of_depth(depth, geometry.cast_z is None), visibility=hidden),
+        replace(object_pixels.geometry_of_depth(depth), visibility=hidden),
     )

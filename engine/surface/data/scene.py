@@ -114,7 +114,7 @@ def build_scene(
     seed: int,
 ) -> Scene:
     """A scene whose coarse phases have `params.rough_views` of the views that are fitted, the fine ones `params.views`."""
-    views = evenly_spaced(fitted, params.rough_views)
+    views = evenly_spaced(fitted, params.coarse_views)
     sizes = [picture.of_views(views)]
     while sizes[-1].mask.sum() > HALVED_FROM and len(sizes) < SIZES:
         sizes.append(sizes[-1].downsampled())

@@ -86,7 +86,7 @@ def coarse_distance_search(
     if params.object_distance > 0:
         near_far, layers = (params.object_distance, params.object_distance), 1
     lattice = probe_grid_around(object_pixels.camera, object_pixels.mask, near_far, (1, 1, layers))
-    face_px, span = params.probe_face_px, progress.part(0, 0.5)
+    face_px, span = params.probe_resolution, progress.part(0, 0.5)
     parts = gather_grouped_light(
         lattice, room, views[every], coarse_directions(params, config), face_px, span
     )
@@ -125,8 +125,8 @@ def find_distance(
     that suits it better. Clipped lamps are made brighter as long as that does.
     """
     layers = grouped_light.incident.probe_grid.depths()
-    levels = config.unseen_levels if grouped_light.unseen.any() and params.relight else (1.0,)
-    brighter = config.lamp_factors if grouped_light.clipped.any() and params.relight else ()
+    levels = config.unseen_levels if grouped_light.unseen.any() and params.models("light_gains") else (1.0,)
+    brighter = config.lamp_factors if grouped_light.clipped.any() and params.models("light_gains") else ()
     again = config.searches if len(levels) > 1 else 0
     first, then = progress.part(0, 0.5 if again else 1), progress.part(0.5, 1)
     turns = iter(first.parts(len(levels) + len(brighter) + (config.searches if brighter else again)))
@@ -201,14 +201,14 @@ def _calibrated_from_scratch(
     start = exhaustive_search(
         transport, geometry, sample.observations, sample.regions, config.candidates, progress.part(0, 0.4)
     )
-    rounds = config.calibration_rounds if params.relight else 0
+    rounds = config.calibration_rounds if params.models("light_gains") else 0
     return calibrate(
         begun,
         grouped_light,
         sample,
         gauss_newton.initial_estimate(*start),
         False,
-        params.relight,
+        params.models("light_gains"),
         rounds,
         config.gauss_newton_steps,
         progress.part(0.4, 1),

@@ -60,7 +60,7 @@ def choose_probe_grid(
     config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> ProbeGrid:
     """The lattice around the object's pixels between two z, as dense as was asked or as the light of these views needs."""
-    asked = params.probes_across, params.probes_across, params.probes_deep
+    asked = params.probe_grid_xy, params.probe_grid_xy, params.probe_grid_z
     box = probe_grid_around(camera, mask, near_far, (3, 3, 3))
     if not all(asked):
         few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), config.views)]
@@ -83,8 +83,8 @@ def probe_counts(
     """
     points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(CROSS.T)]
     cells = direction_cells(config.parallax_directions)
-    light = arriving(emitters.field(), cam_from_world, points, cells, params.probe_face_px, True, progress)
-    sent = np.einsum("md,npdc->npmc", ball(cells, params.full_diffuse), light.energy)
+    light = arriving(emitters.field(), cam_from_world, points, cells, params.probe_resolution, True, progress)
+    sent = np.einsum("md,npdc->npmc", ball(cells, params.diffuse == "disney"), light.energy)
     middle, ends = sent[:, 0], (sent[:, 1::2], sent[:, 2::2])
 
     def off(other: Float[np.ndarray, "n 3 m c"]) -> Float[np.ndarray, " 3"]:
@@ -121,8 +121,8 @@ def choose_direction_count(
 
     def sent(directions: int) -> Float[np.ndarray, "p n 3"]:
         at = ProbeGrid(middle, middle, (1, 1, 1))
-        light = gather_incident_light(at, emitters, there, directions, params.probe_face_px, progress)
-        transport = LightTransport(light, nothing, params.full_diffuse, False, "cpu")
+        light = gather_incident_light(at, emitters, there, directions, params.probe_resolution, progress)
+        transport = LightTransport(light, nothing, params.diffuse == "disney", False, "cpu")
         every = [np.arange(len(few))]
         ((_, radiance),) = predict(
             transport, alone, every, state.normals[few], state.albedo[few], state.roughness[few]

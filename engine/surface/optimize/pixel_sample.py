@@ -114,9 +114,9 @@ def sample_pixels(
         seen.part(chosen),
         seen.radiance,
         coarse_regions(np.isin(pixel_index(object_pixels.mask), chosen)),
-        params.full_diffuse,
-        params.bounce,
+        params.diffuse == "disney",
+        params.models("interreflections"),
         radiance_of_hidden_patches(geometry, light, seen.radiance)
-        if light is not None and params.bounce
+        if light is not None and params.models("interreflections")
         else None,
     )

@@ -58,12 +58,9 @@ class ObjectPixels:
             directions / directions[:, 2:] * z[:, None], -directions, None, material=self.material
         )
 
-    def geometry_of_depth(self, depth: Float[np.ndarray, "h w"], follow: bool) -> SurfaceGeometry:
-        """The points where a depth puts them, or all at its mean; nothing hidden yet."""
-        z = depth[self.mask]
-        return (
-            self.geometry_at(z) if follow else replace(self.geometry_at_distance(float(z.mean())), cast_z=z)
-        )
+    def geometry_of_depth(self, depth: Float[np.ndarray, "h w"]) -> SurfaceGeometry:
+        """The points where a depth puts them; nothing hidden yet."""
+        return self.geometry_at(depth[self.mask])
 
     def light_transport(
         self,
@@ -84,8 +81,10 @@ def observe_object(
     params: SurfaceParams,
 ) -> ObjectPixels:
     """The object in some views, at the photographs' resolution."""
-    cauchy = CAUCHY if params.robust else PLAIN
-    return ObjectPixels(camera, mask, observe(frames, mask, views, params.model_error, cauchy, params.rim))
+    cauchy = CAUCHY if params.models("robust_loss") else PLAIN
+    return ObjectPixels(
+        camera, mask, observe(frames, mask, views, params.model_error, cauchy, params.models("mixed_pixels"))
+    )
 
 
 def search_initial_normals(
@@ -100,7 +99,7 @@ def search_initial_normals(
     regions = coarse_regions(object_pixels.mask)
     return gauss_newton.initial_estimate(
         *exhaustive_search(
-            transport, geometry, object_pixels.observations, regions, params.candidates, progress
+            transport, geometry, object_pixels.observations, regions, params.normal_candidates, progress
         )
     )
 
@@ -124,13 +123,13 @@ def geometry_with_visibility(
 ) -> SurfaceGeometry:
     """Where the depth puts the points, and what of it hides the room from them."""
     hidden = None
-    if params.visibility:
+    if params.models("self_shadowing"):
         q = rays(object_pixels.camera)
         points = q / q[..., 2:] * depth[..., None]
-        albedo = state.albedo if params.bounce and params.walls else None
+        albedo = state.albedo if params.models("interreflections", "hidden_surfaces") else None
         normals = image(object_pixels.mask, state.normals)
         hidden = trace_occlusion(points, normals, object_pixels.mask, directions, progress, albedo=albedo)
-    return replace(object_pixels.geometry_of_depth(depth, params.follow_depth), visibility=hidden)
+    return replace(object_pixels.geometry_of_depth(depth), visibility=hidden)
 
 
 def light_transport(
@@ -143,10 +142,12 @@ def light_transport(
     """How pixels answer a light in whose views they were `photographed`; `geometry` knows the walls that throw some of it."""
     walls = (
         radiance_of_hidden_patches(geometry, light, photographed)
-        if geometry is not None and params.bounce
+        if geometry is not None and params.models("interreflections")
         else None
     )
-    return LightTransport(light, photographed, params.full_diffuse, params.bounce, device, walls)
+    return LightTransport(
+        light, photographed, params.diffuse == "disney", params.models("interreflections"), device, walls
+    )
 
 
 def photographed_radiance(

@@ -177,7 +177,6 @@ class SurfaceGeometry:
     points: Float[np.ndarray, "p 3"]
     views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
     visibility: SparseVisibility | None  # None: nothing hides anything
-    cast_z: Float[np.ndarray, " p"] | None = None  # z of the depth that hides, where points do not follow it
     material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
 
     def middle(self, pixels: Int[np.ndarray, " k"]) -> Float[np.ndarray, " 3"]:
@@ -187,9 +186,8 @@ class SurfaceGeometry:
 
     def at(self, scale: float) -> "SurfaceGeometry":
         """The same with the object so many times as far away: what hides what does not change."""
-        cast_z = None if self.cast_z is None else self.cast_z * scale
         occlusion = self.visibility and self.visibility.at(scale)
-        return replace(self, points=self.points * scale, visibility=occlusion, cast_z=cast_z)
+        return replace(self, points=self.points * scale, visibility=occlusion)
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True)

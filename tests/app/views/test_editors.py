@@ -59,7 +59,7 @@ def test_a_number_beyond_its_range_is_not_told(qtbot: QtBot) -> None:
 
 @pytest.mark.parametrize(
     ("name", "kind", "typed"),
-    [("hdr.long_edge_px", "int", "1024"), ("surface.start_maps", "str", "/maps")],
+    [("hdr.long_edge_px", "int", "1024"), ("surface.initial_normals", "str", "/maps")],
 )
 def test_undo_is_the_pages_once_what_was_typed_is_taken_over(
     qtbot: QtBot, name: str, kind: str, typed: str
@@ -81,13 +81,13 @@ def test_undo_is_the_pages_once_what_was_typed_is_taken_over(
 
 
 def test_a_number_left_to_the_stage_is_shown_in_words_and_told_as_nothing(qtbot: QtBot) -> None:
-    made, told = field(qtbot, "light.keep_out", "float?", None, None)
+    made, told = field(qtbot, "light.camera_clearance", "float?", None, None)
     assert isinstance(made.control, Number)
     assert made.control.text() == "automatic"
     type_into(qtbot, made.control, "0.4")
-    assert told[-1] == ("light.keep_out", 0.4)
+    assert told[-1] == ("light.camera_clearance", 0.4)
     made.control.setValue(made.control.minimum())
-    assert told[-1] == ("light.keep_out", None)
+    assert told[-1] == ("light.camera_clearance", None)
 
 
 def test_a_value_beyond_what_is_offered_is_shown_and_kept(qtbot: QtBot) -> None:
@@ -98,10 +98,10 @@ def test_a_value_beyond_what_is_offered_is_shown_and_kept(qtbot: QtBot) -> None:
 
 
 def test_a_switch_and_a_choice_tell_their_new_state(qtbot: QtBot) -> None:
-    made, told = field(qtbot, "surface.bounce", "bool", True, True)
+    made, told = field(qtbot, "surface.full_phase", "bool", True, True)
     assert isinstance(made.control, QCheckBox)
     qtbot.keyClick(made.control, Qt.Key.Key_Space)
-    assert told == [("surface.bounce", False)]
+    assert told == [("surface.full_phase", False)]
     made, told = field(qtbot, "export.normal_png", "str", "opengl", "opengl")
     assert isinstance(made.control, QComboBox)
     made.control.setCurrentText("directx")
@@ -109,12 +109,12 @@ def test_a_switch_and_a_choice_tell_their_new_state(qtbot: QtBot) -> None:
 
 
 def test_a_list_is_told_as_numbers_and_nonsense_goes_back(qtbot: QtBot) -> None:
-    made, told = field(qtbot, "light.passes", "list", (6, 8, 6), (6, 8, 6))
+    made, told = field(qtbot, "light.epochs", "list", (6, 8, 6), (6, 8, 6))
     assert isinstance(made.control, QLineEdit)
     type_into(qtbot, made.control, "2, 3")
-    assert told == [("light.passes", (2, 3))]
+    assert told == [("light.epochs", (2, 3))]
     type_into(qtbot, made.control, "many")
-    assert told == [("light.passes", (2, 3))]
+    assert told == [("light.epochs", (2, 3))]
     assert made.control.text() == "6, 8, 6"
 
 
@@ -144,7 +144,9 @@ def test_every_parameter_has_unit_default_and_name_in_its_tooltip(qtbot: QtBot) 
     assert "Default: 2048 px" in shown
     assert "--set hdr.long_edge_px" in shown
     assert (
-        told_default(Parameter("light.keep_out", "float?", 1.0, None, MEANINGS["light.keep_out"]))
+        told_default(
+            Parameter("light.camera_clearance", "float?", 1.0, None, MEANINGS["light.camera_clearance"])
+        )
         == "automatic"
     )
     assert (

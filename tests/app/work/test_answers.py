@@ -54,10 +54,11 @@ def test_a_plan_says_everything_the_page_shows(session: Path) -> None:
     assert directions is not None
     assert (directions.value, directions.default, directions.kind) == (0, 0, "int")
     kinds = {p.name: p.kind for row in plan.rows for p in row.parameters}
-    assert kinds["light.keep_out"] == "float?"
-    assert kinds["light.passes"] == "list"
+    assert kinds["light.camera_clearance"] == "float?"
+    assert kinds["light.epochs"] == "list"
     assert kinds["poses.mapping.match_ratio"] == "float"
-    assert kinds["surface.bounce"] == "bool"
+    assert kinds["surface.full_phase"] == "bool"
+    assert kinds["surface.without"] == "words"
 
 
 @pytest.mark.parametrize("solver", asked.SOLVERS)
@@ -84,10 +85,10 @@ def test_a_parameter_of_few_words_offers_them(session: Path) -> None:
 
 def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
-    rounds = plan.parameter("surface.rough_rounds")
+    rounds = plan.parameter("surface.coarse_iterations")
     assert rounds is not None
     drafted = presets.of_stage("surface")["draft"]["rough_rounds"]
-    assert drafted != SurfaceParams().rough_rounds
+    assert drafted != SurfaceParams().coarse_iterations
     assert (rounds.value, rounds.default, rounds.changed) == (drafted, drafted, False)
 
 

@@ -12,8 +12,19 @@ from hypothesis import strategies as st
 
 from engine.errors import SessionError
 from engine.io import session as sessions
-from engine.pipeline import run, stages
-from engine.pipeline.settings import REMOVED, Settings, from_toml, to_toml, with_changes
+from engine.pipeline import run, stage_table, stages
+from engine.pipeline.settings import (
+    REMOVED,
+    RENAMED,
+    SWITCHES,
+    Settings,
+    from_toml,
+    resolve,
+    to_toml,
+    with_changes,
+)  # fmt: skip
+from engine.pipeline.stages import read_record
+from engine.surface.params import PARTS, SurfaceParams
 from tests.engine.pipeline import tiny
 
 values = st.one_of(
@@ -219,6 +230,63 @@ def test_settings_survive_params_toml(session: sessions.Session) -> None:
     assert from_toml(sessions.read_params(session)) == before
 
 
+OLD = {
+    "segment": {"pull": 2.0},
+    "light": {"budget": 500, "passes": [2, 3], "keep_out": "auto"},
+    "surface": {"together": 900, "full_diffuse": False, "rim": False, "bounce": True, "material": False},
+}
+NOW = {
+    "segment": {"unary_limit": 2.0},
+    "light": {"max_gaussians": 500, "epochs": [2, 3], "camera_clearance": "auto"},
+    "surface": {
+        "tile_above_pixels": 900, "diffuse": "lambert",
+        "without": ["mixed_pixels", "detect_metal", "classify_material"],
+    },
+}  # fmt: skip
+
+
+def test_names_of_the_last_release_are_taken_with_a_note():
+    settings = from_toml(OLD)
+    assert settings.overrides == NOW
+    assert len(settings.notes) == sum(map(len, OLD.values()))
+    assert settings.notes[0] == (
+        "params.toml: segment.pull is called segment.unary_limit now; the old name is taken until the next release"
+    )
+    asked = with_changes(Settings(), None, None, ["surface.rim=false", "surface.rounds=2"])
+    assert asked.overrides == {"surface": {"fine_iterations": 2, "without": ["mixed_pixels"]}}
+    assert len(asked.notes) == 2
+    assert from_toml(NOW) == Settings(overrides=NOW)
+
+
+def test_every_old_name_leads_to_a_parameter_that_there_is():
+    for stage in stage_table.stages():
+        known = {item.name for item in dataclasses.fields(stage.defaults)}
+        assert set(RENAMED.get(stage.name, {}).values()) <= known
+        assert not RENAMED.get(stage.name, {}).keys() & known
+    assert {part for parts in SWITCHES.values() for part in parts} <= PARTS.keys()
+
+
+def test_a_record_of_the_last_release_tells_no_change_where_only_names_are_new(tmp_path: Path):
+    folder = tmp_path / "surface" / "0123"
+    folder.mkdir(parents=True)
+    (folder / "record.json").write_text(
+        json.dumps({"version": 46, "params": {"rounds": 3, "rim": True, "seed": 0}})
+    )
+    assert read_record(folder) == {
+        "version": 46,
+        "params": {"fine_iterations": 3, "without": [], "seed": 0},
+    }
+
+
+def test_words_may_be_one_text():
+    for text in (
+        'surface.without=["mixed_pixels", "regularize"]',
+        "surface.without=mixed_pixels, regularize",
+    ):
+        asked = with_changes(Settings(), None, None, [text]).overrides["surface"]
+        assert resolve("surface", SurfaceParams(), {}, asked).without == ("mixed_pixels", "regularize")
+
+
 @pytest.mark.parametrize("name", REMOVED)
 def test_a_parameter_that_was_removed_is_left_out_of_a_kept_file_and_refused_on_the_command_line(
     session: sessions.Session, name: str
@@ -227,7 +295,7 @@ def test_a_parameter_that_was_removed_is_left_out_of_a_kept_file_and_refused_on_
     (session.folder / "params.toml").write_text(f"[{stage}]\n{parameter} = 2\nwidth = 128\n")
     opened = from_toml(sessions.read_params(session))
     assert opened.overrides == {stage: {"width": 128}}
-    (note,) = with_changes(opened, None, 3, ["light.holdout=4"]).notes
+    (note,) = with_changes(opened, None, 3, ["light.validation_every=4"]).notes
     assert note == f"params.toml: {name} is left out, for it was removed: {REMOVED[name]}"
     with pytest.raises(
         SessionError, match=rf"--set {name}=2: {name} was removed: {REMOVED[name]}; leave it out"

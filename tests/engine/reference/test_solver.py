@@ -107,8 +107,8 @@ def maps(tmp_path_factory: pytest.TempPathFactory) -> str:
 def few(maps: str, **changes) -> ReferenceParams:
     """Few samples and epochs, and rates that get somewhere in them."""
     params = replace(
-        scaled(48, 24), start_maps=maps, object_distance=DISTANCE, normal_rate=6e-3, albedo_rate=5e-2,
-        roughness_rate=5e-2, held_out=2,
+        scaled(48, 24), initial_normals=maps, object_distance=DISTANCE, normal_rate=6e-3, albedo_rate=5e-2,
+        roughness_rate=5e-2, validation_views=2,
     )  # fmt: skip
     return replace(params, **changes)
 

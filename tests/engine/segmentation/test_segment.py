@@ -71,7 +71,7 @@ def test_a_gap_stays_a_gap_where_the_outline_only_stands_out_at_full_size(monkey
         return (
             scored(found, *rest)
             if found.size > small
-            else min(scored(found, *rest), PARAMS.least_score - 0.1)
+            else min(scored(found, *rest), PARAMS.min_contrast - 0.1)
         )
 
     monkeypatch.setattr(segmenting, "_score", doubtful)

@@ -5,17 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import solve as solving
 from engine.surface.data.observations import evenly_spaced
 from engine.surface.data.scene import Picture, build_scene
 from engine.surface.lighting.room_light import build_room_light, gather_incident_light
-from engine.surface.params import SurfaceParams
+from engine.surface.params import PARTS, SurfaceParams
 from engine.surface.passes import emitters_of
-from engine.surface.schedule import run, schedule, without
+from engine.surface.schedule import run, schedule
 from engine.surface.solve import held_out, initial_state, solve
 from tests.engine.reference.lit_room import DISTANCE, lambert, metal, scene
+
+METAL = ("detect_metal", "classify_material")
 
 
 def test_fewer_views_are_spread_evenly_over_all():
@@ -40,12 +43,12 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     frames, masks, poses, gaussians, lamps = scene(lambert).given
     params = replace(
         SurfaceParams(),
-        rough_views=8,
-        rough_rounds=1,
+        coarse_views=8,
+        coarse_iterations=1,
         directions=directions,
-        probes_across=2,
-        probes_deep=2,
-        probe_face_px=32,
+        probe_grid_xy=2,
+        probe_grid_z=2,
+        probe_resolution=32,
         object_distance=DISTANCE,  # looking for it gathers nothing that serves again
     )
     room = build_room_light(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
@@ -64,7 +67,7 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     there = poses.cam_from_world[fitted]
     light = found.light
     anew = gather_incident_light(
-        light.probe_grid, emitters_of(found), there, directions, params.probe_face_px, Progress()
+        light.probe_grid, emitters_of(found), there, directions, params.probe_resolution, Progress()
     )
     assert light.energy.shape == (8, directions, 45)
     assert found.validation.energy.shape == (8, directions, 3)
@@ -75,23 +78,27 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
 
 
 def test_a_pass_that_is_left_out_runs_in_no_phase():
-    phases = schedule(SurfaceParams(), False)
-    fewer = without(phases, "regularize", "expect_roughness")
-    names = {one.__name__ for phase in fewer for one in phase.passes}
-    assert {one.__name__ for phase in phases for one in phase.passes} - names == {
-        "regularize",
-        "expect_roughness",
-    }
+    out = ("regularize", "expect_roughness")
+    phases, fewer = (schedule(replace(SurfaceParams(), without=of), False) for of in ((), out))
+    ran, left = ({one.__name__ for phase in of for one in phase.passes} for of in (phases, fewer))
+    assert ran - left == set(out)
     assert [phase.name for phase in fewer] == [phase.name for phase in phases]
+
+
+def test_every_part_that_can_be_left_out_is_a_part_of_the_model_or_a_pass():
+    passes = {one.__name__ for phase in schedule(SurfaceParams(), True) for one in phase.passes}
+    assert {name for name, words in PARTS.items() if words.startswith("pass: ")} == passes & PARTS.keys()
+    with pytest.raises(SurfaceError, match=r'surface\.without is "rim"; give self_shadowing or'):
+        SurfaceParams(without=("rim",))
 
 
 @pytest.mark.parametrize(("material", "together"), [(True, 400_000), (False, 400_000), (True, 400)])
 def test_a_metal_ball_is_taken_for_metal(material: bool, together: int):
     """Also where its pixels are solved in tiles."""
     params = replace(
-        SurfaceParams(), rough_views=12, rough_rounds=2, directions=600, object_distance=DISTANCE, material=material,
-        visibility=False, relight=False, together=together,
-        probes_across=2, probe_face_px=32,
+        SurfaceParams(), coarse_views=12, coarse_iterations=2, directions=600, object_distance=DISTANCE,
+        without=("self_shadowing", "light_gains", *(() if material else METAL)), tile_above_pixels=together,
+        probe_grid_xy=2, probe_resolution=32,
     )  # fmt: skip
     ball = scene(metal(0.5), views=16, lamps=8)
     surface, *_, report = solve(*ball.given, params, "cpu", 0, Progress())
@@ -121,8 +128,8 @@ def test_rounds_end_as_soon_as_the_surface_stands_still(
 
     monkeypatch.setattr(solving, "schedule", stiller)
     params = replace(
-        SurfaceParams(), rough_views=8, rough_rounds=1, directions=400, object_distance=1.1, rounds=3, probes_across=1,
-        probes_deep=1, probe_face_px=32, visibility=False, relight=False, material=False,
+        SurfaceParams(), coarse_views=8, coarse_iterations=1, directions=400, object_distance=1.1, fine_iterations=3, probe_grid_xy=1,
+        probe_grid_z=1, probe_resolution=32, without=("self_shadowing", "light_gains", *METAL),
     )  # fmt: skip
     *_, report = solve(*scene(lambert).given, params, "cpu", 0, Progress())
     assert report.rounds == expected
@@ -131,8 +138,8 @@ def test_rounds_end_as_soon_as_the_surface_stands_still(
 def test_the_fewest_views_that_are_allowed_are_solved():
     """None is kept out of eight, and the rough turns have gathered the light of all."""
     params = replace(
-        SurfaceParams(), object_distance=DISTANCE, rough_rounds=2, directions=400, rounds=1, probes_across=1,
-        probes_deep=1, probe_face_px=32, material=False,
+        SurfaceParams(), object_distance=DISTANCE, coarse_iterations=2, directions=400, fine_iterations=1, probe_grid_xy=1,
+        probe_grid_z=1, probe_resolution=32, without=METAL,
     )  # fmt: skip
     eight = scene(lambert, views=8)
     surface, renders, *_, report = solve(*eight.given, params, "cpu", 0, Progress())

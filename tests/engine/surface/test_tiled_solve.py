@@ -23,12 +23,14 @@ from engine.surface.visibility.ray_visibility import SparseVisibility
 from tests.engine.reference.lit_room import DISTANCE, glossy, scene
 
 PARAMS = replace(
-    SurfaceParams(), rough_views=8, rough_rounds=2, directions=400, object_distance=DISTANCE - 0.07,
-    rounds=1, probes_across=1, probes_deep=1, probe_face_px=32,
-    # 184 pixels tell a lamp's direction, and a view's factor, worse than 729: that is not the tiles'.
-    lamp_shift=False, exposure_drift=False, material=False,
+    SurfaceParams(), coarse_views=8, coarse_iterations=2, directions=400, object_distance=DISTANCE - 0.07,
+    fine_iterations=1, probe_grid_xy=1, probe_grid_z=1, probe_resolution=32,
+    # 184 pixels tell a lamp's direction, and a view's factor, worse than 729: that is not the tiles'. Every pixel for
+    # itself. Every pixel for
+    # itself.
+    without=("lamp_directions", "view_exposures", "detect_metal", "classify_material", "regularize"),
 )  # fmt: skip
-ALONE = ("regularize",)  # every pixel for itself
+BARE = replace(PARAMS, without=(*PARAMS.without, "self_shadowing"))
 
 
 @pytest.fixture(scope="module")
@@ -39,17 +41,17 @@ def ball():
 @pytest.fixture(scope="module")
 def as_if_bare(ball):
     """All pixels at once, where nobody looks what hides the room."""
-    return solve(*ball.given, replace(PARAMS, visibility=False), "cpu", 0, Progress(), leave_out=ALONE)
+    return solve(*ball.given, BARE, "cpu", 0, Progress())
 
 
 def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.MonkeyPatch):
     frames, masks, *_ = ball.given
-    at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress(), leave_out=ALONE)
+    at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress())
     monkeypatch.setattr(tiled_solve, "TILE", 16)
-    few = replace(PARAMS, together=int(masks.object.sum()) // 3)
-    tiled, renders, _, report = solve(*ball.given, few, "cpu", 0, Progress(), leave_out=ALONE)
+    few = replace(PARAMS, tile_above_pixels=int(masks.object.sum()) // 3)
+    tiled, renders, _, report = solve(*ball.given, few, "cpu", 0, Progress())
     assert whole.together == whole.pixels == report.pixels
-    assert 0 < report.together <= few.together
+    assert 0 < report.together <= few.tile_above_pixels
     mask = at_once.mask
     assert (tiled.mask == mask).all()
     # Not the same bits: what a pixel sees of the object is its coarse neighbour's, one of 184. It is hardly farther from the truth.
@@ -72,8 +74,8 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     monkeypatch.setattr(scenes, "HALVED_FROM", 100)
     monkeypatch.setattr(schedule, "TELLING", 100)
     whole, *_, all_pixels = as_if_bare
-    params = replace(PARAMS, visibility=visibility)
-    found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress(), leave_out=ALONE)
+    params = PARAMS if visibility else BARE
+    found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress())
     assert all_pixels.together == report.pixels
     assert (report.together < report.pixels / 3) == visibility
     mask = found.mask
@@ -87,11 +89,11 @@ def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_qu
     ball, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(scenes, "HALVED_FROM", 100)
-    params = replace(PARAMS, visibility=False, full_turn=False)
+    params = replace(BARE, full_phase=False)
     found = []
     for still in (500.0, 0.0):
         monkeypatch.setattr(solving, "MOVING_DEG", still)
-        found.append(solve(*ball.given, params, "cpu", 0, Progress(), leave_out=ALONE)[0])
+        found.append(solve(*ball.given, params, "cpu", 0, Progress())[0])
     at_rest, moving = found
     mask = moving.mask
     assert (moving.normal == at_rest.normal).all()
@@ -108,9 +110,7 @@ def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monk
         "schedule",
         lambda *asked: tuple(replace(one, still_deg=500.0 * (one.still_deg > 0)) for one in usual(*asked)),
     )
-    found, *_, report = solve(
-        *ball.given, replace(PARAMS, rough_rounds=5), "cpu", 0, Progress(), leave_out=ALONE
-    )
+    found, *_, report = solve(*ball.given, replace(PARAMS, coarse_iterations=5), "cpu", 0, Progress())
     assert report.pixels / 5 < report.together < report.pixels / 3
     assert len(report.rough_residuals) == 3  # one of a quarter, one of half the size, and the last
     assert np.degrees(angle_between(found.normal[found.mask], ball.normals)).mean() < 1.2
@@ -137,11 +137,11 @@ def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
 
 def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.MonkeyPatch):
     """Without neighbours in accord every pixel stands for itself: other tiles give the same answers."""
-    few = replace(PARAMS, together=int(ball.given[1].object.sum()) // 3)
+    few = replace(PARAMS, tile_above_pixels=int(ball.given[1].object.sum()) // 3)
     answers = []
     for tile in (16, 48):
         monkeypatch.setattr(tiled_solve, "TILE", tile)
-        surface, *_ = solve(*ball.given, few, "cpu", 0, Progress(), leave_out=ALONE)
+        surface, *_ = solve(*ball.given, few, "cpu", 0, Progress())
         answers.append(surface)
     one, other = answers
     assert np.median(angle_between(one.normal[one.mask], other.normal[one.mask])) < 1e-3
@@ -176,7 +176,7 @@ def test_enlarged_values_are_linear_between_pixels():
 
 def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: pytest.MonkeyPatch):
     dull = scene(glossy(0.25), views=16)
-    few = replace(PARAMS, together=int(dull.given[1].object.sum()) // 3)
+    few = replace(PARAMS, tile_above_pixels=int(dull.given[1].object.sum()) // 3)
     began = []
     monkeypatch.setattr(tiled_solve, "TILE", 16)
     evaluated = tiled_solve.minimize

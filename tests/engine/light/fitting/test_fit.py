@@ -15,7 +15,7 @@ from engine.types import Frames, Gaussians, Masks, Poses
 from tests.engine.light import clouds as lights
 from tests.engine.light.painted import CAMERA, RADIUS, VIEWS, clouds, photographed, poses
 
-PARAMS = LightParams(budget=1500, width=64, passes=(4, 6), holdout=8)
+PARAMS = LightParams(max_gaussians=1500, max_image_width=64, epochs=(4, 6), validation_every=8)
 
 
 def paint(points: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_views_that_were_kept_out_are_predicted(
 
 def test_the_budget_and_the_keep_out_hold(fitted: tuple[Gaussians, LightReport]) -> None:
     gaussians, report = fitted
-    assert report.count == len(gaussians.means) <= PARAMS.budget
+    assert report.count == len(gaussians.means) <= PARAMS.max_gaussians
     assert np.linalg.norm(gaussians.means, axis=1).min() > report.keep_out * 0.5
     assert (gaussians.radiance >= 0).all()
 
@@ -92,7 +92,7 @@ def test_holding_every_view_out_is_refused(room: tuple[Frames, Masks, Poses]) ->
 
 def test_keeping_free_more_than_the_room_is_refused(room: tuple[Frames, Masks, Poses]) -> None:
     with pytest.raises(LightError, match="smaller keep_out"):
-        fit(*room, replace(PARAMS, keep_out=1e6), 0, Progress())
+        fit(*room, replace(PARAMS, camera_clearance=1e6), 0, Progress())
 
 
 def test_a_pixel_far_below_black_leaves_a_score(room: tuple[Frames, Masks, Poses]) -> None:

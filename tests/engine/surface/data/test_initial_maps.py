@@ -77,8 +77,8 @@ def test_a_networks_map_takes_the_place_of_the_search(
     monkeypatch.setattr(passes, "search_initial_normals", None)
     monkeypatch.setattr(initial_maps, "estimate_from_maps", begun)
     asked = SurfaceParams(
-        rough_views=8, directions=64, object_distance=0.6, probe_face_px=8,
-        start_maps=png(tmp_path / "normal.png", NORMAL), start_frame="opengl",
+        coarse_views=8, directions=64, object_distance=0.6, probe_resolution=8,
+        initial_normals=png(tmp_path / "normal.png", NORMAL), normals_frame="opengl",
     )  # fmt: skip
     with pytest.raises(Begun, match=r"^0\.0 True$"):
         solve(*LIT.given, asked, "cpu", 0, Progress())
@@ -138,7 +138,7 @@ def test_maps_that_do_not_fit_are_refused_in_one_clear_line(
     path = tmp_path / "maps.npz"
     np.savez(path, **({"normal": NORMAL} | change))
     with pytest.raises(SurfaceError) as fault:
-        initial_maps.requested(SurfaceParams(start_maps=str(path)), MASK)
+        initial_maps.requested(SurfaceParams(initial_normals=str(path)), MASK)
     said = str(fault.value)
     assert said.startswith(f"start maps: {path}")
     assert "\n" not in said
@@ -147,20 +147,20 @@ def test_maps_that_do_not_fit_are_refused_in_one_clear_line(
 
 def test_a_file_that_is_not_there_is_named() -> None:
     with pytest.raises(SurfaceError, match=r"start maps: nowhere\.exr: no such file"):
-        initial_maps.requested(SurfaceParams(start_maps="nowhere.exr"), MASK)
+        initial_maps.requested(SurfaceParams(initial_normals="nowhere.exr"), MASK)
 
 
 def test_what_makes_no_sense_is_refused_as_it_is_asked() -> None:
     with pytest.raises(SurfaceError, match=r'^surface\.start_frame is "maya"; give opencv or opengl$'):
-        SurfaceParams(start_frame="maya")
+        SurfaceParams(normals_frame="maya")
     with pytest.raises(SurfaceError, match=r"give surface\.start_maps too"):
-        SurfaceParams(start_roughness="roughness.png")
+        SurfaceParams(initial_roughness="roughness.png")
 
 
 def test_another_content_of_the_same_file_is_another_result(tmp_path: Path) -> None:
     (stage,) = [stage for stage in stage_table.stages() if stage.name == "surface"]
     normal, roughness = tmp_path / "n.npy", tmp_path / "r.npy"
-    asked = SurfaceParams(start_maps=str(normal), start_roughness=str(roughness))
+    asked = SurfaceParams(initial_normals=str(normal), initial_roughness=str(roughness))
     found = []
     for turn in range(3):
         np.save(normal, NORMAL * (1 if turn else -1))

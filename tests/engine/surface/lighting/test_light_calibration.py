@@ -223,7 +223,7 @@ def test_distance_and_unseen_light_are_found_from_nothing():
     assert tried == tuple(layers)
     assert found.cost == min(misfits)
     np.testing.assert_allclose(np.log(found.gain[:2] / gain[:2]), 0, atol=0.5)
-    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), relight=False), Progress())
+    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), without=("light_gains",)), Progress())
     assert (left.gain == 1).all()
 
 
@@ -253,7 +253,7 @@ def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_noth
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
     assert found.cost == min(misfits)
     np.testing.assert_allclose(np.log(found.gain[2] / gain[2]), 0, atol=0.5)
-    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), relight=False), Progress())
+    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), without=("light_gains",)), Progress())
     np.testing.assert_array_equal(left.gain, prior_light(parts, TRUE_Z).gain)
 
 

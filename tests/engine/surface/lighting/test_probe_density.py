@@ -64,7 +64,7 @@ def left_over(lattice: ProbeGrid, shape: Gaussians) -> float:
         if count > 1:
             line = np.moveaxis(points, axis, 0)
             line = line[(slice(None), *(n // 2 for n in line.shape[1:-1]))]
-            light = arriving(shape, HERE, line, cells, PARAMS.probe_face_px).energy[0].sum(-1) @ cosine.T
+            light = arriving(shape, HERE, line, cells, PARAMS.probe_resolution).energy[0].sum(-1) @ cosine.T
             gap = (light[:-4:4] + light[4::4]) / 2 / light[2::4] - 1
             worst = max(worst, float(np.sqrt((gap**2).mean())))
     return worst
@@ -87,7 +87,7 @@ def test_a_near_wall_takes_more_along_the_way_to_it_and_they_suffice() -> None:
 
 @pytest.mark.parametrize(("across", "deep", "expected"), [(5, 2, (5, 5, 2)), (3, 0, (3, 3, 1))])
 def test_what_was_asked_is_given(across: int, deep: int, expected: tuple[int, ...]) -> None:
-    asked = replace(PARAMS, probes_across=across, probes_deep=deep)
+    asked = replace(PARAMS, probe_grid_xy=across, probe_grid_z=deep)
     assert chosen(shell(200.0), asked).shape == expected
 
 

@@ -43,8 +43,8 @@ def opened() -> Stored:
 
 def room_of(stored: Stored) -> RoomLight:
     return build_room_light(
-        stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, SurfaceParams().relight_groups,
-        SurfaceParams().relight_prior, 0,
+        stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, SurfaceParams().light_groups,
+        SurfaceParams().light_gain_sigma, 0,
     )  # fmt: skip
 
 
@@ -172,14 +172,14 @@ def test_parts_of_the_unseen_get_smaller_down_to_single_patches(stored: Stored):
 def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: Stored, relight: bool):
     params = replace(
         SurfaceParams(),
-        rough_views=8,
-        rough_rounds=2,
+        coarse_views=8,
+        coarse_iterations=2,
         directions=400,
         object_distance=1.1,
-        relight=relight,
-        probes_across=2,
-        probes_deep=2,
-        probe_face_px=32,
+        without=() if relight else ("light_gains",),
+        probe_grid_xy=2,
+        probe_grid_z=2,
+        probe_resolution=32,
     )
     room = room_of(stored)
     picture = Picture(stored.frames, stored.masks.object, stored.poses.camera)
