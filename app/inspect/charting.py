@@ -189,18 +189,21 @@ def view_residuals(shown: Maps) -> Chart:
 
 
 def settling(run: Run) -> Chart:
-    """How the misfit fell, turn by turn, while light and shape were settled."""
-    turns = run.reported("surface").get("rough_residuals", [])
+    """How the misfit fell, iteration by iteration."""
+    report = run.reported("surface")
+    # Until version 46 a report had the coarse iterations alone.
+    turns = [one["residual"] for one in report.get("history", ()) if one["residual"] is not None]
+    turns = turns or report.get("rough_residuals", [])
     x = tuple(float(i + 1) for i in range(len(turns)))
     return Chart(
         "settling",
         TITLES["settling"],
-        QT_TRANSLATE_NOOP("maps", "turn"),
+        QT_TRANSLATE_NOOP("maps", "iteration"),
         QT_TRANSLATE_NOOP("maps", "residual [times the expected noise]"),
         (Series("residual", x, tuple(map(float, turns)), kind="line"),),
         QT_TRANSLATE_NOOP(
             "maps",
-            "Median spread of the residuals after each coarse turn; 1 is what noise and the model's error explain.",
+            "Median spread of the residuals after each iteration; 1 is what noise and the model's error explain.",
         ),
         ticks={at: f"{at:.0f}" for at in x},
         missing="" if turns else QT_TRANSLATE_NOOP("maps", "this run reported no turns"),

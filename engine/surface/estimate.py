@@ -19,6 +19,21 @@ from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry
 from engine.surface.uncertainty.standard_errors import LightVariance
 
 
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One iteration of a phase: which passes ran, and what they did; None where it is not known then."""
+
+    phase: str
+    passes: tuple[str, ...]
+    pixels: int
+    residual: float | None  # median spread of the weighted residuals afterwards, where the pixels were solved
+    turned_deg: float | None  # mean turn of the normals
+    validation_error: (
+        float | None
+    )  # median relative error of the validation views, as soon as the light is settled
+    kept: bool = True  # or undone, for the validation views were rendered worse
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """The surface of the object's pixels at one size, and the light it is solved under."""
@@ -48,8 +63,12 @@ class Estimate:
     halved_state: PixelEstimate | None = None  # as the last smaller size left it, for the pixels of `state`
     coarse_state: PixelEstimate | None = None  # as the coarse phases left it, for the same
     regularized: bool = False
-    residuals: tuple[float, ...] = ()  # median spread of the weighted residuals after each iteration
-    coarse_iterations: int = 0  # of these, those before the light was settled
+    history: tuple["Iteration", ...] = ()
+
+    @property
+    def residuals(self) -> tuple[float, ...]:
+        """Median spread of the weighted residuals after each iteration that solved the pixels."""
+        return tuple(one.residual for one in self.history if one.residual is not None)
 
     @property
     def compensated_pixels(self) -> ObjectPixels:

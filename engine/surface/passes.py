@@ -44,6 +44,9 @@ from engine.surface.rendering.object_pixels import (
     ObjectPixels,
     depth_from_normals,
     geometry_with_visibility,
+    light_transport,
+    photographed_radiance,
+    render_pixels,
     search_initial_normals,
 )
 from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks, probe_grid_around
@@ -397,7 +400,6 @@ def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
         now, picture=picture, object_pixels=object_pixels.with_exposure_compensated(offset), views=scene.fitted, exposure_offset=offset,
         light=light.views(np.arange(count)), validation=light.views(np.arange(count, len(views))),
         coarse_state=now.known_state, halved_state=now.halved_state or now.known_state,
-        coarse_iterations=len(now.residuals),
     )  # fmt: skip
 
 
@@ -421,6 +423,15 @@ def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estima
 def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Neighbours decide what a pixel's photographs leave open."""
     return replace(now, state=regularize_spatially(now.known_state, now.object_pixels.mask), regularized=True)
+
+
+def render_validation(scene: Scene, now: Estimate) -> Float[np.ndarray, "p k 3"]:
+    """The validation views as the estimate has them; none before the light is settled."""
+    if now.validation is None or now.picture is None:
+        return np.zeros((len(now.object_pixels.rays), 0, 3), np.float32)
+    photographed = photographed_radiance(now.picture.frames, now.picture.mask, tuple(scene.validation))
+    there = light_transport(photographed, now.validation, now.geometry, scene.params, "cpu")
+    return render_pixels(there, now.geometry, pixel_blocks(now.picture.mask), now.known_state)
 
 
 def emitters_of(now: Estimate) -> Emitters:

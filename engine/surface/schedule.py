@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.scene import Scene
-from engine.surface.estimate import Estimate
+from engine.surface.estimate import Estimate, Iteration
 from engine.surface.params import SurfaceParams
 from engine.surface.passes import (
     Pass,
@@ -28,6 +29,7 @@ from engine.surface.passes import (
     place_probes,
     refine_distance,
     regularize,
+    render_validation,
     search_distance,
     search_normals,
     solve_pixels,
@@ -76,16 +78,51 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
 
 
 def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress) -> Estimate:
-    """All phases, one after the other."""
+    """All phases, one after the other. What renders the validation views worse is undone, and ends its phase."""
     weights = [phase.repeat * 0.5 ** min(phase.level, scene.smallest) for phase in phases]
     ends = np.concatenate([[0], np.cumsum(weights)]) / sum(weights)
+    error = validation_error(scene, now)
     for phase, begin, end in zip(phases, ends[:-1], ends[1:], strict=True):
         for span in progress.part(begin, end).parts(phase.repeat):
-            before = now
+            before, error_before = now, error
             now = _iteration(scene, now, phase, span)
-            if phase.still_deg and _turned_deg(before, now) < phase.still_deg:
+            error, turned = validation_error(scene, now), _turned_deg(before, now)
+            kept = not is_worse(error_before, error)
+            made = Iteration(
+                phase.name, tuple(one.__name__ for one in phase.passes), len(now.object_pixels.rays),
+                float(np.median(now.known_state.residual_scale)) if solve_pixels in phase.passes else None,
+                turned if np.isfinite(turned) else None, float(np.median(error)) if error.size else None, kept,
+            )  # fmt: skip
+            if not kept:
+                now, error = before, error_before
+            now = replace(now, history=(*now.history, made))
+            if not kept or (phase.still_deg and turned < phase.still_deg):
                 break
     return now
+
+
+def validation_error(scene: Scene, now: Estimate) -> Float[np.ndarray, "k p"]:
+    """Relative error of every validation view at every pixel; without views before the light is settled."""
+    if now.validation is None or now.picture is None:
+        return np.zeros((0, 0))
+    made = render_validation(scene, now).transpose(1, 0, 2)
+    return relative_error(made, now.picture.frames.radiance[scene.validation][:, now.picture.mask])
+
+
+def relative_error(
+    made: Float[np.ndarray, "k p 3"], photographed: Float[np.ndarray, "k p 3"]
+) -> Float[np.ndarray, "k p"]:
+    """Mean over the channels of what is off, of the radiance photographed."""
+    least = 0.02 * np.median(photographed) if photographed.size else 0.0
+    return np.mean(np.abs(made - photographed) / np.maximum(photographed, least), axis=2)
+
+
+def is_worse(before: Float[np.ndarray, "_ _"], after: Float[np.ndarray, "_ _"]) -> bool:
+    """Whether the views' median errors have grown by more than the standard error of their mean growth."""
+    if before.shape != after.shape or len(before) < 2:
+        return False
+    grown = np.median(after, axis=1) - np.median(before, axis=1)
+    return bool(grown.mean() > grown.std(ddof=1) / np.sqrt(len(grown)))
 
 
 def _iteration(scene: Scene, now: Estimate, phase: Phase, progress: Progress) -> Estimate:
@@ -93,8 +130,6 @@ def _iteration(scene: Scene, now: Estimate, phase: Phase, progress: Progress) ->
         now = now.upsampled(scene, progress.part(0, 0.1))
     for one, span in zip(phase.passes, progress.part(0.1, 1).parts(len(phase.passes)), strict=True):
         now = one(scene, now, span)
-    if solve_pixels in phase.passes:
-        now = replace(now, residuals=(*now.residuals, float(np.median(now.known_state.residual_scale))))
     return now
 
 

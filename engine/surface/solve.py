@@ -17,7 +17,7 @@ from engine.surface.data import initial_maps
 from engine.surface.data.pyramid import parent_index
 from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
 from engine.surface.depth.normal_integration import integrate_parts
-from engine.surface.estimate import Estimate
+from engine.surface.estimate import Estimate, Iteration
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
 from engine.surface.lighting.exposure_offset import EXPOSURE_SIGMA
@@ -63,7 +63,7 @@ class SurfaceReport:
     clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
     exposure_drift: tuple[float, ...]  # of every frame's log exposure; 0 of those that were not fitted
     lamp_shifts_deg: tuple[float, ...]  # how far every lamp has moved, as seen from amid the cameras
-    rough_residuals: tuple[float, ...]  # median weighted residual spread, turn by turn
+    history: tuple[Iteration, ...]  # what ran, in order, and what it did
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
     depth_parts: tuple[
@@ -205,7 +205,7 @@ def report_of(
     return SurfaceReport(
         len(maps.normals),
         int(found.picture.mask.sum()),
-        len(found.residuals) - found.coarse_iterations,
+        sum(one.phase == "fine" for one in found.history),
         len(scene.fitted),
         kept_out,
         error,
@@ -220,7 +220,7 @@ def report_of(
         tuple(int(k) for k in np.nonzero(found.room_light.kind == CLIPPED)[0]),
         tuple(map(float, drift)),
         tuple(map(float, np.degrees(np.linalg.norm(found.known_light_parameters.lamp_offset, axis=1)))),
-        found.residuals[: found.coarse_iterations],
+        found.history,
         float(np.degrees(np.median(maps.stderr_normal))),
         {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
     )

@@ -105,7 +105,13 @@ def finished(
         "held_out_error": 0.1,
         "residual": 1.5,
         "stderr_normal_deg": 1.1,
-        "rough_residuals": [3.0, 1.5],
+        "history": [
+            {
+                "phase": phase, "passes": ["solve_pixels"], "pixels": 81, "residual": residual,
+                "turned_deg": None, "validation_error": None, "kept": True,
+            }
+            for phase, residual in (("initialise", None), ("coarse", 3.0), ("place", 1.5))
+        ],
         "distance": {"value": 0.8, "stderr": 0.01, "source": "light", "tried": [0.4, 0.8, 1.6], "misfit": [9.0, 2.0, 7.0]},
         "probe_reach": [0.7, 0.9],
         "probes": [1, 1, 1],

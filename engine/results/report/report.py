@@ -70,6 +70,7 @@ def html(contents: Contents) -> str:
         _light(contents),
         _path(contents),
         _exposures(contents),
+        _iterations(contents),
         _times(contents),
         _exports(contents),
         _parameters(contents),
@@ -307,6 +308,40 @@ def _exposures(c: Contents) -> str:
         f"<p>{c.hdr.exposures} exposures a view. Ratios fitted from the pixels, against what EXIF says.</p>"
     )
     return html_page.section("Exposures", text, (), html_page.table(heads, rows, numbers=range(1, 6)))
+
+
+def _iterations(c: Contents) -> str:
+    """Which passes of the surface solve ran, and what each iteration gained; of other solvers nothing is known."""
+    history = _facts(c, "surface").get("history")
+    if not isinstance(history, list):
+        return ""
+
+    def told(value: float | None, form: str) -> str:
+        return "" if value is None else format(value, form)
+
+    rows = [
+        (
+            one["phase"], ", ".join(one["passes"]).replace("_", " "), f"{one['pixels']}", told(one["residual"], ".2f"),
+            told(one["turned_deg"], ".2f"), told(one["validation_error"], ".2%"), "yes" if one["kept"] else "undone",
+        )
+        for one in history
+    ]  # fmt: skip
+    heads = (
+        "phase",
+        "passes",
+        "pixels",
+        "residual",
+        "normals turned, deg",
+        "validation views, error",
+        "kept",
+    )
+    text = (
+        "<p>Residual: median spread, in units of the expected noise. Validation views are never fitted. An iteration"
+        " that renders them worse, by more than the standard error over the views, is undone.</p>"
+    )
+    return html_page.section(
+        "Iterations of the surface", text, (), html_page.table(heads, rows, numbers=range(2, 6))
+    )
 
 
 def _times(c: Contents) -> str:

@@ -227,6 +227,7 @@ def test_residuals_of_all_views_are_offered_and_go_on_until_they_are_stopped(
 def test_charts_of_one_run_follow_the_run(page: ChartsPage, qtbot: QtBot, session: Path) -> None:
     report = session / "stages" / "surface" / "older" / "report.json"
     content = json.loads(report.read_text())
+    del content["values"]["history"]  # as until version 46
     content["values"]["rough_residuals"] = [8.0, 4.0, 2.0]
     report.write_text(json.dumps(content))
     choose(page, "settling", qtbot)

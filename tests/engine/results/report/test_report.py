@@ -218,6 +218,20 @@ def test_light_that_differs_from_the_backgrounds_is_warned_of(drift: float):
     assert ("lit 7.8 % otherwise" in lines) == (drift < -0.05)
 
 
+def test_the_iterations_of_the_surface_are_told_with_what_they_gained():
+    one = {
+        "phase": "fine", "passes": ["solve_pixels", "trace_visibility"], "pixels": 900, "residual": 1.25,
+        "turned_deg": None, "validation_error": 0.034, "kept": False,
+    }  # fmt: skip
+    stage = StageRun("surface", 9.0, "cpu", {}, {"history": [one]})
+    text = " ".join(read(report.html(replace(full(), stages=(stage,)))).text)
+    assert "solve pixels, trace visibility" in text
+    assert "1.25" in text
+    assert "3.40%" in text
+    assert "undone" in text
+    assert "Iterations of the surface" not in " ".join(read(report.html(full())).text)
+
+
 def test_what_was_clipped_lost_or_guessed_is_listed():
     text = " ".join(read(report.html(full())).text)
     assert "2.1 % of all pixels are clipped" in text
