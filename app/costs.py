@@ -59,7 +59,7 @@ def cost_of(session: Session, step: Step, megapixels: float, preset: str, cores:
     _, record = latest_run(step.folder.parent) or (None, {})
     if record.get("version") == step.stage.version and "cpu_seconds" in record:
         return Cost(max(record["seconds"], record["cpu_seconds"] / cores), record["peak_memory_bytes"])
-    if step.stage.name == "surface" and not hasattr(step.params, "probes_across"):
+    if step.stage.name == "surface" and not hasattr(step.params, "probe_grid_xy"):
         return Cost(math.nan, 2_000_000_000)
     base_s, more_s, base_mb, more_mb = PER_MEGAPIXEL[step.stage.name]
     seconds = base_s + more_s * megapixels

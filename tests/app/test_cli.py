@@ -195,7 +195,7 @@ def test_a_file_to_start_from_is_kept_where_it_is_from_every_folder(
     words = ["process", str(session), "--until", "hdr", "--device", "cpu"]
     assert main([*words, "--set", "surface.initial_normals=maps.npy"]) == 0
     kept = sessions.read_params(sessions.open_session(session))
-    assert kept["surface"] == {"start_maps": str(tmp_path / "maps.npy")}
+    assert kept["surface"] == {"initial_normals": str(tmp_path / "maps.npy")}
 
 
 def test_cuda_is_refused_where_there_is_none(session: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,12 +22,12 @@ def test_a_change_is_written_and_the_default_is_not() -> None:
 
 
 def test_a_change_leaves_the_others_and_the_original_alone() -> None:
-    before = Settings("fine", 3, {"surface": {"passes": 9}, "light": {"budget": 10}})
+    before = Settings("fine", 3, {"surface": {"gauss_newton_steps": 9}, "light": {"max_gaussians": 10}})
     after = plans.with_value(before, parameter(), 4096)
     assert after == Settings(
-        "fine", 3, {"surface": {"passes": 9, "directions": 4096}, "light": {"budget": 10}}
+        "fine", 3, {"surface": {"gauss_newton_steps": 9, "directions": 4096}, "light": {"max_gaussians": 10}}
     )
-    assert before.overrides == {"surface": {"passes": 9}, "light": {"budget": 10}}
+    assert before.overrides == {"surface": {"gauss_newton_steps": 9}, "light": {"max_gaussians": 10}}
 
 
 def test_a_parameter_in_a_group_is_written_where_the_engine_reads_it() -> None:
@@ -45,12 +45,12 @@ def test_nothing_is_left_to_the_stage_with_a_word_toml_has() -> None:
 
     given = parameter("light.camera_clearance", "float?", 0.3, 0.2)
     settings = plans.with_value(Settings(), given, None)
-    assert resolve("light", LightParams(), {}, settings.overrides["light"]).keep_out is None
+    assert resolve("light", LightParams(), {}, settings.overrides["light"]).camera_clearance is None
 
 
 def test_lists_are_written_as_toml_has_them() -> None:
     settings = plans.with_value(Settings(), parameter("light.epochs", "list", (6, 8, 6), (6, 8, 6)), (1, 2))
-    assert settings.overrides == {"light": {"passes": [1, 2]}}
+    assert settings.overrides == {"light": {"epochs": [1, 2]}}
 
 
 @pytest.mark.parametrize(
@@ -62,10 +62,10 @@ def test_lists_are_read_as_people_write_them(text: str, numbers: tuple[int, ...]
 
 
 def test_presets_seeds_and_resets_touch_what_they_say() -> None:
-    settings = Settings("standard", 0, {"surface": {"passes": 9}, "light": {"budget": 10}})
+    settings = Settings("standard", 0, {"surface": {"gauss_newton_steps": 9}, "light": {"max_gaussians": 10}})
     assert plans.with_preset(settings, "draft") == dataclasses.replace(settings, preset="draft")
     assert plans.with_seed(settings, 7).seed == 7
-    assert plans.without_changes(settings, "surface").overrides == {"light": {"budget": 10}}
+    assert plans.without_changes(settings, "surface").overrides == {"light": {"max_gaussians": 10}}
     assert plans.without_changes(settings).overrides == {}
 
 

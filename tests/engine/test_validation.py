@@ -57,9 +57,9 @@ def test_bounds_are_met_and_not_passed(stage: str, params: Any, name: str, least
 @pytest.mark.parametrize(
     ("params", "changes", "told"),
     [
-        (light.LightParams(), {"passes": ()}, r"light\.passes is \[\]; give one number or more, each of 1 or more"),
+        (light.LightParams(), {"epochs": ()}, r"light\.epochs is \[\]; give one number or more, each of 1 or more"),
         (export.ExportParams(), {"normal_png": "foo"}, r'export\.normal_png is "foo"; give opengl or directx'),
-        (reference.ReferenceParams(), {"start_frame": "foo"}, r'surface\.start_frame is "foo"; give opencv or opengl'),
+        (reference.ReferenceParams(), {"normals_frame": "foo"}, r'surface\.normals_frame is "foo"; give opencv or opengl'),
         (poses.PoseParams(), {"board": "chess 5x7"}, r'board "chess 5x7": .*; write "charuco'),
     ],
 )  # fmt: skip

@@ -182,7 +182,7 @@ def lambert(
 def _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress) -> Scene:
     object_pixels, views = seen_object(frames, masks, poses, ours)
     room = build_room_light(
-        gaussians, lamps, frames, masks, poses, ours.relight_groups, ours.relight_prior, seed
+        gaussians, lamps, frames, masks, poses, ours.light_groups, ours.light_gain_sigma, seed
     )
     distance = params.object_distance
     if distance <= 0:

@@ -130,7 +130,7 @@ def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[
     used = np.setdiff1d(views, held)
     if len(used) < 4:
         raise LightError(
-            f"holdout = {holdout} leaves {len(used)} of {len(views)} views for the light, which needs at least 4: "
+            f"light.validation_every = {holdout} leaves {len(used)} of {len(views)} views for the light, which needs at least 4: "
             "hold out every 8th, or 0 for none"
         )
     return used, held

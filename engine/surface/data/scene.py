@@ -113,7 +113,7 @@ def build_scene(
     device: str,
     seed: int,
 ) -> Scene:
-    """A scene whose coarse phases have `params.rough_views` of the views that are fitted, the fine ones `params.views`."""
+    """A scene whose coarse phases have `params.coarse_views` of the views that are fitted, the fine ones `params.views`."""
     views = evenly_spaced(fitted, params.coarse_views)
     sizes = [picture.of_views(views)]
     while sizes[-1].mask.sum() > HALVED_FROM and len(sizes) < SIZES:

@@ -87,7 +87,7 @@ def test_a_preset_moves_the_defaults_with_it(session: Path) -> None:
     plan = read_plan(answer(question="plan", session=str(session), settings={"preset": "draft"})["answer"])
     rounds = plan.parameter("surface.coarse_iterations")
     assert rounds is not None
-    drafted = presets.of_stage("surface")["draft"]["rough_rounds"]
+    drafted = presets.of_stage("surface")["draft"]["coarse_iterations"]
     assert drafted != SurfaceParams().coarse_iterations
     assert (rounds.value, rounds.default, rounds.changed) == (drafted, drafted, False)
 

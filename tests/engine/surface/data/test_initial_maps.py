@@ -151,9 +151,9 @@ def test_a_file_that_is_not_there_is_named() -> None:
 
 
 def test_what_makes_no_sense_is_refused_as_it_is_asked() -> None:
-    with pytest.raises(SurfaceError, match=r'^surface\.start_frame is "maya"; give opencv or opengl$'):
+    with pytest.raises(SurfaceError, match=r'^surface\.normals_frame is "maya"; give opencv or opengl$'):
         SurfaceParams(normals_frame="maya")
-    with pytest.raises(SurfaceError, match=r"give surface\.start_maps too"):
+    with pytest.raises(SurfaceError, match=r"give surface\.initial_normals too"):
         SurfaceParams(initial_roughness="roughness.png")
 
 
