@@ -14,7 +14,7 @@ from typing import Any
 from app import commands, cores, simulating
 from app.exit_codes import ExitCode, code_of
 from engine.errors import Cancelled, RoomlightError
-from engine.pipeline.settings import PRESETS, SOLVERS
+from engine.pipeline.settings import AUTO, PRESETS, SOLVERS
 from hardware.errors import HardwareError
 
 # What the system may say of a name that a person gave, wherever that is first looked at.
@@ -66,12 +66,20 @@ def _parser() -> argparse.ArgumentParser:
 
     process = add("process", help="run every stage that is not done")
     _add_session(process)
-    _add_settings(process)
+    _add_settings(process, (*PRESETS, AUTO))
+    process.add_argument(
+        "--budget",
+        metavar="TIME",
+        help="with --preset auto: climb no further than this allows, as in 90s, 3min, 1h",
+    )
     process.add_argument(
         "--without", type=_words, metavar="VIEW,VIEW",
         help="leave these photographs out, by name or number, as in 3,17, now and in later runs; none puts all back",
     )  # fmt: skip
-    process.add_argument("--until", metavar="STAGE", help="stop after this stage")
+    process.add_argument(
+        "--until", metavar="STAGE",
+        help="stop after this stage; with --preset auto an error of the normals that suffices, as 0.5deg",
+    )  # fmt: skip
     process.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     process.add_argument(
         "--strict",
@@ -409,9 +417,9 @@ def _add_places(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_settings(parser: argparse.ArgumentParser) -> None:
+def _add_settings(parser: argparse.ArgumentParser, presets: Sequence[str] = PRESETS) -> None:
     """What changes params.toml; left out, what is written there holds."""
-    parser.add_argument("--preset", choices=PRESETS, default=None)
+    parser.add_argument("--preset", choices=presets, default=None)
     parser.add_argument(
         "--solver",
         choices=SOLVERS,

@@ -3,13 +3,16 @@
 import json
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.changes import Changes, changes_of, open_changed
 from app.exit_codes import ExitCode
+from engine.pipeline.settings import AUTO, PRESETS
 
 if TYPE_CHECKING:
+    from engine.pipeline.stages import Step
     from engine.results.quality import Quality
 
 
@@ -75,7 +78,14 @@ def run_plan(args: Namespace) -> int:
 def run_process(args: Namespace) -> int:
     if args.without is not None:
         leave_out(args.session, args.without)
-    verdict = process(args.session, changes_of(args), args.until, args.device)
+    if args.preset == AUTO:
+        verdict = process_auto(args)
+    elif args.budget is not None:
+        from engine.errors import SessionError
+
+        raise SessionError("--budget is for --preset auto, which stops climbing when it is spent")
+    else:
+        verdict = process(args.session, changes_of(args), args.until, args.device)
     doubted = args.strict and verdict is not None and not verdict.good
     return ExitCode.DOUBTED if doubted else ExitCode.DONE
 
@@ -98,6 +108,37 @@ def leave_out(folder: Path, words: Sequence[str]) -> None:
     print(f"left out: {', '.join(name for name in views if name in names) or 'none'}")
 
 
+def process_auto(args: Namespace) -> "Quality | None":
+    """Climb the presets as far as they pay and the budget allows; the session is left at the one that stays."""
+    import os
+
+    from app import auto, results
+    from app.costs import cost_of, megapixels_of
+    from engine.pipeline import stages
+
+    goal = auto.goal_of(args.budget, args.until)
+    asked, cores = changes_of(args), len(os.sched_getaffinity(0))
+
+    def predict(preset: str) -> float:
+        opened = open_changed(args.session, replace(asked, preset=preset))
+        steps = stages.plan(opened.session, opened.rows, opened.settings)
+        (hdr,) = [step for step in steps if step.stage.name == "hdr"]
+        megapixels = megapixels_of(opened.session, hdr.params.long_edge_px)
+        return sum(
+            cost_of(opened.session, step, megapixels, preset, cores).seconds
+            for step in steps
+            if not step.done
+        )
+
+    def reach(preset: str) -> auto.Rung:
+        run_stages(args.session, replace(asked, preset=preset), "surface", args.device)
+        return results.rung(args.session, preset)
+
+    print("auto: " + ", ".join(f"{preset} in about {predict(preset):.0f} s" for preset in PRESETS))
+    stays = auto.climb(PRESETS, goal, reach, predict, lambda words: print(f"auto: {words}"))
+    return process(args.session, replace(asked, preset=stays.preset), None, args.device)
+
+
 def process(
     folder: Path, changes: Changes, until: str | None = None, device: str = "auto"
 ) -> "Quality | None":
@@ -105,6 +146,23 @@ def process(
 
     Returns the verdict of the result; None where there is no surface, or not one of our solver.
     """
+    steps = run_stages(folder, changes, until, device)
+    ran, verdict = [step.stage.name for step in steps if not step.done], None
+    if any(step.stage.name == "surface" for step in steps):
+        from app import results
+        from app.quality import quality_of
+
+        verdict = quality_of({step.stage.name: step.folder for step in steps})
+        for line in results.cautions(folder):
+            print(f"careful: {line}")
+        if verdict is not None:
+            print(f"quality: {verdict}")
+    print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
+    return verdict
+
+
+def run_stages(folder: Path, changes: Changes, until: str | None, device: str) -> "tuple[Step, ...]":
+    """Run what is not done, with bars."""
     from rich.console import Console
 
     from app import terminal
@@ -120,19 +178,7 @@ def process(
             lambda step, seconds: display.end(seconds),
             cancelled,
         )
-        steps = run.process(asked.session, asked.rows, asked.settings, device, until, watcher)
-    ran, verdict = [step.stage.name for step in steps if not step.done], None
-    if any(step.stage.name == "surface" for step in steps):
-        from app import results
-        from app.quality import quality_of
-
-        verdict = quality_of({step.stage.name: step.folder for step in steps})
-        for line in results.cautions(folder):
-            print(f"careful: {line}")
-        if verdict is not None:
-            print(f"quality: {verdict}")
-    print(f"{folder}: {', '.join(ran)} done" if ran else f"{folder}: nothing to do, every stage is done")
-    return verdict
+        return run.process(asked.session, asked.rows, asked.settings, device, until, watcher)
 
 
 def run_simulate(args: Namespace) -> int:

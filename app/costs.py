@@ -13,6 +13,7 @@ from typing import Any
 
 from engine.errors import SessionError
 from engine.io.session import Session, shots
+from engine.pipeline import differences
 from engine.pipeline.stages import Step
 
 # Stage -> seconds of one core, and of them per million pixels of all views; megabytes at the peak, and of them per million.
@@ -55,10 +56,13 @@ def latest_run(stage: Path) -> tuple[Path, Mapping[str, Any]] | None:
 
 
 def cost_of(session: Session, step: Step, megapixels: float, preset: str, cores: int) -> Cost:
-    """What a step that waits will take on so many cores."""
+    """What a step that waits will take on so many cores; another preset of the surface than it ran with takes its share more or less."""
     _, record = latest_run(step.folder.parent) or (None, {})
     if record.get("version") == step.stage.version and "cpu_seconds" in record:
-        return Cost(max(record["seconds"], record["cpu_seconds"] / cores), record["peak_memory_bytes"])
+        seconds = max(record["seconds"], record["cpu_seconds"] / cores)
+        if step.stage.name == "surface":
+            seconds *= PRESETS[preset] / PRESETS[differences.preset_of(step.stage, record["params"], preset)]
+        return Cost(seconds, record["peak_memory_bytes"])
     if step.stage.name == "surface" and not hasattr(step.params, "probe_grid_xy"):
         return Cost(math.nan, 2_000_000_000)
     base_s, more_s, base_mb, more_mb = PER_MEGAPIXEL[step.stage.name]

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from app.auto import Rung
 from app.state import called
 from engine.errors import SessionError
 from engine.hdr.merge import HdrReport
@@ -57,6 +58,30 @@ def evaluate(folder: Path, truth_path: Path) -> Scores:
         poses = load("poses", "poses", Poses)
         scores["poses"] = metrics.evaluate_poses(poses, truth.cam_from_world).as_dict()
     return scores
+
+
+def rung(folder: Path, preset: str) -> Rung:
+    """What the session's surface has reached with a preset.
+
+    Raises:
+        SessionError: it has not run, or a part of it is damaged.
+    """
+    from engine.surface.schedule import relative_error
+
+    step = finished(folder, "surface")
+    record = stages.read_record(step.folder)
+    assert record is not None
+    load = run.loader(steps_of(folder))
+    frames, renders = load("hdr", "frames", Frames), load("surface", "renders", Renders)
+    mask = load("surface", "surface", Surface).mask
+    views = list(renders.views)
+    error = relative_error(renders.radiance[:, mask], frames.radiance[views][:, mask])
+    return Rung(
+        preset,
+        float(record["seconds"]),
+        float(_facts(step.folder)["stderr_normal_deg"]),
+        np.median(error, axis=1),
+    )
 
 
 def told(scores: Scores) -> str:

@@ -18,6 +18,8 @@ from typing import Any
 from engine.errors import SessionError
 
 PRESETS = ("draft", "standard", "fine")
+AUTO = "auto"
+"""No preset of its own: `process` climbs them as far as they pay."""
 SOLVERS = ("transport", "reference")
 """Ours, and the paper's as published."""
 REMOVED = {

@@ -1,0 +1,73 @@
+"""`--preset auto` takes the least preset that pays, within its budget."""
+
+import math
+
+import numpy as np
+import pytest
+
+from app.auto import Goal, Rung, climb, gained, goal_of, halving
+from engine.errors import SessionError
+
+PRESETS = ("draft", "standard", "fine")
+SECONDS = {"draft": 10.0, "standard": 30.0, "fine": 90.0}
+STDERR = {"draft": 2.0, "standard": 1.0, "fine": 0.9}
+VIEWS = np.array([0.9, 1.0, 1.1, 1.0])
+ERROR = {"draft": 0.08 * VIEWS, "standard": 0.05 * VIEWS, "fine": 0.05 * VIEWS[::-1]}
+
+
+def climbed(goal: Goal) -> tuple[str, list[str], float]:
+    """The preset that stays, what was said, and the seconds that it took."""
+    clock, said = [0.0], []
+
+    def reach(preset: str) -> Rung:
+        clock[0] += SECONDS[preset]
+        return Rung(preset, SECONDS[preset], STDERR[preset], ERROR[preset])
+
+    rung = climb(PRESETS, goal, reach, SECONDS.__getitem__, said.append, lambda: clock[0])
+    return rung.preset, said, clock[0]
+
+
+@pytest.mark.parametrize(
+    ("goal", "stays", "took", "words"),
+    [
+        (Goal(), "standard", 130.0, "no more than its standard error"),
+        (Goal(budget_s=35), "draft", 10.0, "25 s of the budget are left"),
+        (Goal(budget_s=45), "standard", 40.0, "5 s of the budget are left"),
+        (Goal(budget_s=1), "draft", 10.0, "0 s of the budget are left"),
+        (Goal(error_deg=2.0), "draft", 10.0, "2 deg, is reached"),
+        (Goal(error_deg=1.5), "standard", 40.0, "1.5 deg, is reached"),
+    ],
+)
+def test_the_least_preset_that_pays_stays(goal: Goal, stays: str, took: float, words: str):
+    preset, said, seconds = climbed(goal)
+    assert (preset, seconds) == (stays, took)
+    assert words in said[-1]
+
+
+def test_a_gain_of_fewer_than_two_views_pays_nothing():
+    assert gained(np.array([0.2]), np.array([0.1])) == (0.0, math.inf)
+    gain, stderr = gained(np.array([0.2, 0.3]), np.array([0.1, 0.1]))
+    assert (gain, stderr) == pytest.approx((0.15, 0.05))
+
+
+def test_the_time_that_would_halve_the_error_follows_two_rungs():
+    low, high = (Rung(name, SECONDS[name], STDERR[name], ERROR[name]) for name in ("draft", "standard"))
+    assert halving(low, high) == "about 90 s of stage surface would halve the error"
+    assert halving(low, Rung("fine", 30.0, 1.99, VIEWS)).startswith("more time would not halve the error")
+
+
+@pytest.mark.parametrize(
+    ("budget", "until", "goal"),
+    [(None, None, Goal()), ("90s", None, Goal(90)), ("2min", "0.5deg", Goal(120, 0.5)), ("1.5h", "2", Goal(5400, 2))],
+)  # fmt: skip
+def test_goals_are_read_as_they_are_written(budget: str | None, until: str | None, goal: Goal):
+    assert goal_of(budget, until) == goal
+
+
+@pytest.mark.parametrize(
+    ("budget", "until", "words"),
+    [("soon", None, "write it as 90s"), ("-3s", None, "write it as 90s"), (None, "surface", "write it as 0.5deg"), (None, "nan", "0.5deg")],
+)  # fmt: skip
+def test_what_is_no_goal_is_refused(budget: str | None, until: str | None, words: str):
+    with pytest.raises(SessionError, match=words):
+        goal_of(budget, until)
