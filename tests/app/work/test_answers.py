@@ -70,6 +70,7 @@ def test_a_session_can_be_planned_with_every_solver(session: Path, solver: str) 
         "bool",
         "str",
         "list",
+        "words",
     }
 
 

@@ -169,7 +169,7 @@ def test_a_view_kept_out_is_the_mean_of_several_renderings(
         return drawn[-1][None]
 
     monkeypatch.setattr(solver, "render", lambda *given: torch.as_tensor(spy(*given)))
-    found, renders, *_ = run(session, few(maps, epochs=0, samples=4, pixels=16, held_out=1))
+    found, renders, *_ = run(session, few(maps, epochs=0, samples=4, pixels=16, validation_views=1))
     assert len(drawn) == solver.PICTURES > 1
     assert (drawn[0] != drawn[1]).any()
     np.testing.assert_allclose(renders.radiance[0][found.mask], np.mean(drawn, axis=0), rtol=1e-5)
