@@ -71,6 +71,7 @@ class PassesConfig:
     moved: float = 1.04  # an object that has moved so many times nearer or farther gets others
     wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
     surprising_gain: float = 5.0  # over the expected, from which a clipped lamp keeps what the search found
+    unseen_iterations: int = 3  # coarse ones more, at most, where light comes from where no photograph looked
     calibration_pixels: int = 600  # that calibrate the light,
     calibration_rounds: int = 4  # so often,
     gauss_newton_steps: int = 2  # with so many steps of the pixels each time

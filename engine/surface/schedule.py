@@ -16,6 +16,7 @@ from engine.surface.data.scene import Scene
 from engine.surface.estimate import Estimate, Iteration
 from engine.surface.params import SurfaceParams
 from engine.surface.passes import (
+    CONFIG,
     Pass,
     calibrate_light,
     calibrate_light_in_place,
@@ -39,11 +40,9 @@ from engine.surface.passes import (
 
 FULL, HALF, SMALLEST = 0, 1, 2
 """Levels of the pictures (`Scene.at`)."""
-TELLING = 8000
+HALF_SUFFICES_PIXELS = 8000
 """Pixels of half the size from which on an object that hides next to nothing of the room from itself is solved so and then in
 detail: what stands in the way is all that a halved picture tells worse. But 4000 pixels leave some far off: .46 instead of .41 deg."""
-MORE = 3
-"""So many more coarse iterations, at most, where light comes from where no photograph looked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
     """What a solve does; `unseen`: some of the light comes from where no photograph looked."""
     pixels, shape = (solve_pixels, expect_roughness), (integrate_depth, trace_visibility)
     light = (place_probes, search_normals)
-    coarse = params.coarse_iterations + MORE * (unseen and params.models("light_gains"))
+    coarse = params.coarse_iterations + CONFIG.unseen_iterations * (unseen and params.models("light_gains"))
     phases = (
         Phase("initialise", SMALLEST, (search_distance, *light)),
         Phase("coarse", SMALLEST, (*light, *pixels, detect_metal, *shape, split_light, calibrate_light), max(coarse - 1, 0), 0.3),
@@ -140,7 +139,7 @@ def half_suffices(now: Estimate) -> bool:
     return (
         now.level == HALF
         and hidden is not None
-        and len(now.object_pixels.rays) >= TELLING
+        and len(now.object_pixels.rays) >= HALF_SUFFICES_PIXELS
         and hidden.is_nearly_convex
     )
 

@@ -31,9 +31,9 @@ from engine.surface.tiled_solve import SolvedMaps, evaluate_result, solve_tiles
 from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved_variance
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
 
-SPARE = 8
+VALIDATION_ONE_IN = 8
 """At most one of so many views is kept out of the fit."""
-ASTRAY = float(np.radians(0.5))
+LAMP_DIRECTION_SIGMA = float(np.radians(0.5))
 """How far a lamp's direction may be off before it has to be argued: three pixels of a small photograph."""
 MOVING_DEG = 1.0
 """Mean turn of the normals in the fine phases from which on an answer counts as one that still moves."""
@@ -78,7 +78,7 @@ def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.nda
         raise SurfaceError(
             f"only {len(usable)} views have a pose and light; at least {LEAST_VIEWS} are needed, add photographs"
         )
-    count = min(count, len(usable) // SPARE, len(usable) - LEAST_VIEWS)
+    count = min(count, len(usable) // VALIDATION_ONE_IN, len(usable) - LEAST_VIEWS)
     out = usable[np.linspace(0, len(usable) - 1, count + 2).astype(int)[1:-1]]
     return np.setdiff1d(usable, out), tuple(int(i) for i in out)
 
@@ -108,7 +108,7 @@ def solve(
     fitted, kept_out = held_out(poses.registered, params.validation_views)
     room = build_room_light(
         gaussians, lamps, frames, masks, poses, params.light_groups, params.light_gain_sigma, seed,
-        EXPOSURE_SIGMA * params.models("light_gains", "view_exposures"), ASTRAY * params.models("light_gains", "lamp_directions"),
+        EXPOSURE_SIGMA * params.models("light_gains", "view_exposures"), LAMP_DIRECTION_SIGMA * params.models("light_gains", "lamp_directions"),
     )  # fmt: skip
     whole = Picture(frames, mask, poses.camera, initial_maps.requested(params, mask, flip)).part(
         *window(mask)

@@ -18,7 +18,7 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.progress import Progress
-from engine.surface.depth.graph_laplacian import DIRECT
+from engine.surface.depth.graph_laplacian import DIRECT_SOLVE_PIXELS
 from engine.surface.depth.normal_integration import integrate_normals
 from tests.engine.surface.landscapes import blob, camera_of, on_plate, plate
 
@@ -56,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 lines.append([f"{size} x {size}", shape, "-", "-", "-", "-", failed, "-"])
                 continue
             pixels, seconds, busy, error, memory = map(float, done.stdout.split())
-            solver = "factorisation" if pixels <= DIRECT else "multigrid"
+            solver = "factorisation" if pixels <= DIRECT_SOLVE_PIXELS else "multigrid"
             told = [f"{pixels:.0f}", solver, f"{seconds:.1f}", f"{busy:.1f}"]
             told += [f"{100 * error:.3f}", f"{memory / 1e6:.0f}"]
             lines.append([f"{size} x {size}", shape, *told])

@@ -8,10 +8,10 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from engine.errors import SurfaceError
 
-DIRECT = 150_000
+DIRECT_SOLVE_PIXELS = 150_000
 """Unknowns up to which a factorisation is faster than multigrid: 0.05 s a system of 16 000, 0.2 s of 48 000, where multigrid
 takes 0.08 and 0.9 s on a relief whose walls are torn; 1.6 s of 260 000."""
-RESIDUAL, TURNS = 1e-5, 200
+RESIDUAL, ITERATIONS = 1e-5, 200
 """Of multigrid: the part of the right-hand side that may be left, and after how many turns it has failed."""
 
 
@@ -37,19 +37,19 @@ def solve_system(system: sparse.csc_matrix, right: Float[np.ndarray, " p"]) -> F
         SurfaceError: multigrid does not converge.
     """
     count = len(right)
-    if count <= DIRECT:
+    if count <= DIRECT_SOLVE_PIXELS:
         options = {"SymmetricMode": True}
         return splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve(right)
     cycles = pyamg.smoothed_aggregation_solver(
         system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
     ).aspreconditioner()
     found, short = cg(
-        system, right, rtol=RESIDUAL, maxiter=TURNS, M=LinearOperator(system.shape, cycles.matvec)
+        system, right, rtol=RESIDUAL, maxiter=ITERATIONS, M=LinearOperator(system.shape, cycles.matvec)
     )
     if short:
         left = np.linalg.norm(right - system @ found) / max(np.linalg.norm(right), 1e-30)
         raise SurfaceError(
-            f"normal integration did not converge ({count} pixels, residual {left:.1g} after {TURNS} iterations,"
+            f"normal integration did not converge ({count} pixels, residual {left:.1g} after {ITERATIONS} iterations,"
             f" tolerance {RESIDUAL:g}); reduce the image size (hdr.long_edge_px) or fix the mask"
         )
     return found

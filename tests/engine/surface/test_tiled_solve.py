@@ -72,7 +72,7 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
 ):
     """Where nobody looks whether it does, all its pixels are."""
     monkeypatch.setattr(scenes, "HALVED_FROM", 100)
-    monkeypatch.setattr(schedule, "TELLING", 100)
+    monkeypatch.setattr(schedule, "HALF_SUFFICES_PIXELS", 100)
     whole, *_, all_pixels = as_if_bare
     params = PARAMS if visibility else BARE
     found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress())
@@ -103,7 +103,7 @@ def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_qu
 def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monkeypatch: pytest.MonkeyPatch):
     """Every size comes after the one half as large, however few turns are left, and what is enough is half the size."""
     monkeypatch.setattr(scenes, "HALVED_FROM", 100)
-    monkeypatch.setattr(schedule, "TELLING", 10)
+    monkeypatch.setattr(schedule, "HALF_SUFFICES_PIXELS", 10)
     usual = solving.schedule
     monkeypatch.setattr(
         solving,
@@ -124,7 +124,7 @@ def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monk
 def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
     ball, share: float, least: int, enough: bool, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(schedule, "TELLING", least)
+    monkeypatch.setattr(schedule, "HALF_SUFFICES_PIXELS", least)
     frames, masks, poses, *_ = ball.given
     two = np.zeros_like(masks.object)
     two[np.nonzero(masks.object)[0][:2], np.nonzero(masks.object)[1][:2]] = True

@@ -167,7 +167,7 @@ def test_multigrid_and_the_factorisation_find_the_same_depth(monkeypatch: pytest
     camera = camera_of(96, 80)
     mask, normals, _ = shape(camera)
     direct = integrate_normals(camera, normals, mask, 1.0, Progress())
-    monkeypatch.setattr(graph_laplacian, "DIRECT", int(mask.sum()) - 1)
+    monkeypatch.setattr(graph_laplacian, "DIRECT_SOLVE_PIXELS", int(mask.sum()) - 1)
     large = integrate_normals(camera, normals, mask, 1.0, Progress())
     np.testing.assert_allclose(large[mask], direct[mask], rtol=1e-4)
 
@@ -175,7 +175,7 @@ def test_multigrid_and_the_factorisation_find_the_same_depth(monkeypatch: pytest
 def test_multigrid_that_does_not_settle_is_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     camera = camera_of(96, 80)
     mask, normals, _ = blob(camera)
-    monkeypatch.setattr(graph_laplacian, "DIRECT", 0)
-    monkeypatch.setattr(graph_laplacian, "TURNS", 1)
+    monkeypatch.setattr(graph_laplacian, "DIRECT_SOLVE_PIXELS", 0)
+    monkeypatch.setattr(graph_laplacian, "ITERATIONS", 1)
     with pytest.raises(SurfaceError, match=r"did not converge .*after 1 iterations.*long_edge_px"):
         integrate_normals(camera, normals, mask, 1.0, Progress())
