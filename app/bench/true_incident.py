@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.sparse import csr_matrix
 
 from engine.geometry import inverse
-from engine.light.incident.direction_grid import FACES, pixel_solid_angles, shared_cells, sharpened
+from engine.light.incident.direction_grid import FACES, deconvolve, interpolated_cells, pixel_solid_angles
 from engine.progress import Progress
 from engine.surface.rendering.area_lights import AreaLights
 from engine.surface.rendering.transport import IncidentLight, ProbeGrid, direction_cells
@@ -68,7 +68,7 @@ def incident_of(
             return np.where(globe[:, None], 0, np.array(met.radiance).T)
 
     cells, points = direction_cells(directions), lattice.points()
-    sorted_into = shared_cells(cells, SIDE)
+    sorted_into = interpolated_cells(cells, SIDE)
     omega = np.broadcast_to(pixel_solid_angles(SIDE), (6, SIDE, SIDE))
     entries = (sorted_into.share * omega[..., None]).ravel()
     pixels = np.repeat(np.arange(omega.size), 3)
@@ -83,7 +83,7 @@ def incident_of(
     near = AreaLights.none(len(cam_from_world), directions)
     if glow is not None and glow.globes:
         near = _globes(glow, cam_from_world, points.mean(0), directions, session_per_studio, rng)
-    return IncidentLight(lattice, cells, sharpened(flat, cells), near)
+    return IncidentLight(lattice, cells, deconvolve(flat, cells), near)
 
 
 def _jittered(rng: np.random.Generator) -> Float[np.ndarray, "r 3"]:

@@ -18,7 +18,7 @@ from app.relight.relit import LATTICE
 from engine.errors import LightError
 from engine.geometry import fibonacci_sphere, inverse, transform
 from engine.io.images import read_radiance, srgb_decode
-from engine.light.fitting.lamp_model import passing
+from engine.light.fitting.lamp_model import lamp_transmittance
 from engine.light.incident import probes
 from engine.light.incident.direction_grid import nearest_cells
 
@@ -51,7 +51,7 @@ def recovered(solved: Solved, view: int, middle: Float[np.ndarray, " 3"]) -> dic
     origin = transform(inverse(pose), middle)
     room, _ = probes.panorama(solved.emitters.field(), origin, pose[:, :3], ROWS, fill=True)
     centres = transform(pose, lamps.centres.reshape(-1, 3))
-    through = passing(lamps, solved.emitters.shown(), pose[None], middle)[0]
+    through = lamp_transmittance(lamps, solved.emitters.shown(), pose[None], middle)[0]
     distance = np.linalg.norm(centres - middle, axis=1)
     power = lamps.radiance.sum(1) * (lamps.radii / np.maximum(distance, 1e-9)) ** 2 * through
     first = np.argsort(-power, kind="stable")

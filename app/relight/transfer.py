@@ -25,7 +25,7 @@ from app.relight.relit import CELLS, TILE_UNIT
 from app.relight.sources import recovered
 from engine.geometry import fibonacci_sphere, rays, resized
 from engine.io.session import told
-from engine.light.incident.direction_grid import shared_cells
+from engine.light.incident.direction_grid import interpolated_cells
 from engine.surface.reflectance.brdf import lobe_floor, of_pixels, rows
 from engine.surface.rendering.transport import BLOCK, pixel_blocks
 from engine.surface.visibility.ray_visibility import SparseVisibility, trace_occlusion
@@ -155,7 +155,7 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
         pixels.append(block)
         middles.append(points[mask][block].mean(0))
     inside = points[mask]
-    cube = shared_cells(directions, CUBE)
+    cube = interpolated_cells(directions, CUBE)
     left, top, right, bottom = small.box
     return {
         "mask": mask,

@@ -41,7 +41,7 @@ class Splats:
         band = rasterize.Pinhole(
             np.ascontiguousarray(eye.cam_from_world, np.float64), lens, -(-eye.width // divisor), last - first
         )
-        with rasterize.workers() as run:
+        with rasterize.thread_pool() as run:
             return rasterize.render(self._shapes, self._radiance, band, eye.near, run)
 
     def coarse(self, eye: Eye, divisor: int, white: float) -> Haze:

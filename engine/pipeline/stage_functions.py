@@ -220,7 +220,7 @@ def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Emitters, A
 
 def export(work: Work) -> Records:
     """The files other programs read, and for the report the panorama and what its light rests on; all upright."""
-    from engine.light.incident.provenance import grounds_of
+    from engine.light.incident.provenance import provenance_of
     from engine.results.export import write_files
 
     def load(stage: str, record: str, kind: type) -> Any:
@@ -234,7 +234,7 @@ def export(work: Work) -> Records:
     found, emitters = load("surface", "surface", Surface), load("surface", "emitters", Emitters)
     view, whole = middle_view(placed), emitters.gaussians
     seen, clipped = panorama(found, emitters, placed, view, frames, masks, PANORAMA_ROWS)
-    grounds = grounds_of(seen, clipped, found.normal[found.mask])
+    grounds = provenance_of(seen, clipped, found.normal[found.mask])
     write_files(
         work.folder, found, whole, emitters.lamps, placed, frames.names, seen, grounds,
         frames.radiance, work.params, work.progress,

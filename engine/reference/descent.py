@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from engine.light.gaussians.rasterize import Run
+from engine.light.gaussians.rasterize import ThreadPool
 from engine.progress import Progress
 from engine.reference import losses
 from engine.reference.monte_carlo.rendering import Look, Scene, render
@@ -69,7 +69,7 @@ class Descent:
         self._begun = time.perf_counter()
 
     def epoch(
-        self, epoch: int, order: Int[np.ndarray, " f"], shadows: Shadows, draw: torch.Generator, run: Run,
+        self, epoch: int, order: Int[np.ndarray, " f"], shadows: Shadows, draw: torch.Generator, run: ThreadPool,
         progress: Progress,
     ) -> Told:  # fmt: skip
         """All views once, a batch at a time."""
@@ -98,7 +98,7 @@ class Descent:
         return Told(colour, normal, smooth, misfit.cpu().numpy())
 
     def _colour(
-        self, views: Int[np.ndarray, " b"], shadows: Shadows, draw: torch.Generator, run: Run
+        self, views: Int[np.ndarray, " b"], shadows: Shadows, draw: torch.Generator, run: ThreadPool
     ) -> tuple[float, Float[Tensor, " p"]]:
         """Eq. (14) over some views, pushed back on the unknowns; and each pixel's sum of terms."""
         count = len(self._unknowns.depth)

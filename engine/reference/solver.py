@@ -18,7 +18,7 @@ from torch import Tensor
 
 from engine.errors import SurfaceError
 from engine.geometry import rays
-from engine.light.gaussians.rasterize import Run, workers
+from engine.light.gaussians.rasterize import ThreadPool, thread_pool
 from engine.progress import Progress
 from engine.reference import losses
 from engine.reference.descent import Descent, Told, Unknowns, slices
@@ -98,7 +98,7 @@ def solve(
             depth[solved] = distance * unknowns.depth.detach().cpu().numpy()
             return shadows_of(per_z * depth[..., None], mask, solved, unknowns.normals.detach().cpu().numpy())
 
-    with workers() as run:
+    with thread_pool() as run:
         for epoch in range(params.epochs):
             shadows, span = shadows_now(), progress.part(0.1, 0.98)
             told.append(descent.epoch(epoch, order.permutation(fitted), shadows, draw, run, span))
@@ -119,7 +119,7 @@ def solve(
 
 
 def _picture(
-    scene: Scene, look: Look, shadows: Shadows, view: int, draw: torch.Generator, run: Run
+    scene: Scene, look: Look, shadows: Shadows, view: int, draw: torch.Generator, run: ThreadPool
 ) -> Float[np.ndarray, "p 3"]:
     """The mean of PICTURES renderings of a view, each from samples of its own."""
     count, device = len(look.depth), look.depth.device.type

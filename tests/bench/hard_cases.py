@@ -26,7 +26,7 @@ from app.bench.stored import Stored, fewer_views
 from engine.errors import RoomlightError
 from engine.geometry import inverse, rays, tangents
 from engine.light.fitting.fit import fit
-from engine.light.fitting.lamp_model import apart, beside
+from engine.light.fitting.lamp_model import with_lamps, without_lamps
 from engine.light.fitting.params import LightParams
 from engine.progress import Progress
 from engine.results import metrics
@@ -146,7 +146,7 @@ def lamps_aside(given: Stored, rng: np.random.Generator) -> Stored:
     turn = rng.uniform(0, 2 * np.pi, (len(away), 1))
     far = np.tan(np.radians(ASIDE_DEG)) * np.linalg.norm(away, axis=1, keepdims=True)
     moved = replace(lamps, centres=lamps.centres + far * (np.cos(turn) * first + np.sin(turn) * second))
-    return replace(given, lamps=moved, gaussians=beside(apart(given.gaussians, lamps), moved))
+    return replace(given, lamps=moved, gaussians=with_lamps(without_lamps(given.gaussians, lamps), moved))
 
 
 CASES = (

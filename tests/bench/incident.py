@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from engine.color import luminance
 from engine.geometry import angle_between
-from engine.light.incident.direction_grid import pixel_solid_angles, shared_cells
+from engine.light.incident.direction_grid import interpolated_cells, pixel_solid_angles
 from engine.light.incident.probes import panorama_directions
 
 FINER = 3  # parts along each edge of a panorama's pixel that find their cells by themselves
@@ -54,7 +54,7 @@ def binned(panorama: Float[np.ndarray, "h w 3"], onto: Binning) -> Float[np.ndar
 
 def probe_solid_angle(directions: Float[np.ndarray, "d 3"], side: int) -> Float[np.ndarray, " d"]:
     """How large the cells of a probe come out: its triangles are not always the three nearest directions."""
-    cells, pixels = shared_cells(directions, side), pixel_solid_angles(side)
+    cells, pixels = interpolated_cells(directions, side), pixel_solid_angles(side)
     return np.bincount(cells.index.ravel(), (cells.share * pixels[..., None]).ravel(), len(directions))
 
 

@@ -15,7 +15,7 @@ from engine.geometry import align_similarity, fibonacci_sphere, inverse
 from engine.hdr.merge import HdrReport
 from engine.io.ground_truth import read_truth
 from engine.io.images import read_radiance
-from engine.light.fitting.lamp_model import apart
+from engine.light.fitting.lamp_model import without_lamps
 from engine.pipeline import run
 from engine.types import Gaussians, Lamps, Poses
 from hardware.virtual.studio import objects
@@ -65,7 +65,7 @@ def beside(session: Path) -> Lit:
 
 def off(lit: Lit, gaussians: Gaussians, lamps: Lamps) -> incident.Irradiance:
     """Error of the light as it was fitted, in percent, mean over the views; the lamps are the last Gaussians."""
-    field = apart(gaussians, lamps)
+    field = without_lamps(gaussians, lamps)
     energy, _ = light_sets.energy_at(lit.point, lit.cam_from_world, field, lamps, field, lit.directions, FACE)
     normals = fibonacci_sphere(NORMALS)
     errors = [

@@ -29,7 +29,15 @@ from torch import Tensor
 from app.bench.markdown import markdown
 from engine.light.gaussians import rasterize_kernels, raytrace_reference
 from engine.light.gaussians.gaussians import Y00, radiance_towards
-from engine.light.gaussians.rasterize import Gradients, Pinhole, project, push_back, render, shapes, workers
+from engine.light.gaussians.rasterize import (
+    Gradients,
+    Pinhole,
+    backward,
+    project,
+    render,
+    shapes,
+    thread_pool,
+)
 from engine.types import Gaussians
 
 TARGET_S, TARGET_SIZE, TARGET_COUNT = 0.25, 512, 50_000
@@ -84,19 +92,19 @@ def measure(count: int, size: int, repeat: int, rays: int, seed: int) -> Cost:
     slope[chosen] = rng.normal(size=(len(chosen), 3))
     nowhere = np.zeros((size, size), np.float32)
     want = rng.uniform(0.1, 1, (size, size, 3)).astype(np.float32)
-    with workers() as run:
+    with thread_pool() as run:
 
         def forward() -> np.ndarray:
             return render(shapes(gaussians), colours, view, 0.0, run)
 
         def both() -> object:
-            return push_back(
+            return backward(
                 shapes(gaussians), colours, view, 0.0, want, nowhere + 1, nowhere > 0, 0.1, 0.1, nowhere, run
             )
 
         forward_s, both_s = core_seconds(forward, repeat), core_seconds(both, repeat)
         image = forward().reshape(-1, rasterize_kernels.CHANNELS)[chosen]
-        _, found = push_back(
+        _, found = backward(
             geometry, colours, view, 0.0, slope.reshape(size, size, 3), nowhere, nowhere > 0, 0.0, 0.0, nowhere, run
         )  # fmt: skip
     there = reference(gaussians, colours, view, chosen, slope[chosen])

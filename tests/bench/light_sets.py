@@ -20,9 +20,9 @@ from engine.geometry import align_similarity, fibonacci_sphere, inverse
 from engine.hdr.merge import HdrReport
 from engine.io.ground_truth import read_truth
 from engine.io.images import read_radiance
-from engine.light.fitting.lamp_model import apart
+from engine.light.fitting.lamp_model import without_lamps
 from engine.light.incident.coverage import coverage_of
-from engine.light.incident.probes import arriving
+from engine.light.incident.probes import gather_probes
 from engine.pipeline import artifacts
 from engine.surface.rendering.area_lights import area_lights_of
 from engine.types import Emitters, Gaussians, Lamps, Masks, Poses
@@ -137,7 +137,7 @@ def true_energy(s: Set, onto: incident.Binning) -> Float[np.ndarray, "n d 3"]:
 
 def lights(s: Set) -> list[Light]:
     """The light as it was fitted, and under the gains that the newest surface solved with it found for its emitters."""
-    field = apart(s.gaussians, s.lamps)
+    field = without_lamps(s.gaussians, s.lamps)
     fitted = Light(False, field, s.lamps)
     surface = _newest(s.light.parent.parent / "surface", s.light.name)
     if surface is None:
@@ -153,7 +153,7 @@ def our_energy(
 
     The directions are those of `fibonacci_sphere`.
     """
-    solid = apart(s.gaussians, s.lamps)  # what no photograph shows hides no lamp
+    solid = without_lamps(s.gaussians, s.lamps)  # what no photograph shows hides no lamp
     return energy_at(_point(s), s.cam_from_world, light.field, light.lamps, solid, directions)
 
 
@@ -167,7 +167,7 @@ def energy_at(
     face: int = FACE,
 ) -> tuple[Float[np.ndarray, "n d 3"], Float[np.ndarray, "n d"]]:
     """`our_energy` at any point of the camera frame: the field, filled, and the lamps that `solid` does not hide."""
-    found = arriving(field, poses, point, directions, face)
+    found = gather_probes(field, poses, point, directions, face)
     energy, opaque = found.energy, found.seen
     near = area_lights_of(lamps, solid, poses, point[0], len(directions))
     energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
@@ -177,9 +177,9 @@ def energy_at(
 def photographed(s: Set) -> Float[np.ndarray, "n e"]:
     """Per view and coarse cell, the share of the light there that some view photographed."""
     cells, shown = fibonacci_sphere(COARSE_CELLS), coverage_of(s.masks, s.poses)
-    return arriving(s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False, coverage=shown).seen[
-        :, 0
-    ]
+    return gather_probes(
+        s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False, coverage=shown
+    ).seen[:, 0]
 
 
 def _point(s: Set) -> Float[np.ndarray, "1 3"]:

@@ -19,13 +19,13 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.fitting.color_solve import epsilon_of, render_rows, rows_of, solve_colours
+from engine.light.fitting.color_solve import epsilon_of, linear_renders, render_rows, solve_colours
 from engine.light.fitting.fit import split_views
 from engine.light.fitting.params import LightParams
 from engine.light.fitting.plane_sweep import knee_of
 from engine.light.fitting.training_views import resample
 from engine.light.gaussians.gaussians import Y00
-from engine.light.gaussians.rasterize import shapes, workers
+from engine.light.gaussians.rasterize import shapes, thread_pool
 from engine.reference.emitter.two_stage import (
     descend,
     high_luminance,
@@ -78,9 +78,9 @@ def compare(given: Inputs, iterations: int, most: int, width: int, seconds: floa
     photographs = supervision(resample(frames, masks, poses, used, width))
     params = replace(scaled(iterations / 30_000), most=most, degree=0)
     rng = np.random.default_rng(0)
-    with workers() as run:
+    with thread_pool() as run:
         gaussians = stage_one(photographs, poses.points, params, rng, told("stage 1"), run)
-        rows, free = rows_of(shapes(gaussians), photographs, run), high_luminance(gaussians)
+        rows, free = linear_renders(shapes(gaussians), photographs, run), high_luminance(gaussians)
         start, epsilon = np.maximum(gaussians.radiance[:, 0] * Y00, 0), epsilon_of(rows)
         found = [("start", start, (0.0, 0.0))]
         for way, reweightings, hold in (("ours, as in a fit", 3, 0.02), ("ours, to the end", 30, 1e-4)):

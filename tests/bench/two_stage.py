@@ -20,10 +20,10 @@ import numpy as np
 
 from app.bench.markdown import markdown
 from engine.errors import RoomlightError
-from engine.light.fitting.fit import fit, judge, split_views
+from engine.light.fitting.fit import evaluate, fit, split_views
 from engine.light.fitting.params import LightParams
 from engine.light.fitting.training_views import resample
-from engine.light.gaussians.rasterize import workers
+from engine.light.gaussians.rasterize import thread_pool
 from engine.reference.emitter.two_stage import EmitterParams, scaled, stage_one, stage_two, supervision
 from engine.types import Gaussians, Lamps
 from hardware.errors import StudioError
@@ -82,7 +82,7 @@ def compare(
     fitted = ("ours", f"{ours.epochs} passes", *clock.read(), gaussians)
 
     rng = np.random.default_rng(seed)
-    with workers() as run:
+    with thread_pool() as run:
         clock = Clock()
         photographs = supervision(resample(frames, masks, poses, used, width))
         first = stage_one(photographs, poses.points, params, rng, told("the paper's stage 1"), run)
@@ -102,7 +102,7 @@ def compare(
         def row(
             method: str, iterations: str, wall: float, cores: float, found: Gaussians, apart: Lamps = none
         ) -> Row:
-            scores = judge(found, judged, report.knee, run)
+            scores = evaluate(found, judged, report.knee, run)
             kept = {name: scores[name] for name in Row.__slots__ if name in scores}
             off = None if lit is None else irradiance.off(lit, found, apart).mean
             return Row(method, iterations, wall, cores, len(found.means), irradiance=off, **kept)

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from engine.light.gaussians.gaussians import sh_basis
-from engine.light.incident.direction_grid import sharpened
-from engine.light.incident.probes import arriving
+from engine.light.incident.direction_grid import deconvolve
+from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
 from engine.surface.lighting.room_light import mean_camera_centre
 from engine.surface.rendering.area_lights import AreaLights, area_lights_of
@@ -50,12 +50,12 @@ def panoramas(
         turn = from_world[..., :3]
         from_world, point = np.concatenate([turn, -turn @ middle[:, None]], axis=2), np.zeros(3)
     cells = direction_cells(directions)
-    energy = arriving(emitters.field(), from_world, point[None], cells, face_px, True, progress).energy
+    energy = gather_probes(emitters.field(), from_world, point[None], cells, face_px, True, progress).energy
     shared = energy[:, 0].transpose(1, 0, 2).reshape(directions, -1)
     shared = shared + area_lights_of(emitters.lamps, emitters.shown(), from_world, point, directions).spread(
         point
     )
-    shared = sharpened(shared[None].astype(np.float32), cells)
+    shared = deconvolve(shared[None].astype(np.float32), cells)
     return IncidentLight(EVERYWHERE, cells, shared, AreaLights.none(len(views), directions))
 
 

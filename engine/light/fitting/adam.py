@@ -24,7 +24,7 @@ _KEPT = ("means", "quaternions", "log_scales", "log_density", "log_radiance", "m
 
 
 @dataclass(slots=True, eq=False)
-class Cloud:
+class GaussianOptimizer:
     """Gaussians under training: parameters, moments and what the last pass said of each."""
 
     means: Float[np.ndarray, "k 3"]
@@ -47,11 +47,11 @@ def _geometry(
     return Shapes(axes / scales, axes * scales, means.copy(), np.exp(log_density))
 
 
-def cloud_of(gaussians: Gaussians) -> Cloud:
+def optimizer_of(gaussians: Gaussians) -> GaussianOptimizer:
     """Start training; the radiance's constant term only."""
     k = len(gaussians.means)
     log_scales, log_density = np.log(gaussians.scales), np.log(gaussians.density)
-    return Cloud(
+    return GaussianOptimizer(
         gaussians.means.copy(), gaussians.quaternions.copy(), log_scales, log_density,
         np.log(np.maximum(gaussians.radiance[:, 0] * Y00, 1e-30)),
         _geometry(gaussians.quaternions, log_scales, gaussians.means, log_density),
@@ -59,7 +59,7 @@ def cloud_of(gaussians: Gaussians) -> Cloud:
     )  # fmt: skip
 
 
-def gaussians_of(cloud: Cloud) -> Gaussians:
+def gaussians_of(cloud: GaussianOptimizer) -> Gaussians:
     """The trained Gaussians, SH degree 0, single precision."""
     return Gaussians(
         cloud.means.astype(np.float32),
@@ -70,8 +70,12 @@ def gaussians_of(cloud: Cloud) -> Gaussians:
     )
 
 
-def advance(
-    cloud: Cloud, gradients: Gradients, rate: float, smallest: Float[np.ndarray, " v"], largest: np.ndarray
+def step(
+    cloud: GaussianOptimizer,
+    gradients: Gradients,
+    rate: float,
+    smallest: Float[np.ndarray, " v"],
+    largest: np.ndarray,
 ) -> None:
     """One Adam step for the Gaussians that were seen; `smallest`, `largest` bound their scales."""
     i = gradients.index
@@ -115,7 +119,7 @@ def advance(
         getattr(cloud.geometry, name)[i] = getattr(fresh, name)
 
 
-def resettle(cloud: Cloud, budget: int, useless: np.ndarray) -> Cloud:
+def relocate(cloud: GaussianOptimizer, budget: int, useless: np.ndarray) -> GaussianOptimizer:
     """Move useless Gaussians, and add new ones up to the budget, by splitting those with most blame.
 
     A split replaces one by two halves along its longest axis. Deterministic: no chance is involved.
@@ -138,4 +142,6 @@ def resettle(cloud: Cloud, budget: int, useless: np.ndarray) -> Cloud:
         for name in ("moment1", "moment2", "steps"):
             fields[name][group] = 0
     geometry = _geometry(fields["quaternions"], fields["log_scales"], fields["means"], fields["log_density"])
-    return Cloud(**fields, geometry=geometry, weight=np.zeros(len(rows)), blame=np.zeros(len(rows)))
+    return GaussianOptimizer(
+        **fields, geometry=geometry, weight=np.zeros(len(rows)), blame=np.zeros(len(rows))
+    )

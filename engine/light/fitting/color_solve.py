@@ -24,7 +24,7 @@ from numba import njit
 from engine.color import luminance
 from engine.light.fitting.training_views import Photographs
 from engine.light.gaussians import rasterize_kernels
-from engine.light.gaussians.rasterize import Run, Shapes, project
+from engine.light.gaussians.rasterize import Shapes, ThreadPool, project
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _FAINT = np.float32(2e-4)
@@ -34,7 +34,7 @@ _CHUNKS = 8  # of the transposed product; fixed, so that its sums do not depend 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class LinearRenders:
     """The image as a linear function of the colours: sparse rows A, photographed b, and their bounds."""
 
     begins: Int[np.ndarray, " p"]
@@ -56,13 +56,13 @@ def otsu_threshold(values: Float[np.ndarray, " k"]) -> float:
     return float(0.5 * (v[at] + v[at + 1]))
 
 
-def bright_ones(colours: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, " k"]:
+def is_bright(colours: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, " k"]:
     """The paper's high-luminance Gaussians; on the logarithm, as radiance spans orders of magnitude."""
     y = np.log(np.maximum(luminance(colours), 1e-12 * float(colours.max()) + 1e-30))
     return y > otsu_threshold(y)
 
 
-def rows_of(geometry: Shapes, photographs: Photographs, run: Run) -> Rows:
+def linear_renders(geometry: Shapes, photographs: Photographs, run: ThreadPool) -> LinearRenders:
     """Compositing weights of every trusted pixel of all views."""
     views = len(photographs.weight)
     blank = np.zeros_like(geometry.means)
@@ -91,7 +91,7 @@ def rows_of(geometry: Shapes, photographs: Photographs, run: Run) -> Rows:
         for whole, parts in zip((counts, columns, values), list(zip(*done, strict=True))[1:], strict=True):
             _append(whole, parts)
     wanted = photographs.weight > 0
-    return Rows(
+    return LinearRenders(
         begins, counts, columns, values, photographs.radiance[wanted], photographs.weight[wanted],
         photographs.clipped[wanted],
     )  # fmt: skip
@@ -135,19 +135,21 @@ def _pull_rows(begins, counts, columns, values, residual, chunks, chunk_sums, pa
                 chunk_sums[c, k, 2] += w * b
 
 
-def epsilon_of(rows: Rows) -> float:
+def epsilon_of(rows: LinearRenders) -> float:
     """The epsilon of Eq. (6), which the paper only calls small: a hundredth of the mean radiance."""
     return 1e-2 * float(rows.photographed.mean())
 
 
 def render_rows(
-    rows: Rows, colours: Float[np.ndarray, "k 3"], out: Float[np.ndarray, "p 3"], run: Run
+    rows: LinearRenders, colours: Float[np.ndarray, "k 3"], out: Float[np.ndarray, "p 3"], run: ThreadPool
 ) -> None:
     """A colours, into `out` (float64)."""
     run(_render_rows, (rows.begins, rows.counts, rows.columns, rows.values, colours, out))
 
 
-def pull_rows(rows: Rows, field: Float[np.ndarray, "p 3"], count: int, run: Run) -> Float[np.ndarray, "k 3"]:
+def backproject_rows(
+    rows: LinearRenders, field: Float[np.ndarray, "p 3"], count: int, run: ThreadPool
+) -> Float[np.ndarray, "k 3"]:
     """A^T field, for `count` Gaussians."""
     sums = np.zeros((_CHUNKS, count, 3))
     run(_pull_rows, (rows.begins, rows.counts, rows.columns, rows.values, field, _CHUNKS, sums))
@@ -155,11 +157,11 @@ def pull_rows(rows: Rows, field: Float[np.ndarray, "p 3"], count: int, run: Run)
 
 
 def solve_colours(
-    rows: Rows,
+    rows: LinearRenders,
     start: Float[np.ndarray, "k 3"],
     free: Bool[np.ndarray, " k"],
     objective: Literal["energy", "relative"],
-    run: Run,
+    run: ThreadPool,
     step: Callable[[float], None] = lambda fraction: None,
     reweightings: int = 3,
     hold: float = 0.02,
@@ -185,7 +187,7 @@ def solve_colours(
             np.abs(rendered, out=rendered)
             field *= 1e-2
             weights /= np.maximum(rendered, field, out=field)
-        curvature = pull_rows(rows, np.multiply(weights, whole, out=field), count, run)
+        curvature = backproject_rows(rows, np.multiply(weights, whole, out=field), count, run)
         tie = hold * np.maximum(curvature, 1e-12 * curvature.max())
         majoriser = np.where(free[:, None], curvature + tie, np.inf)
         ahead, momentum = colours.copy(), 1.0
@@ -194,7 +196,7 @@ def solve_colours(
             render_rows(rows, ahead, rendered, run)
             gap = np.subtract(rows.photographed, rendered, out=field)
             gap[rows.lower_bound] = np.maximum(gap[rows.lower_bound], 0)
-            pull = pull_rows(rows, np.multiply(weights, gap, out=field), count, run)
+            pull = backproject_rows(rows, np.multiply(weights, gap, out=field), count, run)
             fresh = ahead + (pull - tie * (ahead - start)) / majoriser
             fresh = np.maximum(fresh, 0)
             following = (1 + np.sqrt(1 + 4 * momentum**2)) / 2

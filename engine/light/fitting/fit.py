@@ -14,17 +14,17 @@ from scipy.spatial import KDTree
 
 from engine.color import luminance
 from engine.errors import LightError
-from engine.light.fitting.adam import Cloud, advance, cloud_of, gaussians_of, resettle
-from engine.light.fitting.color_solve import bright_ones, rows_of, solve_colours
-from engine.light.fitting.free_space import Emptiness, floating, intruding, surface_of
-from engine.light.fitting.initialize import begin
-from engine.light.fitting.lamp_detection import Sightings, find_lamps
-from engine.light.fitting.lamp_model import measured, put_back, without
+from engine.light.fitting.adam import GaussianOptimizer, gaussians_of, optimizer_of, relocate, step
+from engine.light.fitting.color_solve import is_bright, linear_renders, solve_colours
+from engine.light.fitting.free_space import FreeSpace, free_depth, inside_free_space, unsupported
+from engine.light.fitting.initialize import initial_gaussians
+from engine.light.fitting.lamp_detection import LampDetections, find_lamps
+from engine.light.fitting.lamp_model import insert_lamps, mask_lamps, measure_lamps
 from engine.light.fitting.params import LightParams
 from engine.light.fitting.plane_sweep import knee_of
 from engine.light.fitting.training_views import Photographs, camera_centres, resample
 from engine.light.gaussians.gaussians import Y00, radiance_towards
-from engine.light.gaussians.rasterize import Run, push_back, render, shapes, workers
+from engine.light.gaussians.rasterize import ThreadPool, backward, render, shapes, thread_pool
 from engine.light.gaussians.rasterize_kernels import DARKEST
 from engine.progress import Progress
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
@@ -60,15 +60,15 @@ def fit(
     widest = min(params.max_image_width, poses.camera.width)
     widths = [max(32, widest >> (len(params.epochs) - 1 - i)) for i in range(len(params.epochs))]
     rng = np.random.default_rng(seed)
-    with workers() as run:
+    with thread_pool() as run:
         progress.step(0.0, "depth of the room")
         sightings, lamps = _lamps(frames, masks, poses, used)
 
         def room(width: int) -> Photographs:
-            return without(resample(frames, masks, poses, used, width), lamps)
+            return mask_lamps(resample(frames, masks, poses, used, width), lamps)
 
         small = room(min(64, poses.camera.width))
-        start, emptiness = begin(
+        start, emptiness = initial_gaussians(
             small,
             room(widths[-1]),
             poses.points,
@@ -76,7 +76,7 @@ def fit(
             params.camera_clearance,
             run,
         )
-        cloud = cloud_of(start)
+        cloud = optimizer_of(start)
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.epochs, widths, strict=True))
         done, loss = 0.0, np.nan
@@ -84,20 +84,20 @@ def fit(
         count = 0
         for passes, width in zip(params.epochs, widths, strict=True):
             photographs = room(width)
-            surface = surface_of(emptiness, photographs)
+            surface = free_depth(emptiness, photographs)
             for _ in range(passes):
                 progress.step(
                     0.05 + 0.85 * done / total, f"light at {width} px, {len(cloud.means)} Gaussians"
                 )
                 rate = 0.05 ** (count / everything)
-                loss = _pass(cloud, photographs, surface, params, knee, rate, rng, run)
+                loss = _epoch(cloud, photographs, surface, params, knee, rate, rng, run)
                 done, count = done + width * width, count + 1
-                cloud = _settle(cloud, photographs, params, emptiness, count / everything)
-        gaussians = recoloured(gaussians_of(cloud), photographs, progress.part(0.9, 0.96), run)
-        gaussians = put_back(gaussians, lamps, sightings, small)
+                cloud = _relocate(cloud, photographs, params, emptiness, count / everything)
+        gaussians = solve_bright_colours(gaussians_of(cloud), photographs, progress.part(0.9, 0.96), run)
+        gaussians = insert_lamps(gaussians, lamps, sightings, small)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
-        heldout = judge(gaussians, judged, knee, run)
+        heldout = evaluate(gaussians, judged, knee, run)
     return (
         gaussians,
         lamps,
@@ -136,21 +136,23 @@ def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[
     return used, held
 
 
-def _lamps(frames: Frames, masks: Masks, poses: Poses, used: np.ndarray) -> tuple[Sightings, Lamps]:
+def _lamps(frames: Frames, masks: Masks, poses: Poses, used: np.ndarray) -> tuple[LampDetections, Lamps]:
     """The lamps, from the photographs at full size, which are not kept: they are larger than all later sizes."""
     sharp = resample(frames, masks, poses, used, poses.camera.width)
-    return measured(find_lamps(sharp), sharp)
+    return measure_lamps(find_lamps(sharp), sharp)
 
 
-def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progress, run: Run) -> Gaussians:
+def solve_bright_colours(
+    gaussians: Gaussians, photographs: Photographs, progress: Progress, run: ThreadPool
+) -> Gaussians:
     """Stage 2: colours of the bright Gaussians that render the photographed energy.
 
     Eq. (5) and Eq. (6) take medians of ratios, which dims what is small and much brighter than its
     surroundings, as lamps and windows are: the energy objective of `color_solve.py` does not.
     """
-    rows = rows_of(shapes(gaussians), photographs, run)
+    rows = linear_renders(shapes(gaussians), photographs, run)
     start = gaussians.radiance[:, 0].astype(np.float64) * Y00
-    free = bright_ones(start)
+    free = is_bright(start)
     colours = solve_colours(
         rows, start, free, "energy", run, step=lambda share: progress.step(share, "colours of the lamps")
     )
@@ -159,15 +161,15 @@ def recoloured(gaussians: Gaussians, photographs: Photographs, progress: Progres
     return replace(gaussians, radiance=radiance)
 
 
-def _pass(
-    cloud: Cloud,
+def _epoch(
+    cloud: GaussianOptimizer,
     photographs: Photographs,
     surface: Float[np.ndarray, "n h w"],
     params: LightParams,
     knee: float,
     rate: float,
     rng: np.random.Generator,
-    run: Run,
+    run: ThreadPool,
 ) -> float:
     """One Adam step per view, in random order; mean log-L1 of the pass."""
     cloud.weight[:] = 0
@@ -177,23 +179,27 @@ def _pass(
     distance = tree.query(cloud.means)[0]
     smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
     for view in rng.permutation(len(photographs.weight)).tolist():
-        _, gradients = push_back(
+        _, gradients = backward(
             cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
             photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.opacity_weight,
             surface[view], run,
         )  # fmt: skip
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
         i = gradients.index
-        advance(cloud, gradients, rate, smallest[i], largest[i])
+        step(cloud, gradients, rate, smallest[i], largest[i])
     return loss / len(photographs.weight)
 
 
-def _settle(
-    cloud: Cloud, photographs: Photographs, params: LightParams, emptiness: Emptiness, fraction: float
-) -> Cloud:
+def _relocate(
+    cloud: GaussianOptimizer,
+    photographs: Photographs,
+    params: LightParams,
+    emptiness: FreeSpace,
+    fraction: float,
+) -> GaussianOptimizer:
     """Grow to the budget by three fifths of the way, move the useless until four fifths, then only clear."""
-    useless = intruding(emptiness, cloud.means, 2 * np.exp(cloud.log_scales.max(1)))
-    useless |= floating(emptiness, cloud.means)
+    useless = inside_free_space(emptiness, cloud.means, 2 * np.exp(cloud.log_scales.max(1)))
+    useless |= unsupported(emptiness, cloud.means)
     budget = 0
     if fraction < 0.85:
         useless |= cloud.weight < 0.3
@@ -201,10 +207,12 @@ def _settle(
         budget = int(params.max_gaussians * (1 / 3 + 2 / 3 * grown))
         faint = np.argsort(cloud.weight, kind="stable")[: int(0.02 * len(cloud.weight))]
         useless[faint] = True
-    return resettle(cloud, budget, useless)
+    return relocate(cloud, budget, useless)
 
 
-def judge(gaussians: Gaussians, photographs: Photographs, knee: float, run: Run) -> dict[str, float]:
+def evaluate(
+    gaussians: Gaussians, photographs: Photographs, knee: float, run: ThreadPool
+) -> dict[str, float]:
     """The report's `heldout_...`: renderings against photographs, on background pixels that were not clipped."""
     geometry = shapes(gaussians)
     wide = replace(gaussians, radiance=gaussians.radiance.astype(np.float64))

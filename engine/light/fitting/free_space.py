@@ -17,7 +17,7 @@ from numba import njit
 from scipy.ndimage import minimum_filter
 from scipy.spatial import KDTree
 
-from engine.light.fitting.training_views import Photographs, camera_centres, pixel_of
+from engine.light.fitting.training_views import Photographs, camera_centres, project_point
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 _SURE = 0.5
@@ -27,7 +27,7 @@ DOUBTED = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Emptiness:
+class FreeSpace:
     """Depths that views are sure of, and the radius around each camera in which nothing stands."""
 
     cam_from_world: Float[np.ndarray, "n 3 4"]
@@ -45,7 +45,7 @@ def _votes(poses, lens, depth, sure, points, free, support):
     views, height, width = depth.shape
     for p in range(points.shape[0]):
         for i in range(views):
-            u, v, z = pixel_of(poses[i], lens, points[p, 0], points[p, 1], points[p, 2])
+            u, v, z = project_point(poses[i], lens, points[p, 0], points[p, 1], points[p, 2])
             if u < 0 or v < 0 or u >= width or v >= height:
                 continue
             seen = depth[i, int(v), int(u)]
@@ -57,7 +57,7 @@ def _votes(poses, lens, depth, sure, points, free, support):
                 support[p] += 1
 
 
-def floating(emptiness: Emptiness, points: Float[np.ndarray, "p 3"]) -> np.ndarray:
+def unsupported(emptiness: FreeSpace, points: Float[np.ndarray, "p 3"]) -> np.ndarray:
     """Which places views look through, and hardly any supports."""
     free, support = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     _votes(
@@ -67,8 +67,8 @@ def floating(emptiness: Emptiness, points: Float[np.ndarray, "p 3"]) -> np.ndarr
     return (free >= emptiness.votes) & (free > 2 * support)
 
 
-def intruding(
-    emptiness: Emptiness, points: Float[np.ndarray, "p 3"], reach: Float[np.ndarray, " p"]
+def inside_free_space(
+    emptiness: FreeSpace, points: Float[np.ndarray, "p 3"], reach: Float[np.ndarray, " p"]
 ) -> np.ndarray:
     """Which spheres touch the swept volume: the ball around any camera."""
     inside = np.zeros(len(points), bool)
@@ -77,7 +77,7 @@ def intruding(
     return inside
 
 
-def surface_of(emptiness: Emptiness, photographs: Photographs) -> Float[np.ndarray, "n h w"]:
+def free_depth(emptiness: FreeSpace, photographs: Photographs) -> Float[np.ndarray, "n h w"]:
     """The z up to which every pixel of other pictures of the same views is sure to look (float32).
 
     That is the swept depth where the view was sure, and DOUBTED of it where not; at the edge of something near
@@ -87,10 +87,10 @@ def surface_of(emptiness: Emptiness, photographs: Photographs) -> Float[np.ndarr
     known = np.isfinite(reach)
     nearest = minimum_filter(np.where(known, reach, np.inf), (1, 3, 3))
     nearest = np.where(known, nearest, 0).astype(np.float32)
-    return enlarged(nearest, photographs)
+    return upsampled(nearest, photographs)
 
 
-def enlarged(
+def upsampled(
     values: Float[np.ndarray, "n h w"], photographs: Photographs
 ) -> Float[np.ndarray, "n big_h big_w"]:
     """Values of the pixels of small pictures at those of other pictures of the same views: the nearest one's."""
@@ -100,14 +100,14 @@ def enlarged(
     return np.ascontiguousarray(values[:, rows[:, None], columns])
 
 
-def emptiness_of(
+def free_space_of(
     photographs: Photographs,
     depth: Float[np.ndarray, "n h w"],
     sure: Float[np.ndarray, "n h w"],
     surface: Float[np.ndarray, "m 3"],
     keep_out: float | None,
     votes: int,
-) -> Emptiness:
+) -> FreeSpace:
     """The empty parts of the room, from swept depths and points believed to lie on its surfaces.
 
     A sweep that had no SfM points to lean on (`votes` 2) needs a second view's word. `keep_out` fixes the radius
@@ -115,10 +115,10 @@ def emptiness_of(
     """
     centres = camera_centres(photographs)
     radii = np.full(len(centres), keep_out or 0.0)
-    emptiness = Emptiness(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii, votes)
+    emptiness = FreeSpace(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii, votes)
     if keep_out is not None:
         return emptiness
-    solid = surface[~floating(emptiness, surface)]
+    solid = surface[~unsupported(emptiness, surface)]
     solid = solid if len(solid) >= 30 else surface
     # The nearest thousandth may be wrong depths; the ball reaches six tenths of the way to the rest.
     rank = max(3, len(solid) // 1000)

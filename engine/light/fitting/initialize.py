@@ -13,11 +13,17 @@ from scipy.spatial import KDTree
 
 from engine.errors import LightError
 from engine.light.fitting.far_light import openings
-from engine.light.fitting.free_space import Emptiness, emptiness_of, enlarged, floating, intruding
+from engine.light.fitting.free_space import (
+    FreeSpace,
+    free_space_of,
+    inside_free_space,
+    unsupported,
+    upsampled,
+)
 from engine.light.fitting.plane_sweep import FEW_POINTS, knee_of, sweep
 from engine.light.fitting.training_views import Photographs
 from engine.light.gaussians.gaussians import Y00
-from engine.light.gaussians.rasterize import Run
+from engine.light.gaussians.rasterize import ThreadPool
 from engine.types import Gaussians
 
 
@@ -50,7 +56,7 @@ def _with_far(
     return found
 
 
-def _open(emptiness: Emptiness, fine: Photographs, far: Float[np.ndarray, "n h w"]) -> Emptiness:
+def _open(emptiness: FreeSpace, fine: Photographs, far: Float[np.ndarray, "n h w"]) -> FreeSpace:
     """The same where views look through openings for sure: nothing stands in a pane."""
     shown = np.isfinite(far)
     if not shown.any():
@@ -58,12 +64,12 @@ def _open(emptiness: Emptiness, fine: Photographs, far: Float[np.ndarray, "n h w
     return replace(
         emptiness,
         lens=fine.lens,
-        depth=np.where(shown, far, enlarged(emptiness.depth, fine)),
-        sure=np.where(shown, 1.0, enlarged(emptiness.sure, fine)),
+        depth=np.where(shown, far, upsampled(emptiness.depth, fine)),
+        sure=np.where(shown, 1.0, upsampled(emptiness.sure, fine)),
     )
 
 
-def seen_radiance(
+def mean_radiance(
     photographs: Photographs, points: Float[np.ndarray, "m 3"], fallback: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "m 3"]:
     """Mean radiance at which views show the points; the fallback where none does."""
@@ -105,21 +111,21 @@ def _thin(
     return chosen[:count] if len(chosen) > count else chosen
 
 
-def begin(
+def initial_gaussians(
     photographs: Photographs,
     fine: Photographs,
     points: Float[np.ndarray, "m 3"],
     count: int,
     keep_out: float | None,
-    run: Run,
-) -> tuple[Gaussians, Emptiness]:
+    run: ThreadPool,
+) -> tuple[Gaussians, FreeSpace]:
     """About `count` Gaussians to start from, and where the room is empty; `fine`: the same views, larger.
 
     Raises:
         LightError: hardly any background pixel shows the room.
     """
     depth, sure = sweep(photographs, points, 40, run)
-    far = openings(fine, enlarged(depth, fine), knee_of(fine))
+    far = openings(fine, upsampled(depth, fine), knee_of(fine))
     world, radiance = _candidates(photographs, _with_far(depth, far))
     if len(world) < 50:
         raise LightError(
@@ -127,17 +133,17 @@ def begin(
         )
     trusted = sure[np.isfinite(depth)] > 0.5
     surface = np.concatenate([points, world[trusted] if trusted.sum() > 50 else world])
-    emptiness = emptiness_of(
+    emptiness = free_space_of(
         photographs, depth, sure, surface, keep_out, 1 if len(points) >= FEW_POINTS else 2
     )
     emptiness = _open(emptiness, fine, far)
     priority = np.where(trusted, 1, 2)
     if len(points):
-        colours = seen_radiance(photographs, points, np.median(radiance, axis=0))
+        colours = mean_radiance(photographs, points, np.median(radiance, axis=0))
         world, radiance = np.concatenate([points, world]), np.concatenate([colours, radiance])
         priority = np.concatenate([np.zeros(len(points), int), priority])
-    stands = ~intruding(emptiness, world, np.zeros(len(world)))
-    stands &= ~floating(emptiness, world)
+    stands = ~inside_free_space(emptiness, world, np.zeros(len(world)))
+    stands &= ~unsupported(emptiness, world)
     world, radiance, priority = world[stands], radiance[stands], priority[stands]
     if len(world) < 50:
         raise LightError(

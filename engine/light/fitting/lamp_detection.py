@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import find_objects, label
 
 from engine.color import luminance
-from engine.light.fitting.training_views import Photographs, around, camera_centres
+from engine.light.fitting.training_views import Photographs, camera_centres, window_around
 
 BRIGHT = 6.0
 """A spot's luminance, at least, in units of the background's mean."""
@@ -33,7 +33,7 @@ ALIKE = 1.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spots:
+class BrightSpots:
     """Bright round spots of all views."""
 
     view: Int[np.ndarray, " s"]
@@ -43,7 +43,7 @@ class Spots:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class LampDetections:
     """Places that shine, and which views show them."""
 
     centres: Float[np.ndarray, "l 3"]  # world
@@ -51,7 +51,7 @@ class Sightings:
     shown: Bool[np.ndarray, "l n"]
 
 
-def spots_of(photographs: Photographs) -> Spots:
+def find_bright_spots(photographs: Photographs) -> BrightSpots:
     """Connected bright pixels with a round outline, as far as it is seen: no windows, no reflections."""
     # View by view: at full size all at once are gigabytes.
     pairs = list(zip(photographs.radiance, photographs.weight, strict=True))
@@ -77,7 +77,7 @@ def spots_of(photographs: Photographs) -> Spots:
             radius.append(circle[2])
             ray.append(world / np.linalg.norm(world))
     widest = np.sort(np.argsort(-np.array(radius), kind="stable")[:MOST])
-    return Spots(
+    return BrightSpots(
         np.array(view, int)[widest],
         np.array(centre).reshape(-1, 2)[widest],
         np.array(radius)[widest],
@@ -125,7 +125,7 @@ def _stands_out(
     """Whether what surrounds a circle is dark: a piece of a window or of its reflection has bright neighbours."""
     u, v, radius = circle
     reach = 1.3 * radius + 4.5
-    rows, columns, away = around(level.shape[0], level.shape[1], u, v, reach)
+    rows, columns, away = window_around(level.shape[0], level.shape[1], u, v, reach)
     level, known = level[rows, columns], known[rows, columns]
     inside = known & (away < max(0.7 * radius, 0.8))
     ring = known & (away > reach - 3) & (away < reach)
@@ -134,9 +134,9 @@ def _stands_out(
     return bool(np.median(level[inside]) > APART * np.quantile(level[ring], 0.9))
 
 
-def find_lamps(photographs: Photographs) -> Sightings:
+def find_lamps(photographs: Photographs) -> LampDetections:
     """The lamps that at least HITS views agree on, those with most votes first."""
-    spots = spots_of(photographs)
+    spots = find_bright_spots(photographs)
     eyes = camera_centres(photographs)
     bright = BRIGHT * np.array([float(luminance(picture).mean()) for picture in photographs.radiance])
     free = np.ones(len(spots.view), bool)
@@ -163,12 +163,12 @@ def find_lamps(photographs: Photographs) -> Sightings:
         keep[best] = False
         proposals = proposals[keep]
     count = len(photographs.weight)
-    return Sightings(
+    return LampDetections(
         np.array(centres).reshape(-1, 3), np.array(radii), np.array(rows, bool).reshape(-1, count)
     )
 
 
-def _crossings(spots: Spots, eyes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c 3"]:
+def _crossings(spots: BrightSpots, eyes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c 3"]:
     """Where the rays of two views' spots nearly meet, in front of both."""
     a, b = np.triu_indices(len(spots.view), 1)
     other = spots.view[a] != spots.view[b]
@@ -188,7 +188,7 @@ def _crossings(spots: Spots, eyes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray
 def _votes(
     photographs: Photographs,
     bright: Float[np.ndarray, " n"],
-    spots: Spots,
+    spots: BrightSpots,
     free: np.ndarray,
     point: Float[np.ndarray, " 3"],
 ) -> tuple[Int[np.ndarray, " n"], float, int, float]:

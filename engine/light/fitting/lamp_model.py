@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float
 
 from engine.geometry import sphere_solid_angle
-from engine.light.fitting.lamp_detection import Sightings
-from engine.light.fitting.training_views import Photographs, around, camera_centres
-from engine.light.gaussians.gaussians import even, joined, part, rotations
+from engine.light.fitting.lamp_detection import LampDetections
+from engine.light.fitting.training_views import Photographs, camera_centres, window_around
+from engine.light.gaussians.gaussians import isotropic_gaussians, joined, part, rotations
 from engine.types import Gaussians, Lamps
 
 GLOW = 1.3
@@ -49,7 +49,7 @@ def _discs(photographs: Photographs, centre, radius):
             yield view, u, v, size, distance, cosine
 
 
-def measured(sightings: Sightings, photographs: Photographs) -> tuple[Sightings, Lamps]:
+def measure_lamps(sightings: LampDetections, photographs: Photographs) -> tuple[LampDetections, Lamps]:
     """Each lamp's mean radiance: its power above what surrounds it, over its own solid angle.
 
     The median of the views that show it whole and unclipped; of a lamp that is nowhere whole its middle alone; of
@@ -66,7 +66,7 @@ def measured(sightings: Sightings, photographs: Photographs) -> tuple[Sightings,
             if not shown[view]:
                 continue
             reach = GLOW * size + SOFT
-            rows, columns, away = around(height, width, u, v, reach + 3)
+            rows, columns, away = window_around(height, width, u, v, reach + 3)
             known = photographs.weight[view, rows, columns] > 0
             picture = photographs.radiance[view, rows, columns]
             disc, ring = away < reach, (away >= reach) & known
@@ -89,24 +89,26 @@ def measured(sightings: Sightings, photographs: Photographs) -> tuple[Sightings,
         clipped.append(not sure)
         kept.append(lamp)
     kept = np.array(kept, int)
-    seen = Sightings(sightings.centres[kept], sightings.radii[kept], sightings.shown[kept])
+    seen = LampDetections(sightings.centres[kept], sightings.radii[kept], sightings.shown[kept])
     radiance = np.maximum(np.array(radiances).reshape(-1, 3), 0)
     return seen, Lamps(seen.centres, seen.radii, radiance, np.array(clipped, bool))
 
 
-def without(photographs: Photographs, lamps: Lamps) -> Photographs:
+def mask_lamps(photographs: Photographs, lamps: Lamps) -> Photographs:
     """The photographs with every lamp cut out of every view that might show it."""
     weight = photographs.weight.copy()
     _, height, width = weight.shape
     for centre, radius in zip(lamps.centres, lamps.radii, strict=True):
         for view, u, v, size, *_ in _discs(photographs, centre, radius):
             reach = GLOW * size + SOFT
-            rows, columns, away = around(height, width, u, v, reach)
+            rows, columns, away = window_around(height, width, u, v, reach)
             weight[view, rows, columns][away < reach] = 0
     return replace(photographs, weight=weight)
 
 
-def put_back(gaussians: Gaussians, lamps: Lamps, sightings: Sightings, photographs: Photographs) -> Gaussians:
+def insert_lamps(
+    gaussians: Gaussians, lamps: Lamps, sightings: LampDetections, photographs: Photographs
+) -> Gaussians:
     """The fitted room with the lamps as its last Gaussians, and nothing between them and the views that show them."""
     blocks = np.zeros(len(gaussians.means), bool)
     eyes = camera_centres(photographs)
@@ -114,23 +116,25 @@ def put_back(gaussians: Gaussians, lamps: Lamps, sightings: Sightings, photograp
         for eye in eyes[shown]:
             opacity, at, distance = _on_the_way(gaussians, eye, centre)
             blocks |= (at < distance - 2 * radius) & (opacity > IN_FRONT)
-    return beside(part(gaussians, ~blocks), lamps)
+    return with_lamps(part(gaussians, ~blocks), lamps)
 
 
-def beside(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
+def with_lamps(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
     """The room with the lamps as its last Gaussians."""
     scale = np.repeat(lamps.radii[:, None], 3, 1) / np.sqrt(_covered(DENSITY))
     upright = np.tile([1.0, 0, 0, 0], (len(scale), 1))
-    fresh = even(lamps.centres, upright, scale, DENSITY, lamps.radiance, gaussians.radiance.shape[1])
+    fresh = isotropic_gaussians(
+        lamps.centres, upright, scale, DENSITY, lamps.radiance, gaussians.radiance.shape[1]
+    )
     return joined(gaussians, fresh)
 
 
-def apart(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
+def without_lamps(gaussians: Gaussians, lamps: Lamps) -> Gaussians:
     """The room without the lamps, which are its last Gaussians; undoes `beside`."""
     return part(gaussians, slice(len(gaussians.means) - len(lamps.radii)))
 
 
-def passing(
+def lamp_transmittance(
     lamps: Lamps,
     gaussians: Gaussians,
     cam_from_world: Float[np.ndarray, "n 3 4"],

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from engine.light.fitting.training_views import Photographs, camera_centres, pixel_of, place_of
-from engine.light.gaussians.rasterize import Run
+from engine.light.fitting.training_views import Photographs, camera_centres, project_point, world_point
+from engine.light.gaussians.rasterize import ThreadPool
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 FEW_POINTS = 30  # from so many SfM points on, a sweep has something to lean on
@@ -34,7 +34,7 @@ _ALIKE = 0.1  # log depth within which views agree on a place
 
 @njit(**_FLAGS)
 @no_type_check
-def _evidence(poses, lens, pictures, weight, depths, view, others, out):
+def _photo_consistency(poses, lens, pictures, weight, depths, view, others, out):
     """How much worse other views agree at each depth than they do on average, mean over the views that look."""
     _, height, width, _ = pictures.shape
     pose, count = poses[view], depths.shape[0]
@@ -44,13 +44,13 @@ def _evidence(poses, lens, pictures, weight, depths, view, others, out):
             if weight[view, v, u] <= 0:
                 continue
             for d in range(count):
-                places[d, 0], places[d, 1], places[d, 2] = place_of(pose, lens, u, v, depths[d])
+                places[d, 0], places[d, 1], places[d, 2] = world_point(pose, lens, u, v, depths[d])
             asked = 0
             for o in others:
                 total, looks = 0.0, 0
                 for d in range(count):
                     gaps[d] = -1.0
-                    s, t, _ = pixel_of(poses[o], lens, places[d, 0], places[d, 1], places[d, 2])
+                    s, t, _ = project_point(poses[o], lens, places[d, 0], places[d, 1], places[d, 2])
                     s, t = s - 0.5, t - 0.5
                     if s < 0 or t < 0 or s > width - 1 or t > height - 1:
                         continue
@@ -79,7 +79,7 @@ def _evidence(poses, lens, pictures, weight, depths, view, others, out):
 
 @njit(**_FLAGS)
 @no_type_check
-def _together(cost, brightness, bend):
+def _semi_global_matching(cost, brightness, bend):
     """Costs with those of eight paths to each pixel added; `bend` is the price of a step to the next depth."""
     height, width, count = cost.shape
     total = np.zeros_like(cost)
@@ -120,10 +120,10 @@ def _agreement(poses, lens, depth, view, others, out):
             z = depth[view, v, u]
             if not z > 0:
                 continue
-            wx, wy, wz = place_of(pose, lens, u, v, z)
+            wx, wy, wz = world_point(pose, lens, u, v, z)
             there, looks = 0, 0
             for o in others:
-                s, t, far = pixel_of(poses[o], lens, wx, wy, wz)
+                s, t, far = project_point(poses[o], lens, wx, wy, wz)
                 if s < 0 or t < 0 or s >= width or t >= height:
                     continue
                 seen = depth[o, int(t), int(s)]
@@ -151,21 +151,24 @@ def depth_range(centres: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "m 
 
 
 def sweep(
-    photographs: Photographs, points: Float[np.ndarray, "m 3"], count: int, run: Run
+    photographs: Photographs, points: Float[np.ndarray, "m 3"], count: int, run: ThreadPool
 ) -> tuple[Float[np.ndarray, "n h w"], Float[np.ndarray, "n h w"]]:
     """Depth of every background pixel (NaN elsewhere), and how sure it is (0 prior only .. 1)."""
     near, far = depth_range(camera_centres(photographs), points)
     depths = np.geomspace(near, far, count)
     middle = float(np.sqrt(near * far))
-    depth, sure = _settled(photographs, depths, _prior(photographs, points, middle), run)
+    depth, sure = _regularized_depth(photographs, depths, _prior(photographs, points, middle), run)
     certain = depth[sure > 0.5]
     if len(points) < FEW_POINTS and len(certain) > 50:
-        return _settled(photographs, depths, np.full(depth.shape, np.median(certain)), run)
+        return _regularized_depth(photographs, depths, np.full(depth.shape, np.median(certain)), run)
     return depth, sure
 
 
-def _settled(
-    photographs: Photographs, depths: Float[np.ndarray, " d"], prior: Float[np.ndarray, "n h w"], run: Run
+def _regularized_depth(
+    photographs: Photographs,
+    depths: Float[np.ndarray, " d"],
+    prior: Float[np.ndarray, "n h w"],
+    run: ThreadPool,
 ) -> tuple[Float[np.ndarray, "n h w"], Float[np.ndarray, "n h w"]]:
     """`sweep` over some depths, given what is expected of each pixel."""
     poses, lens, weight = photographs.cam_from_world, photographs.lens, photographs.weight
@@ -182,10 +185,10 @@ def _settled(
     def settle(part: int, parts: int) -> None:
         for i in range(part, n, parts):
             cost = np.zeros((height, width, len(depths)), np.float32)
-            _evidence(poses, lens, pictures, weight, depths, i, close[i], cost)
+            _photo_consistency(poses, lens, pictures, weight, depths, i, close[i], cost)
             cost = cv2.blur(cost, (3, 3), borderType=cv2.BORDER_REPLICATE)
             pull = _PULL * np.abs(np.log(depths / prior[i][..., None]))
-            total = _together((cost + pull).astype(np.float32), pictures[i].mean(-1), bend)
+            total = _semi_global_matching((cost + pull).astype(np.float32), pictures[i].mean(-1), bend)
             depth[i], best = _lowest(total, depths)
             contrast[i] = -np.take_along_axis(cost, best, -1)[..., 0]
 

@@ -47,7 +47,7 @@ class Photographs:
 # Inlined: a cached kernel that calls another does not see it change, and may round differently with it.
 @njit(inline="always", **_FLAGS)
 @no_type_check
-def place_of(pose, lens, u, v, z):
+def world_point(pose, lens, u, v, z):
     """The world point at depth z of a pixel's middle."""
     a = (u + 0.5 - lens[2]) / lens[0] * z - pose[0, 3]
     b = (v + 0.5 - lens[3]) / lens[1] * z - pose[1, 3]
@@ -61,7 +61,7 @@ def place_of(pose, lens, u, v, z):
 
 @njit(inline="always", **_FLAGS)
 @no_type_check
-def pixel_of(pose, lens, x, y, z):
+def project_point(pose, lens, x, y, z):
     """Where a world point falls in one view (u, v; both -1 behind the camera), and its depth: `image_of` for kernels."""
     far = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
     if far <= 0:
@@ -71,7 +71,7 @@ def pixel_of(pose, lens, x, y, z):
     return lens[0] * right / far + lens[2], lens[1] * low / far + lens[3], far
 
 
-def around(
+def window_around(
     height: int, width: int, u: float, v: float, reach: float
 ) -> tuple[slice, slice, Float[np.ndarray, "a b"]]:
     """A picture's rows and columns within `reach` of a place, and each of those pixels' distance from it."""
@@ -133,7 +133,7 @@ def shown_background(
     return _smaller(_straight(background.astype(np.float32), _undistort_maps(camera)), wide, high) > 0.5
 
 
-def partly(
+def partly_marked(
     picture: Bool[np.ndarray, "h w"], camera: Camera, width: int
 ) -> Bool[np.ndarray, "small_h small_w"]:
     """Where a small ideal view holds any of what is marked."""

@@ -42,7 +42,7 @@ def joined(first: Gaussians, second: Gaussians) -> Gaussians:
     return Gaussians(*(np.concatenate([a, b.astype(a.dtype)]) for a, b in both))
 
 
-def even(
+def isotropic_gaussians(
     means: Float[np.ndarray, "k 3"],
     quaternions: Float[np.ndarray, "k 4"],
     scales: Float[np.ndarray, "k 3"],

@@ -62,7 +62,7 @@ Loss = tuple[np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray]  # of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class ThreadPool:
     """Where the work is done: a pool of threads, among which every kernel is divided into `parts`."""
 
     pool: ThreadPoolExecutor
@@ -94,11 +94,11 @@ class Run:
 
 
 @contextmanager
-def workers(threads: int | None = None) -> Iterator[Run]:
+def thread_pool(threads: int | None = None) -> Iterator[ThreadPool]:
     """The processor's threads; as many as it has if none are asked for."""
     count = threads or len(os.sched_getaffinity(0))
     with ThreadPoolExecutor(count) as pool:
-        yield Run(pool, 8 * count)
+        yield ThreadPool(pool, 8 * count)
 
 
 def shapes(gaussians: Gaussians) -> Shapes:
@@ -125,7 +125,7 @@ def project(geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole) 
 
 
 def render(
-    geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole, near: float, run: Run
+    geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole, near: float, run: ThreadPool
 ) -> Float[np.ndarray, "h w 5"]:
     """One view; Gaussians that answer nearer than z = `near` do not count."""
     _, packed, lists = project(geometry, colours, view)
@@ -136,11 +136,11 @@ def render(
 
 def render_view(gaussians: Gaussians, view: Pinhole, near: float = 0.0) -> Float[np.ndarray, "h w 5"]:
     """`render` for a caller that wants one picture."""
-    with workers() as run:
+    with thread_pool() as run:
         return render(shapes(gaussians), radiance_towards(gaussians, view.origin), view, near, run)
 
 
-def push_back(
+def backward(
     geometry: Shapes,
     colours: Float[np.ndarray, "k 3"],
     view: Pinhole,
@@ -151,7 +151,7 @@ def push_back(
     knee: float,
     hollow: float,
     surface: Float[np.ndarray, "h w"],
-    run: Run,
+    run: ThreadPool,
 ) -> tuple[Float[np.ndarray, "h w 5"], Gradients]:
     """Render one view and differentiate the loss of `rasterize_kernels.backward` by every parameter."""
     index, packed, lists = project(geometry, colours, view)

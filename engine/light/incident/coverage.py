@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from engine.light.fitting.training_views import partly, pinhole_of, pixel_of, shown_background
+from engine.light.fitting.training_views import partly_marked, pinhole_of, project_point, shown_background
 from engine.types import Masks, Poses
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
@@ -35,7 +35,7 @@ def coverage_of(
     views = np.nonzero(poses.registered)[0]
     shown = np.stack([shown_background(masks.background[i], poses.camera, width) for i in views])
     if without is not None:
-        shown &= ~np.stack([partly(without[i], poses.camera, width) for i in views])
+        shown &= ~np.stack([partly_marked(without[i], poses.camera, width) for i in views])
     return Coverage(np.ascontiguousarray(poses.cam_from_world[views]), lens, shown)
 
 
@@ -48,7 +48,7 @@ def _covered(cam_from_world, lens, shown, points, out):
         out[p] = 0.0
         for turn in range(views):
             i = (recent + turn) % views
-            u, v, _ = pixel_of(cam_from_world[i], lens, points[p, 0], points[p, 1], points[p, 2])
+            u, v, _ = project_point(cam_from_world[i], lens, points[p, 0], points[p, 1], points[p, 2])
             if u < 0 or u >= width or v < 0 or v >= height:
                 continue
             if shown[i, int(v), int(u)]:

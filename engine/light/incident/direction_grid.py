@@ -78,7 +78,7 @@ def own_cells(side: int, fine: int) -> CellMap:
     return CellMap(index, np.ones(index.shape, np.float32))
 
 
-def shared_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
+def interpolated_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
     """Every pixel among the three directions of the spherical triangle that holds it."""
     triangles = ConvexHull(directions).simplices
     matrices = np.linalg.inv(np.swapaxes(directions[triangles], 1, 2))  # direction -> corner weights
@@ -109,7 +109,7 @@ def shared_cells(directions: Float[np.ndarray, "d 3"], side: int) -> CellMap:
     return CellMap(index.reshape(shape), share.astype(np.float32).reshape(shape))
 
 
-def sharpened(
+def deconvolve(
     energy: Float[np.ndarray, "m d v"], directions: Float[np.ndarray, "d 3"]
 ) -> Float[np.ndarray, "m d v"]:
     """Energy that was shared among cells, so that a smooth function summed over it is what the light itself gives.
@@ -128,7 +128,7 @@ def sharpened(
 def _spread_again(directions: bytes, count: int) -> csr_matrix:
     """What sharing makes of light that already sits in the cells: a square matrix whose columns sum to one."""
     side = max(AGAIN_PX, math.ceil(math.sqrt(PIXELS_PER_CELL * count / 6)))
-    cells = shared_cells(np.frombuffer(directions).reshape(count, 3), side)
+    cells = interpolated_cells(np.frombuffer(directions).reshape(count, 3), side)
     index, share = cells.index.reshape(-1, 3), cells.share.reshape(-1, 3).astype(np.float64)
     omega = np.broadcast_to(pixel_solid_angles(side), (6, side, side)).ravel()
     pixel = np.repeat(np.arange(len(index)), 3)

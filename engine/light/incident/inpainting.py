@@ -42,7 +42,7 @@ def neighbourhood(directions: Float[np.ndarray, "d 3"]) -> Neighbourhood:
     return Neighbourhood(tuple(gather), tuple(spread))
 
 
-def fill_smoothly(
+def inpaint(
     values: Float[np.ndarray, "d c"], trust: Float[np.ndarray, " d"], over: Neighbourhood
 ) -> Float[np.ndarray, "d c"]:
     """`values` where trust is 1, a smooth continuation where it is 0, a mean of both between.
@@ -67,7 +67,7 @@ def fill_smoothly(
     return result
 
 
-def fill_energy(
+def inpaint_energy(
     energy: Float[np.ndarray, "d 3"],
     opacity: Float[np.ndarray, " d"],
     seen: Float[np.ndarray, " d"],
@@ -83,6 +83,6 @@ def fill_energy(
     trust = np.where(seen > 0.02, seen, 0)
     mean = np.average(radiance, axis=0, weights=trust + 1e-12)
     logarithm = np.log(np.maximum(radiance, 1e-4 * mean + 1e-30))
-    guess = np.exp(fill_smoothly(logarithm, trust, over))
+    guess = np.exp(inpaint(logarithm, trust, over))
     kept = energy * (seen / np.maximum(opacity, 1e-6))[:, None]
     return kept + guess * ((1 - seen) * solid_angle)[:, None]

@@ -18,10 +18,10 @@ from numba import njit
 from scipy.linalg import solve_triangular
 
 from engine.geometry import inverse
-from engine.light.gaussians.rasterize import workers
-from engine.light.incident.direction_grid import face_directions, pixel_solid_angles, shared_cells
-from engine.light.incident.inpainting import fill_energy, neighbourhood
-from engine.light.incident.probes import BATCH, arriving, cubes
+from engine.light.gaussians.rasterize import thread_pool
+from engine.light.incident.direction_grid import face_directions, interpolated_cells, pixel_solid_angles
+from engine.light.incident.inpainting import inpaint_energy, neighbourhood
+from engine.light.incident.probes import BATCH, cubes, gather_probes
 from engine.progress import Progress
 from engine.types import Gaussians
 
@@ -35,7 +35,7 @@ TOGETHER = 4
 """Views whose cube maps are mixed in one product: 12 MB of them."""
 
 
-def between(
+def interpolate(
     gaussians: Gaussians,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     cam_points: Float[np.ndarray, "m 3"],
@@ -57,12 +57,12 @@ def between(
     at = inverse(cam_from_world)
     places = (np.einsum("nij,mj->nmi", at[:, :, :3], cam_points) + at[:, None, :, 3]).reshape(-1, 3)
     most = int(WORTH * len(places))
-    choice = _Choice(places, most)
+    choice = _PivotedCholesky(places, most)
     known, mean = cubes(gaussians, places[choice.first(FIRST)], face, None, progress.part(0, 0.2))
     needed = 2 * FIRST
     while len(known) < needed:
         if needed > most:
-            return arriving(
+            return gather_probes(
                 gaussians, cam_from_world, cam_points, directions, face, True, progress.part(0.8, 1)
             ).energy
         count = len(known)
@@ -86,7 +86,7 @@ def between(
     return _sorted(mixed, len(cam_points), cam_from_world, directions, face, progress.part(0.8, 1))
 
 
-class _Choice:
+class _PivotedCholesky:
     """Places, each the one of which those before it say least, and what they say of all.
 
     Light is taken for a random field with two derivatives (Matern 5/2) that changes over the extent of the places; what it
@@ -180,7 +180,7 @@ def _sorted(
 ) -> Float[np.ndarray, "n m d 3"]:
     """The energy in every view's direction cells, of the cube maps at its probes; what is not covered is filled."""
     rays = face_directions(face).reshape(-1, 3)
-    cells, graph = shared_cells(directions, face), neighbourhood(directions)
+    cells, graph = interpolated_cells(directions, face), neighbourhood(directions)
     index, share = cells.index.reshape(len(rays), -1), cells.share.reshape(len(rays), -1)
     omega = np.broadcast_to(pixel_solid_angles(face), (6, face, face)).ravel().astype(np.float32)
     solid_angle = np.bincount(index.ravel(), (share * omega[:, None]).ravel(), len(directions))
@@ -194,9 +194,9 @@ def _sorted(
             turned = np.ascontiguousarray(rays @ cam_from_world[i, :, :3])
             _looked_up(maps, face, turned, omega, index, share, found, opacity)
             for probe, covered in enumerate(np.clip(opacity / solid_angle, 0, 1)):
-                energy[i, probe] = fill_energy(found[probe], covered, covered, solid_angle, graph)
+                energy[i, probe] = inpaint_energy(found[probe], covered, covered, solid_angle, graph)
 
-    with workers() as run:
+    with thread_pool() as run:
         for begin in range(0, n, BATCH):
             progress.step(begin / n, f"light at the object, view {begin + 1} of {n}")
             these = [slice(i, min(i + TOGETHER, n)) for i in range(begin, min(begin + BATCH, n), TOGETHER)]

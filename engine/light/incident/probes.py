@@ -25,9 +25,15 @@ from engine.errors import LightError
 from engine.light.gaussians import rasterize_kernels as kernel
 from engine.light.gaussians import tiles
 from engine.light.gaussians.gaussians import radiance_towards
-from engine.light.gaussians.rasterize import Pinhole, Shapes, render, shapes, workers
-from engine.light.incident.direction_grid import FACES, CellMap, own_cells, pixel_solid_angles, shared_cells
-from engine.light.incident.inpainting import fill_energy, neighbourhood
+from engine.light.gaussians.rasterize import Pinhole, Shapes, render, shapes, thread_pool
+from engine.light.incident.direction_grid import (
+    FACES,
+    CellMap,
+    interpolated_cells,
+    own_cells,
+    pixel_solid_angles,
+)
+from engine.light.incident.inpainting import inpaint_energy, neighbourhood
 from engine.progress import Progress
 from engine.types import Gaussians
 
@@ -207,7 +213,7 @@ class _Prober:
 def _prober(directions: bytes, face: int) -> _Prober:
     """Its maps take a second to make, and the same directions are asked for again and again."""
     towards = np.frombuffer(directions).reshape(-1, 3)
-    once, twice, finest = (shared_cells(towards, face * fine) for fine in (1, 2, FINEST))
+    once, twice, finest = (interpolated_cells(towards, face * fine) for fine in (1, 2, FINEST))
     return _Prober((once, twice, finest), face, len(towards))
 
 
@@ -219,7 +225,7 @@ def _own_prober(face: int) -> _Prober:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Arriving:
+class ProbeLight:
     """What reaches probes of every view from every camera-frame direction; float32."""
 
     energy: Float[np.ndarray, "n m d 3"]  # radiance x solid angle
@@ -227,7 +233,7 @@ class Arriving:
     places: Float[np.ndarray, "n m d 3"]  # world: where it comes from, mean by luminance before any filling
 
 
-def arriving(
+def gather_probes(
     gaussians: Gaussians,
     cam_from_world: Float[np.ndarray, "n 3 4"],
     cam_points: Float[np.ndarray, "m 3"],
@@ -235,7 +241,7 @@ def arriving(
     face: int = 64,
     fill: bool = True,
     progress: Progress | None = None,
-) -> Arriving:
+) -> ProbeLight:
     """The light at every probe of every view.
 
     Args:
@@ -261,9 +267,9 @@ def arriving(
             share = np.minimum(opacity / prober.solid_angle, 1)
             energy[i, j], seen[i, j], places[i, j] = cell_energy, share, where
             if fill:
-                energy[i, j] = fill_energy(cell_energy, share, share, prober.solid_angle, graph)
+                energy[i, j] = inpaint_energy(cell_energy, share, share, prober.solid_angle, graph)
 
-    with workers() as run:
+    with thread_pool() as run:
         for begin in range(0, n, BATCH):
             progress.step(begin / n, f"light at the object, view {begin + 1} of {n}")
 
@@ -273,7 +279,7 @@ def arriving(
 
             run(some, ())
     progress.step(1.0, "light at the object")
-    return Arriving(energy, seen, places)
+    return ProbeLight(energy, seen, places)
 
 
 def cubes(
@@ -295,7 +301,7 @@ def cubes(
         gather(np.array([0]))
         mean = float(luminance(found[0, :, :3].astype(float).T @ prober.solid_angle) / (4 * np.pi))
     groups = _close(places, np.arange(len(places)))
-    with workers() as run:
+    with thread_pool() as run:
         for begin in range(0, len(groups), BATCH):
             progress.step(begin / len(groups), "light around the object")
 
@@ -339,7 +345,7 @@ def panorama(
     if fill:
         flat = panorama_directions(height).reshape(-1, 3)
         ones, share = np.ones(len(flat)), seen.ravel()
-        radiance = fill_energy(radiance.reshape(-1, 3), share, share, ones, neighbourhood(flat))
+        radiance = inpaint_energy(radiance.reshape(-1, 3), share, share, ones, neighbourhood(flat))
     return radiance.reshape(height, 2 * height, 3).astype(np.float32), seen.astype(np.float32)
 
 
@@ -360,7 +366,7 @@ class Cube:
         geometry, colours = shapes(gaussians), radiance_towards(gaussians, origin)
         lens = np.full(4, side / 2)
         self.side = side
-        with workers() as run:
+        with thread_pool() as run:
             rotations = FACES @ frame_from_world
             poses = [np.concatenate([r, -(r @ origin)[:, None]], axis=1) for r in rotations]
             views = [Pinhole(pose, lens, side, side) for pose in poses]

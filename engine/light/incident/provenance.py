@@ -46,7 +46,7 @@ def photographed(
     return shown, shown & ~clean
 
 
-def grounds_of(
+def provenance_of(
     panorama: Panorama, clipped: Bool[np.ndarray, "h w"], normals: Float[np.ndarray, "p 3"]
 ) -> Grounds:
     """The classes, and the shares of the diffuse irradiance averaged over the object's normals.

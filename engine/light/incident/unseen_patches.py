@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from engine.color import luminance
 from engine.geometry import fibonacci_sphere
-from engine.light.gaussians.gaussians import even, part
-from engine.light.incident.inpainting import fill_energy, fill_smoothly, neighbourhood
-from engine.light.incident.probes import arriving
+from engine.light.gaussians.gaussians import isotropic_gaussians, part
+from engine.light.incident.inpainting import inpaint, inpaint_energy, neighbourhood
+from engine.light.incident.probes import gather_probes
 from engine.types import Gaussians
 
 DIRECTIONS = 2400
@@ -28,29 +28,31 @@ WIDE, FLAT = 0.75, 0.1
 """Scale of a patch by the distance to the next, so that all together let little through; its thickness by that."""
 
 
-def patches(gaussians: Gaussians, centre: Float[np.ndarray, " 3"]) -> Gaussians:
+def unseen_patches(gaussians: Gaussians, centre: Float[np.ndarray, " 3"]) -> Gaussians:
     """What closes the room as seen from `centre`; none where it is closed but for small holes."""
     directions = fibonacci_sphere(DIRECTIONS)
     here = np.concatenate([np.eye(3), -centre[:, None]], axis=1)[None]
-    found = arriving(gaussians, here, np.zeros((1, 3)), directions, fill=False)
+    found = gather_probes(gaussians, here, np.zeros((1, 3)), directions, fill=False)
     seen = found.seen[0, 0].astype(np.float64)
     missing = seen < OPEN
     if missing.mean() < LEAST or not (luminance(found.energy[0, 0]) * ~missing).any():
         return part(gaussians, slice(0))
     around, area = neighbourhood(directions), 4 * np.pi / DIRECTIONS
     solid = np.full(DIRECTIONS, area)
-    energy = fill_energy(
+    energy = inpaint_energy(
         found.energy[0, 0].astype(np.float64), seen, np.where(missing, 0, seen), solid, around
     )
     away = np.linalg.norm(found.places[0, 0] - centre, axis=1).astype(np.float64)
     # Where nothing shines, nothing says from where.
     told = np.where(missing | (away < 1e-3 * away.max()), 0, seen)
     logs = np.log(np.maximum(away, 1e-9))[:, None]
-    distance = np.exp(fill_smoothly(logs, told, around))[missing]
+    distance = np.exp(inpaint(logs, told, around))[missing]
     towards = directions[missing]
     scales = WIDE * np.sqrt(area) * distance * [1.0, 1.0, FLAT]
     colours, coefficients = energy[missing] / area, gaussians.radiance.shape[1]
-    return even(centre + distance * towards, _turned_to(towards), scales, DENSITY, colours, coefficients)
+    return isotropic_gaussians(
+        centre + distance * towards, _turned_to(towards), scales, DENSITY, colours, coefficients
+    )
 
 
 def _turned_to(directions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 4"]:

@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 from scipy.special import expit
 
 from engine.light.gaussians.gaussians import Y00, rotations, sh_basis, sh_degree
-from engine.light.gaussians.rasterize import Gradients, Run
+from engine.light.gaussians.rasterize import Gradients, ThreadPool
 from engine.types import Gaussians
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy"}
@@ -117,7 +117,7 @@ def advance(
     slope: Float[np.ndarray, "v c"],
     rate: Float[np.ndarray, " c"],
     origin: Float[np.ndarray, " 3"],
-    run: Run,
+    run: ThreadPool,
 ) -> None:
     """One step of Adam on every row (the moments of those that are not seen fade), and its count of pulls."""
     i = gradients.index
@@ -138,7 +138,7 @@ def adam(
     slope: Float[np.ndarray, "v c"],
     rate: Float[np.ndarray, " c"],
     steps: int,
-    run: Run,
+    run: ThreadPool,
 ) -> None:
     """Step `steps` (from 1) of Adam (Kingma and Ba 2015) in place; the slope of row k is slope[place[k]], or 0 for -1."""
     run(_adam, (rows, first, second, place, slope, rate, 1 - _BETA1**steps, 1 - _BETA2**steps))

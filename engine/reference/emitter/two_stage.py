@@ -16,13 +16,20 @@ from jaxtyping import Bool, Float
 
 from engine.color import luminance
 from engine.errors import LightError
-from engine.light.fitting.color_solve import Rows, epsilon_of, otsu_threshold, pull_rows, render_rows, rows_of
+from engine.light.fitting.color_solve import (
+    LinearRenders,
+    backproject_rows,
+    epsilon_of,
+    linear_renders,
+    otsu_threshold,
+    render_rows,
+)
 from engine.light.fitting.fit import split_views
-from engine.light.fitting.initialize import seen_radiance
+from engine.light.fitting.initialize import mean_radiance
 from engine.light.fitting.plane_sweep import FEW_POINTS, depth_range, knee_of
 from engine.light.fitting.training_views import Photographs, camera_centres, resample
 from engine.light.gaussians.gaussians import Y00, radiance_towards, sh_basis, sh_degree
-from engine.light.gaussians.rasterize import Run, push_back, render, shapes, workers
+from engine.light.gaussians.rasterize import ThreadPool, backward, render, shapes, thread_pool
 from engine.progress import Progress
 from engine.reference.emitter import cloud as clouds
 from engine.reference.params import MOST
@@ -111,7 +118,7 @@ def train(
     used, _ = split_views(poses, params.holdout)
     photographs = supervision(resample(frames, masks, poses, used, params.width))
     rng = np.random.default_rng(seed)
-    with workers() as run:
+    with thread_pool() as run:
         gaussians = stage_one(photographs, poses.points, params, rng, progress.part(0, 0.6), run)
         if not params.one_stage:
             gaussians = stage_two(gaussians, photographs, params, rng, progress.part(0.6, 1), run)
@@ -122,7 +129,7 @@ def train(
 
 
 def pixels(
-    gaussians: Gaussians, photographs: Photographs, run: Run
+    gaussians: Gaussians, photographs: Photographs, run: ThreadPool
 ) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
     """All background pixels, as photographed and as rendered."""
     geometry, rendered = shapes(gaussians), []
@@ -141,7 +148,7 @@ def supervision(photographs: Photographs) -> Photographs:
 
 def stage_one(
     photographs: Photographs, points: Float[np.ndarray, "m 3"], params: EmitterParams,
-    rng: np.random.Generator, progress: Progress, run: Run,
+    rng: np.random.Generator, progress: Progress, run: ThreadPool,
 ) -> Gaussians:  # fmt: skip
     """All parameters by Adam on Eq. (5), cloning, splitting and pruning on the way.
 
@@ -163,7 +170,7 @@ def stage_one(
         gaussians, pinhole = clouds.gaussians_of(cloud), photographs.pinhole(view)
         colours = radiance_towards(gaussians, pinhole.origin)
         # With knee 1 and neither charges for what is left through nor for what stands in between, this is Eq. (5).
-        _, gradients = push_back(
+        _, gradients = backward(
             shapes(gaussians), colours, pinhole, 0.0, target[view], photographs.weight[view] / shown[view],
             nowhere, 1.0, 0.0, nothing, run,
         )  # fmt: skip
@@ -203,7 +210,7 @@ def _first(
         far = np.exp(rng.uniform(nearest, farthest, (params.random_points, 1)))
         points = centres.mean(0) + far * away / np.linalg.norm(away, axis=1, keepdims=True)
     typical = np.median(photographs.radiance[photographs.weight > 0], axis=0).astype(np.float64)
-    return clouds.begin(points, seen_radiance(photographs, points, typical) / unit)
+    return clouds.begin(points, mean_radiance(photographs, points, typical) / unit)
 
 
 def _shuffled(views: np.ndarray, rng: np.random.Generator) -> Iterator[int]:
@@ -214,11 +221,11 @@ def _shuffled(views: np.ndarray, rng: np.random.Generator) -> Iterator[int]:
 
 def stage_two(
     gaussians: Gaussians, photographs: Photographs, params: EmitterParams,
-    rng: np.random.Generator, progress: Progress, run: Run,
+    rng: np.random.Generator, progress: Progress, run: ThreadPool,
 ) -> Gaussians:  # fmt: skip
     """The colours of the bright Gaussians alone, by Adam on Eq. (6)."""
     free = high_luminance(gaussians)
-    rows = rows_of(shapes(gaussians), photographs, run)
+    rows = linear_renders(shapes(gaussians), photographs, run)
     radiance = gaussians.radiance
     steps = descend(gaussians, rows, photographs, free, knee_of(photographs), rng, run)
     for step in range(params.refinements):
@@ -234,8 +241,8 @@ def high_luminance(gaussians: Gaussians) -> Bool[np.ndarray, " k"]:
 
 
 def descend(
-    gaussians: Gaussians, rows: Rows, photographs: Photographs, free: Bool[np.ndarray, " k"], unit: float,
-    rng: np.random.Generator, run: Run,
+    gaussians: Gaussians, rows: LinearRenders, photographs: Photographs, free: Bool[np.ndarray, " k"], unit: float,
+    rng: np.random.Generator, run: ThreadPool,
 ) -> Iterator[Float[np.ndarray, "k b 3"]]:  # fmt: skip
     """Radiance coefficients after each iteration of stage 2, without end; the array is reused.
 
@@ -268,7 +275,7 @@ def descend(
         rendered = np.empty((len(seen.begins), 3))
         render_rows(seen, np.maximum(colours, 0), rendered, run)
         slope = np.sign(rendered - seen.photographed) / (rendered + epsilon) / len(rendered)
-        slope = pull_rows(seen, slope, k, run) * (colours > 0)
+        slope = backproject_rows(seen, slope, k, run) * (colours > 0)
         slope = (basis[:, :, None] * slope[:, None, :])[free].reshape(-1, 3 * b)
         clouds.adam(table, first, second, everyone, slope, rate, step, run)
         coefficients[free] = table.reshape(-1, b, 3)

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from engine.light.gaussians.gaussians import sh_degree
-from engine.light.gaussians.rasterize import Run, shapes
+from engine.light.gaussians.rasterize import ThreadPool, shapes
 from engine.light.gaussians.rasterize_kernels import DEEP, OPAQUE
 from engine.light.gaussians.tiles import FAINT
 from engine.types import Gaussians
@@ -115,7 +115,7 @@ def radiance(
     origins: Float[np.ndarray, "p 3"],
     directions: Float[np.ndarray, "p s 3"],
     wanted: Bool[np.ndarray, "p s"],
-    run: Run,
+    run: ThreadPool,
 ) -> Float[np.ndarray, "p s 3"]:
     """L_i of Eq. (8), float32, where it is wanted; zero elsewhere and where no Gaussian stands."""
     out = np.zeros(directions.shape, np.float32)

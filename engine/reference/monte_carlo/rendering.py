@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from engine.light.gaussians.rasterize import Run
+from engine.light.gaussians.rasterize import ThreadPool
 from engine.reference.monte_carlo import estimator, queries
 from engine.reference.monte_carlo.shadows import Shadows
 from engine.reference.monte_carlo.vmf_proposal import Mixture
@@ -43,7 +43,7 @@ class Look:
 
 def render(
     scene: Scene, look: Look, shadows: Shadows, pixels: slice, views: Int[np.ndarray, " b"],
-    draw: torch.Generator, run: Run,
+    draw: torch.Generator, run: ThreadPool,
 ) -> Float[Tensor, "b q 3"]:  # fmt: skip
     """Radiance of some of the pixels in some views."""
     pose = scene.cam_from_world[torch.as_tensor(views, device=scene.rays.device)]

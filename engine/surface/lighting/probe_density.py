@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from engine.light.incident.probes import arriving
+from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
 from engine.surface.data.observations import evenly_spaced
 from engine.surface.lighting.room_light import ball, gather_incident_light
@@ -83,7 +83,9 @@ def probe_counts(
     """
     points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(CROSS.T)]
     cells = direction_cells(config.parallax_directions)
-    light = arriving(emitters.field(), cam_from_world, points, cells, params.probe_resolution, True, progress)
+    light = gather_probes(
+        emitters.field(), cam_from_world, points, cells, params.probe_resolution, True, progress
+    )
     sent = np.einsum("md,npdc->npmc", ball(cells, params.diffuse == "disney"), light.energy)
     middle, ends = sent[:, 0], (sent[:, 1::2], sent[:, 2::2])
 

@@ -10,13 +10,13 @@ from jaxtyping import Float, Int, UInt8
 
 from engine.color import luminance
 from engine.geometry import inverse, tangents
-from engine.light.fitting.lamp_model import apart, beside
+from engine.light.fitting.lamp_model import with_lamps, without_lamps
 from engine.light.gaussians.gaussians import joined
-from engine.light.incident.direction_grid import FACES, face_directions, sharpened
-from engine.light.incident.inpainting import fill_energy, neighbourhood
-from engine.light.incident.probe_interpolation import between
-from engine.light.incident.probes import arriving
-from engine.light.incident.unseen_patches import DIRECTIONS, patches
+from engine.light.incident.direction_grid import FACES, deconvolve, face_directions
+from engine.light.incident.inpainting import inpaint_energy, neighbourhood
+from engine.light.incident.probe_interpolation import interpolate
+from engine.light.incident.probes import gather_probes
+from engine.light.incident.unseen_patches import DIRECTIONS, unseen_patches
 from engine.progress import Progress
 from engine.surface.lighting.emitter_groups import (
     CLIPPED,
@@ -104,7 +104,7 @@ class RoomLight:
         field = scale_groups(self.emitters.field(), self.group, gain[:count])
         centres = lamps.centres if shift is None else lamps.centres + shift
         lamps = replace(lamps, centres=centres, radiance=lamps.radiance * gain[count:])
-        return replace(self.emitters, gaussians=beside(field, lamps), lamps=lamps)
+        return replace(self.emitters, gaussians=with_lamps(field, lamps), lamps=lamps)
 
 
 def mean_camera_centre(poses: Poses) -> Float[np.ndarray, " 3"]:
@@ -130,14 +130,14 @@ def build_room_light(
     The lamps are taken from the Gaussians, whose last they are.
     """
     middle = mean_camera_centre(poses)
-    field = apart(gaussians, lamps)
-    unseen, group = patches(field, middle), group_emitters(field, middle, groups, seed)
+    field = without_lamps(gaussians, lamps)
+    unseen, group = unseen_patches(field, middle), group_emitters(field, middle, groups, seed)
     beyond = group_patches(unseen, middle, DIRECTIONS, seed)
     seen, none = clipped_shares(field, group, frames, masks, poses), np.zeros(beyond.max(initial=-1) + 1)
     clipped = np.concatenate([seen, none, lamps.clipped])
     kind = np.where(clipped > CONFIG.clipped_share, CLIPPED, KNOWN).astype(np.uint8)
     kind[len(seen) : len(seen) + len(none)] = UNSEEN
-    emitters = Emitters(beside(joined(field, unseen), lamps), lamps, len(unseen.means))
+    emitters = Emitters(with_lamps(joined(field, unseen), lamps), lamps, len(unseen.means))
     every = np.concatenate([group, len(seen) + beyond])
     return RoomLight(emitters, poses, every, kind, clipped, prior, drift, astray)
 
@@ -155,16 +155,16 @@ def gather_incident_light(
     cells, asked = direction_cells(directions), quadratic_probes(lattice)
     field, points = emitters.field(), asked.points
     if len(cam_from_world) * len(points) < config.many_probes:
-        energy = arriving(field, cam_from_world, points, cells, face_px, True, progress).energy
+        energy = gather_probes(field, cam_from_world, points, cells, face_px, True, progress).energy
     else:
         # What it looks like from all sides: the places are few, and turned otherwise in every view.
         rays = face_directions(face_px).reshape(-1, 3)
         takes = np.concatenate([ball(rays @ turn.T, True, config) for turn in FACES])
         error = config.foretold_error
-        energy = between(field, cam_from_world, points, cells, face_px, takes, error, progress)
+        energy = interpolate(field, cam_from_world, points, cells, face_px, takes, error, progress)
     middle = lattice.points().mean(0)
     near = area_lights_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
-    return IncidentLight(lattice, cells, asked.everywhere(sharpened(_stacked(energy), cells)), near)
+    return IncidentLight(lattice, cells, asked.everywhere(deconvolve(_stacked(energy), cells)), near)
 
 
 def gather_grouped_light(
@@ -179,7 +179,7 @@ def gather_grouped_light(
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
     asked, field = quadratic_probes(lattice), room.emitters.field()
-    found = arriving(field, poses, asked.points, cells, face_px, False, progress)
+    found = gather_probes(field, poses, asked.points, cells, face_px, False, progress)
     energy, seen = found.energy, found.seen
     lit = luminance(energy) > 0
     source = np.ascontiguousarray(nearest_emitter(found.places, lit, field).transpose(1, 2, 0))
@@ -188,7 +188,7 @@ def gather_grouped_light(
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
-            energy[view, probe] = fill_energy(energy[view, probe], share, share, sphere, around)
+            energy[view, probe] = inpaint_energy(energy[view, probe], share, share, sphere, around)
     stacked = _stacked(energy)
     source = asked.brightest(stacked, source)
     filled, patches = len(room.kind), room.patches()
@@ -197,7 +197,7 @@ def gather_grouped_light(
     middle = lattice.points().mean(0)
     near = area_lights_of(room.emitters.lamps, room.emitters.shown(), poses, middle, directions)
     no_lamps = AreaLights.none(len(views), directions)
-    total = IncidentLight(lattice, cells, asked.everywhere(sharpened(stacked, cells)), no_lamps)
+    total = IncidentLight(lattice, cells, asked.everywhere(deconvolve(stacked, cells)), no_lamps)
     kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
     across = lamp_tangents(room)
     return GroupedLight(

@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from engine.geometry import fibonacci_sphere, sphere_solid_angle, transform
-from engine.light.fitting.lamp_model import passing
-from engine.light.incident.direction_grid import FACES, CellMap, shared_cells
+from engine.light.fitting.lamp_model import lamp_transmittance
+from engine.light.incident.direction_grid import FACES, CellMap, interpolated_cells
 from engine.surface.reflectance.brdf import lobes, optics
 from engine.types import Gaussians, Lamps
 
@@ -32,7 +32,7 @@ DISC = 37
 @functools.lru_cache(4)
 def cells_around(count: int) -> CellMap:
     """Which three of `count` direction cells are around each direction of a cube map, and their shares."""
-    return shared_cells(fibonacci_sphere(count), SIDE)
+    return interpolated_cells(fibonacci_sphere(count), SIDE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +167,7 @@ def area_lights_of(
     """The lamps in the frames of some views; what of the room hides one from `middle` (camera frame) hides it."""
     seen = [transform(pose, lamps.centres.reshape(-1, 3)) for pose in cam_from_world]
     centres = np.array(seen).reshape(len(seen), len(lamps.radii), 3)
-    through = passing(lamps, gaussians, cam_from_world, middle)
+    through = lamp_transmittance(lamps, gaussians, cam_from_world, middle)
     radiance = (through[..., None] * lamps.radiance).astype(np.float32)
     return AreaLights(centres, lamps.radii, radiance, cells)
 

@@ -9,7 +9,7 @@ import pytest
 
 from engine.errors import PoseError
 from engine.io import session as sessions
-from engine.light.fitting.lamp_model import beside
+from engine.light.fitting.lamp_model import with_lamps
 from engine.light.gaussians.gaussians import from_3dgs
 from engine.pipeline import artifacts, stage_functions
 from engine.pipeline.stages import Work
@@ -72,7 +72,7 @@ def test_an_export_holds_the_light_as_the_surface_found_it(tmp_path: Path) -> No
     overhead = gaussians.means[:, 1] < -0.7 * furnace.ROOM  # y is down
     gaussians.radiance[overhead] *= 6
     lamp = Lamps(np.array([[0, 0, 2.5]]), np.array([0.1]), np.full((1, 3), 9.0), np.array([True]))
-    whole = beside(gaussians, lamp)
+    whole = with_lamps(gaussians, lamp)
     artifacts.save(session / "stages" / "surface" / "aaaa", "emitters", Emitters(whole, lamp, 0))
     places = {"hdr": "hhhh", "segment": "ssss", "poses": "pppp", "surface": "aaaa"}
 

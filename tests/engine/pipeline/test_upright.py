@@ -12,7 +12,7 @@ from PIL import Image
 
 from engine.io import session as sessions
 from engine.io.poses.pose_files import read_poses
-from engine.light.fitting.lamp_model import beside
+from engine.light.fitting.lamp_model import with_lamps
 from engine.orientation import back, rotation, turn_picture, turn_vectors, turned
 from engine.pipeline import artifacts, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings
@@ -33,7 +33,7 @@ def exported(folder: Path, flip: int) -> Path:
     gaussians, _ = furnace.room()
     gaussians.radiance[gaussians.means[:, 1] < -0.7 * furnace.ROOM] *= 6
     lamp = Lamps(np.array([[0, 0, 2.5]]), np.array([0.1]), np.full((1, 3), 9.0), np.array([True]))
-    emitters = Emitters(beside(gaussians, lamp), lamp, 0)
+    emitters = Emitters(with_lamps(gaussians, lamp), lamp, 0)
     artifacts.save(finished / "stages" / "surface" / "aaaa", "emitters", emitters)
     frames = furnace.photographs(furnace.surface())
     frames.radiance[:, :5, :7] *= 3  # a corner that tells how a picture lies

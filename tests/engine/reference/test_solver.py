@@ -12,7 +12,7 @@ import torch
 from engine.errors import Cancelled, SurfaceError
 from engine.geometry import angle_between, rays
 from engine.light.gaussians.gaussians import Y00
-from engine.light.incident.probes import arriving
+from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
 from engine.reference import solver
 from engine.reference.descent import rates
@@ -72,7 +72,7 @@ def session() -> tuple[Frames, Masks, Poses]:
         [look(2 * np.pi * i / VIEWS, 0.4 * np.sin(2.4 * i), 0.0, np.zeros(3)) for i in range(VIEWS)]
     )
     middle = np.array([[0, 0, DISTANCE]])
-    energy = arriving(light(), poses, middle, cells, 32).energy
+    energy = gather_probes(light(), poses, middle, cells, 32).energy
     lattice = ProbeGrid(np.array([0, 0, DISTANCE]), np.array([0, 0, DISTANCE]), (1, 1, 1))
     flat_energy = np.ascontiguousarray(energy[:, 0].transpose(1, 0, 2).reshape(1, len(cells), -1))
     incident = IncidentLight(lattice, cells, flat_energy, AreaLights.none(VIEWS, len(cells)))

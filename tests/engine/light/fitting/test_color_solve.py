@@ -3,18 +3,26 @@
 import numpy as np
 import pytest
 
-from engine.light.fitting.color_solve import Rows, bright_ones, otsu_threshold, rows_of, solve_colours
+from engine.light.fitting.color_solve import (
+    LinearRenders,
+    is_bright,
+    linear_renders,
+    otsu_threshold,
+    solve_colours,
+)
 from engine.light.fitting.training_views import Photographs
 from engine.light.gaussians.gaussians import radiance_towards
-from engine.light.gaussians.rasterize import render_view, shapes, workers
+from engine.light.gaussians.rasterize import render_view, shapes, thread_pool
 from tests.engine.light import clouds
 
 
-def rows(matrix: np.ndarray, photographed: np.ndarray, lower_bound: np.ndarray | None = None) -> Rows:
+def rows(
+    matrix: np.ndarray, photographed: np.ndarray, lower_bound: np.ndarray | None = None
+) -> LinearRenders:
     """A dense matrix as rows; the photographs are grey."""
     columns = [np.flatnonzero(row) for row in matrix]
     counts = np.array([len(column) for column in columns])
-    return Rows(
+    return LinearRenders(
         np.cumsum(counts) - counts,
         counts,
         np.concatenate(columns).astype(np.int32),
@@ -25,9 +33,9 @@ def rows(matrix: np.ndarray, photographed: np.ndarray, lower_bound: np.ndarray |
     )
 
 
-def solved(given: Rows, start: np.ndarray, objective, free: np.ndarray | None = None) -> np.ndarray:
+def solved(given: LinearRenders, start: np.ndarray, objective, free: np.ndarray | None = None) -> np.ndarray:
     free = np.ones(len(start), bool) if free is None else free
-    with workers() as run:
+    with thread_pool() as run:
         colours = solve_colours(given, np.repeat(start[:, None], 3, axis=1), free, objective, run)
     assert np.ptp(colours, axis=1).max() < 1e-9
     return colours[:, 0]
@@ -41,7 +49,7 @@ def test_otsu_splits_two_clusters_worked_by_hand() -> None:
 def test_lamps_are_the_bright_ones() -> None:
     colours = np.random.default_rng(0).lognormal(0, 0.3, (200, 3))
     colours[:7] *= 40
-    np.testing.assert_array_equal(bright_ones(colours), np.arange(200) < 7)
+    np.testing.assert_array_equal(is_bright(colours), np.arange(200) < 7)
 
 
 def test_rows_times_colours_is_the_rendering_of_the_trusted_pixels() -> None:
@@ -49,8 +57,8 @@ def test_rows_times_colours_is_the_rendering_of_the_trusted_pixels() -> None:
     weight = np.random.default_rng(0).integers(0, 2, (1, 24, 40)).astype(np.float32)
     blank = np.zeros((1, 24, 40, 3), np.float32)
     photographs = Photographs(view.cam_from_world[None], view.lens, blank, weight, weight > 2)
-    with workers() as run:
-        found = rows_of(shapes(gaussians), photographs, run)
+    with thread_pool() as run:
+        found = linear_renders(shapes(gaussians), photographs, run)
     matrix = np.zeros((len(found.begins), 60))
     for row, begin, count in zip(matrix, found.begins, found.counts, strict=True):
         row[found.columns[begin : begin + count]] = found.values[begin : begin + count]

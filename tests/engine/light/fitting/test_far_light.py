@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import Float
 
 from engine.light.fitting.far_light import FarLightConfig, openings
-from engine.light.fitting.free_space import Emptiness, floating
+from engine.light.fitting.free_space import FreeSpace, unsupported
 from engine.light.fitting.initialize import _open
 from engine.light.fitting.training_views import Photographs, camera_centres
 
@@ -86,11 +86,11 @@ def test_nothing_stands_in_a_pane_and_the_wall_still_stands() -> None:
     photographs, depth, _ = looked("sky")
     centres = camera_centres(photographs)
     sure = np.ones(depth.shape)
-    closed = Emptiness(
+    closed = FreeSpace(
         photographs.cam_from_world, photographs.lens, depth, sure, centres, np.zeros(len(centres)), 1
     )
     opened = _open(closed, photographs, openings(photographs, depth, KNEE))
     pane, wall = np.array([[0.0, -0.3, WALL_M]]), np.array([[1.0, -0.3, WALL_M]])
-    assert not floating(closed, pane)[0]
-    assert floating(opened, pane)[0]
-    assert not floating(opened, wall)[0]
+    assert not unsupported(closed, pane)[0]
+    assert unsupported(opened, pane)[0]
+    assert not unsupported(opened, wall)[0]

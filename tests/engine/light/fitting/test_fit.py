@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from engine.errors import LightError
-from engine.light.fitting.fit import LightReport, fit, judge, split_views
+from engine.light.fitting.fit import LightReport, evaluate, fit, split_views
 from engine.light.fitting.params import LightParams
 from engine.light.fitting.training_views import resample
-from engine.light.gaussians.rasterize import workers
+from engine.light.gaussians.rasterize import thread_pool
 from engine.progress import Progress
 from engine.types import Frames, Gaussians, Masks, Poses
 from tests.engine.light import clouds as lights
@@ -100,6 +100,6 @@ def test_a_pixel_far_below_black_leaves_a_score(room: tuple[Frames, Masks, Poses
     photographs = resample(frames, masks, poses, np.arange(4), 32)
     dark = photographs.radiance.copy()
     dark[0, 0, 0, 0] = -1e3
-    with workers() as run:
-        told = judge(lights.shell(1.0, count=40), replace(photographs, radiance=dark), 0.3, run)
+    with thread_pool() as run:
+        told = evaluate(lights.shell(1.0, count=40), replace(photographs, radiance=dark), 0.3, run)
     assert np.isfinite(list(told.values())).all()

@@ -8,7 +8,7 @@ import pytest
 import engine.light.fitting.plane_sweep
 from engine.light.fitting.plane_sweep import sweep
 from engine.light.fitting.training_views import Photographs
-from engine.light.gaussians.rasterize import workers
+from engine.light.gaussians.rasterize import thread_pool
 from tests.engine.light.painted import CAMERA, RADIUS, clouds, photographed, poses
 
 LENS = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
@@ -36,7 +36,7 @@ def views(paint) -> tuple[Photographs, np.ndarray]:
 
 
 def swept(photographs: Photographs, points: np.ndarray = NO_POINTS) -> tuple[np.ndarray, np.ndarray]:
-    with workers() as run:
+    with thread_pool() as run:
         return sweep(photographs, points, 40, run)
 
 

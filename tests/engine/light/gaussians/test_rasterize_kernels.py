@@ -12,11 +12,11 @@ from engine.light.gaussians.gaussians import radiance_towards
 from engine.light.gaussians.rasterize import (
     Gradients,
     Pinhole,
-    push_back,
+    backward,
     render,
     render_view,
     shapes,
-    workers,
+    thread_pool,
 )
 from engine.types import Gaussians
 from tests.engine.light import clouds
@@ -63,9 +63,9 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
     weights, lower = np.ones((64, 96), np.float32), np.zeros((64, 96), bool)
     answers = []
     for threads in (1, 2, 3, 2):
-        with workers(threads) as run:
+        with thread_pool(threads) as run:
             image = render(geometry, colours, view, 0.0, run)
-            _, found = push_back(
+            _, found = backward(
                 geometry, colours, view, 0.0, target, weights, lower, KNEE, HOLLOW, weights * 2, run
             )
         answers.append([image, found.means, found.turn, found.log_scales, found.density, found.colours])
@@ -129,9 +129,9 @@ def compare(found: Gradients, slopes: dict[str, np.ndarray]) -> None:
 
 def push(gaussians: Gaussians, view: Pinhole, target, weights, lower, knee: float, surface=None) -> Gradients:
     surface = np.zeros_like(weights) if surface is None else surface
-    with workers(1) as run:
+    with thread_pool(1) as run:
         colours = radiance_towards(gaussians, view.origin)
-        _, found = push_back(
+        _, found = backward(
             shapes(gaussians), colours, view, 0.0, target, weights, lower, knee, HOLLOW, surface, run
         )
     return found

@@ -3,7 +3,12 @@
 import numpy as np
 
 from engine.geometry import fibonacci_sphere
-from engine.light.incident.direction_grid import face_directions, pixel_solid_angles, shared_cells, sharpened
+from engine.light.incident.direction_grid import (
+    deconvolve,
+    face_directions,
+    interpolated_cells,
+    pixel_solid_angles,
+)
 
 
 def test_sharpened_light_shades_as_the_light_itself_does():
@@ -13,7 +18,7 @@ def test_sharpened_light_shades_as_the_light_itself_does():
     omega = np.broadcast_to(pixel_solid_angles(64), (6, 64, 64)).ravel()
     normals = fibonacci_sphere(300)
     shading = np.maximum(normals @ cells.T, 0)
-    shared = shared_cells(cells, 64)
+    shared = interpolated_cells(cells, 64)
     before, after = [], []
     for _ in range(10):
         middle = rng.normal(size=3)
@@ -22,7 +27,7 @@ def test_sharpened_light_shades_as_the_light_itself_does():
         energy = np.zeros(512)
         np.add.at(energy, shared.index.reshape(-1, 3), shared.share.reshape(-1, 3) * light[:, None])
         energy = np.repeat(energy[None, :, None], 3, axis=2).astype(np.float32)
-        again = sharpened(energy, cells)
+        again = deconvolve(energy, cells)
         np.testing.assert_allclose(again.sum(1), energy.sum(1), rtol=1e-5)
         true = np.maximum(normals @ fine.T, 0) @ light
         for kept, e in ((before, energy), (after, again)):
@@ -36,6 +41,6 @@ def test_sharpened_light_shades_as_the_light_itself_does():
 def test_as_many_cells_as_may_be_asked_for_all_have_light():
     count = 65536
     even = np.full((1, count, 3), 4 * np.pi / count, np.float32)
-    again = sharpened(even, fibonacci_sphere(count))
+    again = deconvolve(even, fibonacci_sphere(count))
     assert np.isfinite(again).all()
     np.testing.assert_allclose(again.sum(1, float), 4 * np.pi, rtol=1e-4)

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from engine.geometry import inverse
 from engine.light.incident import probe_interpolation
 from engine.light.incident.direction_grid import FACES, face_directions
-from engine.light.incident.probe_interpolation import between
-from engine.light.incident.probes import arriving
+from engine.light.incident.probe_interpolation import interpolate
+from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
 from engine.surface.lighting.room_light import ball
 from engine.surface.rendering.transport import direction_cells
@@ -43,7 +43,7 @@ def views(count: int, apart: float) -> np.ndarray:
 
 
 def told(poses: np.ndarray) -> np.ndarray:
-    return between(room(), poses, POINTS, CELLS, FACE, RECEIVERS, TOLERANCE, Progress())
+    return interpolate(room(), poses, POINTS, CELLS, FACE, RECEIVERS, TOLERANCE, Progress())
 
 
 def test_what_a_third_of_the_places_foretell_is_what_is_gathered_at_all(monkeypatch: pytest.MonkeyPatch):
@@ -53,7 +53,7 @@ def test_what_a_third_of_the_places_foretell_is_what_is_gathered_at_all(monkeypa
     found = told(poses)
     assert sum(gathered) < len(poses) * len(POINTS) / 3
     some = np.arange(0, len(poses), 7)
-    truth = arriving(room(), poses[some], POINTS, CELLS, FACE).energy
+    truth = gather_probes(room(), poses[some], POINTS, CELLS, FACE).energy
     takes = ball(CELLS, True)
     off = (takes @ found[some]) / (takes @ truth) - 1
     assert np.sqrt((off**2).mean()) < TOLERANCE
@@ -65,12 +65,12 @@ def test_places_far_apart_are_gathered_at_each(monkeypatch: pytest.MonkeyPatch):
     poses = views(10, 0.5)
     monkeypatch.setattr(probe_interpolation, "FIRST", 24)  # a fifth of the places, as 96 are of 40 views'
     monkeypatch.setattr(probe_interpolation, "_sorted", None)
-    np.testing.assert_array_equal(told(poses), arriving(room(), poses, POINTS, CELLS, FACE).energy)
+    np.testing.assert_array_equal(told(poses), gather_probes(room(), poses, POINTS, CELLS, FACE).energy)
 
 
 def test_places_that_are_chosen_are_told_by_themselves_and_constant_light_everywhere():
     places = np.random.default_rng(1).normal(size=(300, 3))
-    choice = probe_interpolation._Choice(places, 80)
+    choice = probe_interpolation._PivotedCholesky(places, 80)
     first = choice.first(40)
     np.testing.assert_allclose(choice.weights(first, 40), np.eye(40), atol=1e-6)
     np.testing.assert_array_equal(choice.first(80)[:40], first)
@@ -84,7 +84,7 @@ def test_a_camera_that_only_turns_needs_a_cube_map_for_each_of_few_places():
     """Round about one pivot, a quarter at a time: the probes of all views stand at a few places."""
     turned = Rotation.from_rotvec(np.outer(np.tile(np.pi / 2 * np.arange(4), 25), [0, 0, 1])).as_matrix()
     poses = np.concatenate([turned, np.zeros((100, 3, 1))], 2)
-    truth = arriving(room(), poses[:4], POINTS, CELLS, FACE).energy
+    truth = gather_probes(room(), poses[:4], POINTS, CELLS, FACE).energy
     found = told(poses)[:4]
     takes = ball(CELLS, True)
     np.testing.assert_allclose(takes @ found, takes @ truth, rtol=0.05)
@@ -92,4 +92,4 @@ def test_a_camera_that_only_turns_needs_a_cube_map_for_each_of_few_places():
 
 def test_places_that_are_one_are_chosen_once():
     places = np.repeat(np.random.default_rng(1).normal(size=(5, 3)), 4, axis=0)
-    assert len(probe_interpolation._Choice(places, 20).first(20)) == 5
+    assert len(probe_interpolation._PivotedCholesky(places, 20).first(20)) == 5

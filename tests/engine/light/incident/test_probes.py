@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from engine.geometry import fibonacci_sphere
-from engine.light.gaussians.gaussians import even, joined, part
-from engine.light.incident.direction_grid import nearest_cells, pixel_solid_angles, shared_cells
-from engine.light.incident.inpainting import fill_smoothly, neighbourhood
-from engine.light.incident.probes import arriving, panorama, panorama_directions
+from engine.light.gaussians.gaussians import isotropic_gaussians, joined, part
+from engine.light.incident.direction_grid import interpolated_cells, nearest_cells, pixel_solid_angles
+from engine.light.incident.inpainting import inpaint, neighbourhood
+from engine.light.incident.probes import gather_probes, panorama, panorama_directions
 from engine.types import Gaussians
 from tests.bench.kernel import room
 from tests.engine import kept
@@ -28,7 +28,7 @@ def holed() -> Gaussians:
 
 def test_inside_a_shell_of_one_radiance_every_direction_and_the_irradiance_have_it() -> None:
     directions = fibonacci_sphere(600)
-    energy = arriving(clouds.shell(RADIANCE), AHEAD, PLACES, directions, face=32, fill=False).energy
+    energy = gather_probes(clouds.shell(RADIANCE), AHEAD, PLACES, directions, face=32, fill=False).energy
     np.testing.assert_allclose(energy.sum(2), 4 * np.pi * RADIANCE, rtol=2e-3)
     for normal in np.concatenate([np.eye(3), -np.eye(3)]):
         irradiance = np.maximum(directions @ normal, 0) @ energy
@@ -42,7 +42,7 @@ def test_light_comes_from_where_its_gaussians_are_the_bright_ones_above_all() ->
     lamp.means[-1], lamp.scales[-1], lamp.density[-1] = (0, 0, 1.5), 0.1, 20.0
     lamp.radiance[-1] *= 300
     turned = np.column_stack([np.diag([-1.0, 1, -1]), [0.3, 0.2, -0.1]])[None]
-    found = arriving(lamp, turned, PLACES[1:], directions, face=32, fill=False)
+    found = gather_probes(lamp, turned, PLACES[1:], directions, face=32, fill=False)
     origin = (PLACES[1] - turned[0, :, 3]) @ turned[0, :, :3]
     places = found.places[0, 0].astype(float)
     away = places - origin
@@ -66,8 +66,8 @@ def test_turning_the_camera_turns_the_light() -> None:
     directions = fibonacci_sphere(400)
     about_y = np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
     turned = np.column_stack([about_y, np.zeros(3)])[None]
-    energy = arriving(holed(), AHEAD, PLACES[:1], directions, face=32, fill=False).energy
-    other = arriving(holed(), turned, PLACES[:1], directions, face=32, fill=False).energy
+    energy = gather_probes(holed(), AHEAD, PLACES[:1], directions, face=32, fill=False).energy
+    other = gather_probes(holed(), turned, PLACES[:1], directions, face=32, fill=False).energy
     assert energy[0, 0][directions[:, 2] < -0.9].sum() < 0.05 * energy[0, 0][directions[:, 2] > 0.9].sum()
     assert other[0, 0][directions[:, 2] > 0.9].sum() < 0.05 * other[0, 0][directions[:, 2] < -0.9].sum()
 
@@ -75,7 +75,7 @@ def test_turning_the_camera_turns_the_light() -> None:
 def test_a_cone_without_gaussians_is_not_seen_and_filled_from_around_it() -> None:
     directions = fibonacci_sphere(600)
     away = directions[:, 2] < -np.cos(np.radians(25))
-    found = arriving(holed(), AHEAD, PLACES[:1], directions, face=32)
+    found = gather_probes(holed(), AHEAD, PLACES[:1], directions, face=32)
     energy, seen = found.energy, found.seen
     assert seen[0, 0][away].max() < 0.02
     assert seen[0, 0][directions[:, 2] > 0].min() > 0.9
@@ -85,17 +85,19 @@ def test_a_cone_without_gaussians_is_not_seen_and_filled_from_around_it() -> Non
 def test_a_small_lamp_keeps_its_energy_between_the_pixels() -> None:
     room = clouds.shell(0.01)
     lamp = np.array([0.31, -0.44, 2.0])
-    one = even(lamp[None], room.quaternions[:1], np.full((1, 3), 0.03), 5.0, np.full((1, 3), 1000.0), 1)
+    one = isotropic_gaussians(
+        lamp[None], room.quaternions[:1], np.full((1, 3), 0.03), 5.0, np.full((1, 3), 1000.0), 1
+    )
     bright = joined(room, one)
     directions = fibonacci_sphere(600)
     sums = []
     for face in (48, 80):
-        energy = arriving(bright, AHEAD, PLACES[:1], directions, face=face, fill=False).energy
+        energy = gather_probes(bright, AHEAD, PLACES[:1], directions, face=face, fill=False).energy
         sums.append(energy[0, 0].sum(0))
     np.testing.assert_allclose(sums[0], sums[1], rtol=0.02)
 
 
-@pytest.mark.parametrize("build", [nearest_cells, shared_cells])
+@pytest.mark.parametrize("build", [nearest_cells, interpolated_cells])
 def test_cells_share_out_the_whole_sphere(build) -> None:
     directions = fibonacci_sphere(300)
     solid_angles = np.broadcast_to(pixel_solid_angles(64), (6, 64, 64))
@@ -119,14 +121,14 @@ def test_filling_keeps_what_is_trusted_and_stays_within_it() -> None:
     directions = fibonacci_sphere(500)
     values = directions[:, :1] + 2
     trust = (directions[:, 2] > -0.3).astype(float)
-    filled = fill_smoothly(values, trust, neighbourhood(directions))
+    filled = inpaint(values, trust, neighbourhood(directions))
     np.testing.assert_allclose(filled[trust == 1], values[trust == 1])
     assert 1 <= filled.min() <= filled.max() <= 3
     assert np.corrcoef(filled[trust == 0, 0], values[trust == 0, 0])[0, 1] > 0.7
 
 
 def probed() -> tuple[np.ndarray, ...]:
-    found = arriving(room(3000, np.random.default_rng(0)), AHEAD, PLACES, fibonacci_sphere(500), face=48)
+    found = gather_probes(room(3000, np.random.default_rng(0)), AHEAD, PLACES, fibonacci_sphere(500), face=48)
     return found.energy, found.seen, found.places
 
 

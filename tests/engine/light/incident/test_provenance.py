@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.light.fitting.lamp_model import beside
+from engine.light.fitting.lamp_model import with_lamps
 from engine.light.gaussians.gaussians import joined, part
 from engine.light.incident.coverage import coverage_of, covered
 from engine.light.incident.probes import panorama, panorama_directions
-from engine.light.incident.provenance import CLIPPED, GUESSED, PHOTOGRAPHED, grounds_of, photographed
-from engine.light.incident.unseen_patches import patches
+from engine.light.incident.provenance import CLIPPED, GUESSED, PHOTOGRAPHED, photographed, provenance_of
+from engine.light.incident.unseen_patches import unseen_patches
 from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Masks, Panorama, Poses
 from tests.engine.light import clouds
 
@@ -54,7 +54,7 @@ def classes(
     shown, clipped = photographed(
         emitters.photographed(), np.zeros(3), np.eye(3), HEIGHT, frames, masks, poses
     )
-    return grounds_of(Panorama("v", radiance, opacity * shown), clipped, AHEAD).kind
+    return provenance_of(Panorama("v", radiance, opacity * shown), clipped, AHEAD).kind
 
 
 def cone(axis: tuple[float, float, float], widest: float) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_a_hole_in_the_room_is_guessed_though_photographs_look_there():
 def test_patches_over_a_hole_do_not_make_it_photographed():
     room = clouds.shell(2.0)
     holed = part(room, room.means[:, 2] < 3 * np.cos(np.radians(50)))
-    unseen = patches(holed, np.zeros(3))
+    unseen = unseen_patches(holed, np.zeros(3))
     assert len(unseen.means) > 20
     # Both views look there: at the patches' places stands background of theirs.
     kind = classes(holed, *views(everywhere(2, True), everywhere(2, False), (0, 180)), unseen)
@@ -106,7 +106,7 @@ def test_patches_over_a_hole_do_not_make_it_photographed():
 def test_lamps_are_photographed_and_patches_are_not():
     field, unseen = clouds.shell(2.0, count=20), clouds.shell(1.0, count=7)
     lamps = Lamps(np.array([[0, 0, 2.0]]), np.array([0.1]), np.ones((1, 3)), np.array([False]))
-    found = Emitters(beside(joined(field, unseen), lamps), lamps, 7).photographed()
+    found = Emitters(with_lamps(joined(field, unseen), lamps), lamps, 7).photographed()
     np.testing.assert_array_equal(found.means, np.concatenate([field.means, lamps.centres]))
 
 
@@ -149,7 +149,7 @@ def test_shares_of_the_irradiance_worked_by_hand(kind: str):
         (AHEAD, 0.25),
         (np.concatenate([UPWARD, AHEAD]), 0.5),
     ):
-        grounds = grounds_of(light, clipped, normals)
+        grounds = provenance_of(light, clipped, normals)
         assert getattr(grounds, kind) == pytest.approx(share, abs=2e-3)
         assert grounds.guessed + grounds.lower_bound == pytest.approx(share, abs=2e-3)
 
@@ -157,9 +157,11 @@ def test_shares_of_the_irradiance_worked_by_hand(kind: str):
 def test_a_direction_counts_whole_for_its_class_and_darkness_rests_on_nothing():
     light, upper = striped("guessed")
     for seen, answer in ((0.6, (0, 1)), (0.4, (1, 0))):
-        grounds = grounds_of(replace(light, seen=np.full_like(light.seen, seen)), np.ones_like(upper), AHEAD)
+        grounds = provenance_of(
+            replace(light, seen=np.full_like(light.seen, seen)), np.ones_like(upper), AHEAD
+        )
         assert (grounds.guessed, grounds.lower_bound) == pytest.approx(answer)
-    dark = grounds_of(replace(light, radiance=np.zeros_like(light.radiance)), upper, AHEAD)
+    dark = provenance_of(replace(light, radiance=np.zeros_like(light.radiance)), upper, AHEAD)
     assert (dark.guessed, dark.lower_bound) == (0, 0)
 
 
@@ -171,4 +173,4 @@ def test_a_few_normals_stand_for_very_many():
     facing = np.stack([np.maximum(row @ many.T, 0).mean(1) for row in directions])
     power = facing * light.radiance[..., 0] * np.sqrt(1 - directions[..., 1] ** 2)
     share = power[upper].sum() / power.sum()
-    assert grounds_of(light, np.zeros_like(upper), many).guessed == pytest.approx(share, abs=2e-3)
+    assert provenance_of(light, np.zeros_like(upper), many).guessed == pytest.approx(share, abs=2e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from engine.light.gaussians.gaussians import Y00, radiance_towards
-from engine.light.gaussians.rasterize import push_back, shapes, workers
+from engine.light.gaussians.rasterize import backward, shapes, thread_pool
 from engine.reference.emitter import cloud as rows
 from engine.reference.emitter.two_stage import log_l1
 from tests.engine.light import clouds
@@ -28,8 +28,8 @@ def test_slopes_are_the_finite_differences_of_eq_5(degree: int) -> None:
     gaussians = rows.gaussians_of(cloud)
     colours = radiance_towards(gaussians, view.origin)
     share, nothing = np.full((12, 16), 1 / 192, np.float32), np.zeros((12, 16), np.float32)
-    with workers(1) as run:
-        _, gradients = push_back(
+    with thread_pool(1) as run:
+        _, gradients = backward(
             shapes(gaussians), colours, view, 0.0, target, share, nothing > 0, 1.0, 0.0, nothing, run
         )
     found = np.zeros_like(cloud.rows)
@@ -53,7 +53,7 @@ def test_slopes_are_the_finite_differences_of_eq_5(degree: int) -> None:
 
 def test_adam_worked_by_hand() -> None:
     table, first, second = np.zeros((2, 1)), np.zeros((2, 1)), np.zeros((2, 1))
-    with workers(1) as run:
+    with thread_pool(1) as run:
         for step, slope in ((1, 2.0), (2, -1.0)):
             place = np.array([0, -1])
             rows.adam(table, first, second, place, np.array([[slope]]), np.array([0.5]), step, run)

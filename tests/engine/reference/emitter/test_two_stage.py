@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from engine.errors import LightError
-from engine.light.fitting.color_solve import epsilon_of, rows_of, solve_colours
+from engine.light.fitting.color_solve import epsilon_of, linear_renders, solve_colours
 from engine.light.fitting.plane_sweep import knee_of
 from engine.light.gaussians.gaussians import Y00
-from engine.light.gaussians.rasterize import shapes, workers
+from engine.light.gaussians.rasterize import shapes, thread_pool
 from engine.progress import Progress
 from engine.reference.emitter.two_stage import (
     EmitterParams,
@@ -102,7 +102,7 @@ def test_stage_two_brings_dimmed_lamps_back() -> None:
     lamps = dim[:, 0, 0] * Y00 > 20
     dim[lamps] *= 0.9
     given = replace(truth, radiance=dim)
-    with workers() as run:
+    with thread_pool() as run:
         rng = np.random.default_rng(0)
         found = stage_two(given, photographs, replace(PARAMS, refinements=500), rng, Progress(), run)
     np.testing.assert_array_equal(high_luminance(given), lamps)
@@ -118,8 +118,8 @@ def test_our_solve_and_adam_reach_the_same_minimum_of_eq_6() -> None:
     free = high_luminance(truth)
     dim[free] *= 0.85
     given = replace(truth, radiance=dim)
-    with workers() as run:
-        rows = rows_of(shapes(given), photographs, run)
+    with thread_pool() as run:
+        rows = linear_renders(shapes(given), photographs, run)
         ours = dim.copy()
         ours[:, 0] = solved(rows, dim[:, 0] * Y00, free, run) / Y00
         steps = descend(given, rows, photographs, free, knee_of(photographs), np.random.default_rng(0), run)

@@ -9,7 +9,7 @@ import torch
 from engine.geometry import fibonacci_sphere
 from engine.light.gaussians import raytrace_reference
 from engine.light.gaussians.gaussians import joined, radiance_towards
-from engine.light.gaussians.rasterize import workers
+from engine.light.gaussians.rasterize import thread_pool
 from engine.reference.monte_carlo import queries
 from engine.types import Gaussians
 from tests.engine.light import clouds
@@ -31,7 +31,7 @@ def plainly(gaussians: Gaussians, origins: np.ndarray, directions: np.ndarray) -
 def traced(
     gaussians: Gaussians, origins: np.ndarray, directions: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    with workers(2) as run:
+    with thread_pool(2) as run:
         return queries.radiance(queries.plant(gaussians), origins, directions, wanted, run)
 
 

@@ -8,7 +8,7 @@ import torch
 
 from engine.geometry import rays
 from engine.light.gaussians.gaussians import Y00
-from engine.light.gaussians.rasterize import workers
+from engine.light.gaussians.rasterize import thread_pool
 from engine.reference.monte_carlo import queries, vmf_proposal
 from engine.reference.monte_carlo.rendering import Look, Scene, render
 from engine.reference.monte_carlo.shadows import shadows_of
@@ -51,7 +51,7 @@ def pictures(points: np.ndarray, room: Gaussians, emitter_sampling: bool = True)
     shape = Look(there(normals), torch.ones((count, 3)), torch.ones(count), there(points[mask][:, 2] / 0.5))
     shadows = shadows_of(points, mask, mask, normals)
     draw = torch.Generator().manual_seed(0)
-    with workers(2) as run:
+    with thread_pool(2) as run:
         found = render(scene, shape, shadows, slice(0, int(count)), np.arange(7), draw, run)
     return found[..., 1].numpy().reshape(7, *mask.shape)
 

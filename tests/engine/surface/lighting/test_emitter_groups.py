@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.geometry import project
-from engine.light.gaussians.gaussians import even
+from engine.light.gaussians.gaussians import isotropic_gaussians
 from engine.surface.lighting.emitter_groups import _pixels_of, clipped_shares
 from engine.types import Camera, Frames, Masks, Poses
 
@@ -26,7 +26,7 @@ def test_the_clipped_share_of_a_group_is_that_of_its_light_in_the_views_that_sho
     means = np.array([[-1.0, 0, 4], [1.0, 0.5, 4], [1.0, -0.5, 4]])
     upright = np.tile([1.0, 0, 0, 0], (3, 1))
     radiance = np.array([[1.0] * 3, [3.0] * 3, [1.0] * 3])
-    lights = even(means, upright, np.full((3, 3), 0.1), 5.0, radiance, 1)
+    lights = isotropic_gaussians(means, upright, np.full((3, 3), 0.1), 5.0, radiance, 1)
     clipped = np.zeros((4, 30, 40), bool)
     clipped[:2, 18:, 25:] = True  # the bright half, in two of the four views
     frames = Frames(tuple("abcd"), np.ones((4, 30, 40, 3), np.float32), clipped, ~clipped & False, (0.0, 0.0))

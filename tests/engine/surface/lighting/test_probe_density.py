@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from engine.geometry import fibonacci_sphere
-from engine.light.fitting.lamp_model import beside
+from engine.light.fitting.lamp_model import with_lamps
 from engine.light.gaussians.gaussians import Y00, joined
-from engine.light.incident.probes import arriving
+from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
 from engine.surface.lighting.probe_density import (
     ProbeDensityConfig,
@@ -64,7 +64,9 @@ def left_over(lattice: ProbeGrid, shape: Gaussians) -> float:
         if count > 1:
             line = np.moveaxis(points, axis, 0)
             line = line[(slice(None), *(n // 2 for n in line.shape[1:-1]))]
-            light = arriving(shape, HERE, line, cells, PARAMS.probe_resolution).energy[0].sum(-1) @ cosine.T
+            light = (
+                gather_probes(shape, HERE, line, cells, PARAMS.probe_resolution).energy[0].sum(-1) @ cosine.T
+            )
             gap = (light[:-4:4] + light[4::4]) / 2 / light[2::4] - 1
             worst = max(worst, float(np.sqrt((gap**2).mean())))
     return worst
@@ -94,7 +96,7 @@ def test_what_was_asked_is_given(across: int, deep: int, expected: tuple[int, ..
 def test_lamps_that_stand_apart_do_not_count() -> None:
     """They shine on every pixel from their own place, however near."""
     lamp = Lamps(np.array([[-0.6, 0.0, 1.0]]), np.array([0.05]), np.full((1, 3), 50.0), np.zeros(1, bool))
-    emitters = Emitters(beside(shell(200.0), lamp), lamp, 0)
+    emitters = Emitters(with_lamps(shell(200.0), lamp), lamp, 0)
     box = ProbeGrid(np.array([-0.3, -0.2, 0.9]), np.array([0.3, 0.2, 1.1]), (3, 3, 3))
     assert probe_counts(box, emitters, HERE, PARAMS, Progress()) == (1, 1, 1)
 

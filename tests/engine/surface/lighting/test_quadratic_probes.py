@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.geometry import fibonacci_sphere
-from engine.light.incident.probes import arriving
+from engine.light.incident.probes import gather_probes
 from engine.surface.lighting.quadratic_probes import quadratic_probes
 from engine.surface.rendering.transport import ProbeGrid, direction_cells
 from tests.engine.light import clouds
@@ -66,7 +66,7 @@ def test_a_room_s_light_is_told_to_a_fraction_of_its_parallax() -> None:
 
     def sent(points: np.ndarray) -> np.ndarray:
         """What matt balls at some points send, by normal."""
-        energy = arriving(room, pose, points, cells, fill=False).energy[0].sum(-1)
+        energy = gather_probes(room, pose, points, cells, fill=False).energy[0].sum(-1)
         return energy @ np.maximum(cells @ fibonacci_sphere(60).T, 0)
 
     asked, every = quadratic_probes(lattice), sent(lattice.points())

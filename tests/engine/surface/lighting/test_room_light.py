@@ -8,7 +8,7 @@ import pytest
 from app.bench.alike import under
 from app.bench.stored import Stored
 from engine.geometry import inverse
-from engine.light.fitting.lamp_model import apart, beside
+from engine.light.fitting.lamp_model import with_lamps, without_lamps
 from engine.light.gaussians.gaussians import part
 from engine.progress import Progress
 from engine.surface.data.scene import Picture, build_scene
@@ -35,10 +35,10 @@ def opened() -> Stored:
     """The lit room without its part within 50 degrees of one direction."""
     stored = Stored("f00d", *scene(lambert).given)
     middle = inverse(stored.poses.cam_from_world)[..., 3].mean(0)
-    field = apart(stored.gaussians, stored.lamps)
+    field = without_lamps(stored.gaussians, stored.lamps)
     away = field.means - middle
     kept = away[:, 1] < np.cos(np.radians(50)) * np.linalg.norm(away, axis=1)
-    return replace(stored, gaussians=beside(part(field, kept), stored.lamps))
+    return replace(stored, gaussians=with_lamps(part(field, kept), stored.lamps))
 
 
 def room_of(stored: Stored) -> RoomLight:
@@ -61,7 +61,7 @@ def test_groups_come_in_order_the_photographed_the_unseen_the_lamps(stored: Stor
     assert 5 < len(unseen) < 25
     assert unseen.tolist() == list(range(len(room.kind) - lamps - len(unseen), len(room.kind) - lamps))
     assert room.group.max() == unseen[-1]
-    known = len(apart(stored.gaussians, stored.lamps).means)
+    known = len(without_lamps(stored.gaussians, stored.lamps).means)
     assert (room.group[:known] < unseen[0]).all()
     assert (room.group[known:] >= unseen[0]).all()
     assert len(room.emitters.shown().means) == known
