@@ -19,7 +19,7 @@ _RATES = np.repeat([0.06, 0.03, 0.025, 0.05, 0.03], [3, 3, 3, 1, 3])
 _BETA1, _BETA2 = 0.9, 0.99
 _DENSEST, _THINNEST = 10.0, 0.01
 _FATTEST = 12.0  # longest to shortest axis; needles alias and extrapolate
-# Fields of `Cloud` that a Gaussian takes along when it moves; the others are made anew.
+# Fields of `GaussianOptimizer` that a Gaussian takes along when it moves; the others are made anew.
 _KEPT = ("means", "quaternions", "log_scales", "log_density", "log_radiance", "moment1", "moment2", "steps")
 
 
@@ -59,19 +59,19 @@ def optimizer_of(gaussians: Gaussians) -> GaussianOptimizer:
     )  # fmt: skip
 
 
-def gaussians_of(cloud: GaussianOptimizer) -> Gaussians:
+def gaussians_of(optimizer: GaussianOptimizer) -> Gaussians:
     """The trained Gaussians, SH degree 0, single precision."""
     return Gaussians(
-        cloud.means.astype(np.float32),
-        cloud.quaternions.astype(np.float32),
-        np.exp(cloud.log_scales).astype(np.float32),
-        np.exp(cloud.log_density).astype(np.float32),
-        (np.exp(cloud.log_radiance) / Y00).astype(np.float32)[:, None, :],
+        optimizer.means.astype(np.float32),
+        optimizer.quaternions.astype(np.float32),
+        np.exp(optimizer.log_scales).astype(np.float32),
+        np.exp(optimizer.log_density).astype(np.float32),
+        (np.exp(optimizer.log_radiance) / Y00).astype(np.float32)[:, None, :],
     )
 
 
 def step(
-    cloud: GaussianOptimizer,
+    optimizer: GaussianOptimizer,
     gradients: Gradients,
     rate: float,
     smallest: Float[np.ndarray, " v"],
@@ -79,9 +79,9 @@ def step(
 ) -> None:
     """One Adam step for the Gaussians that were seen; `smallest`, `largest` bound their scales."""
     i = gradients.index
-    scales = np.exp(cloud.log_scales[i])
-    density, radiance = np.exp(cloud.log_density[i]), np.exp(cloud.log_radiance[i])
-    spread = cloud.geometry.spread[i]  # rows: own axes times scale
+    scales = np.exp(optimizer.log_scales[i])
+    density, radiance = np.exp(optimizer.log_density[i]), np.exp(optimizer.log_radiance[i])
+    spread = optimizer.geometry.spread[i]  # rows: own axes times scale
     slope = np.concatenate(
         [
             np.einsum("vij,vj->vi", spread, gradients.means),
@@ -92,49 +92,53 @@ def step(
         ],
         axis=1,
     )
-    cloud.steps[i] += 1
-    first = cloud.moment1[i] * _BETA1 + (1 - _BETA1) * slope
-    second = cloud.moment2[i] * _BETA2 + (1 - _BETA2) * slope * slope
-    cloud.moment1[i], cloud.moment2[i] = first, second
-    t = cloud.steps[i][:, None]
+    optimizer.steps[i] += 1
+    first = optimizer.moment1[i] * _BETA1 + (1 - _BETA1) * slope
+    second = optimizer.moment2[i] * _BETA2 + (1 - _BETA2) * slope * slope
+    optimizer.moment1[i], optimizer.moment2[i] = first, second
+    t = optimizer.steps[i][:, None]
     step = first / (1 - _BETA1**t) / (np.sqrt(second / (1 - _BETA2**t)) + 1e-12)
     step *= -rate * _RATES
-    cloud.means[i] += np.einsum("vij,vi->vj", spread, step[:, :3])
+    optimizer.means[i] += np.einsum("vij,vi->vj", spread, step[:, :3])
     half = 0.5 * step[:, 3:6]
-    w, xyz = cloud.quaternions[i, :1], cloud.quaternions[i, 1:]
+    w, xyz = optimizer.quaternions[i, :1], optimizer.quaternions[i, 1:]
     turned = np.concatenate(
         [w - (xyz * half).sum(1, keepdims=True), xyz + w * half + np.cross(xyz, half)], axis=1
     )
-    cloud.quaternions[i] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    optimizer.quaternions[i] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     log_scales = np.log(scales) + step[:, 6:9]
     log_scales = np.clip(log_scales, np.log(smallest)[:, None], np.log(largest)[:, None])
     thick = log_scales.max(1, keepdims=True) - np.log(_FATTEST)
-    cloud.log_scales[i] = np.maximum(log_scales, thick)
-    cloud.log_density[i] = np.clip(cloud.log_density[i] + step[:, 9], np.log(_THINNEST), np.log(_DENSEST))
-    cloud.log_radiance[i] += step[:, 10:]
-    cloud.weight[i] += gradients.weight
-    cloud.blame[i] += gradients.blame
-    fresh = _geometry(cloud.quaternions[i], cloud.log_scales[i], cloud.means[i], cloud.log_density[i])
+    optimizer.log_scales[i] = np.maximum(log_scales, thick)
+    optimizer.log_density[i] = np.clip(
+        optimizer.log_density[i] + step[:, 9], np.log(_THINNEST), np.log(_DENSEST)
+    )
+    optimizer.log_radiance[i] += step[:, 10:]
+    optimizer.weight[i] += gradients.weight
+    optimizer.blame[i] += gradients.blame
+    fresh = _geometry(
+        optimizer.quaternions[i], optimizer.log_scales[i], optimizer.means[i], optimizer.log_density[i]
+    )
     for name in ("white", "spread", "means", "density"):
-        getattr(cloud.geometry, name)[i] = getattr(fresh, name)
+        getattr(optimizer.geometry, name)[i] = getattr(fresh, name)
 
 
-def relocate(cloud: GaussianOptimizer, budget: int, useless: np.ndarray) -> GaussianOptimizer:
+def relocate(optimizer: GaussianOptimizer, budget: int, useless: np.ndarray) -> GaussianOptimizer:
     """Move useless Gaussians, and add new ones up to the budget, by splitting those with most blame.
 
     A split replaces one by two halves along its longest axis. Deterministic: no chance is involved.
     """
     keep = np.nonzero(~useless)[0]
     births = min(max(budget - len(keep), 0), len(keep))
-    blame = cloud.blame[keep]
+    blame = optimizer.blame[keep]
     parents = keep[np.argsort(-blame, kind="stable")[:births]]
-    parents = parents[cloud.blame[parents] > 0]
+    parents = parents[optimizer.blame[parents] > 0]
     rows = np.concatenate([keep, parents])
-    fields = {name: getattr(cloud, name)[rows] for name in _KEPT}
+    fields = {name: getattr(optimizer, name)[rows] for name in _KEPT}
     place = np.searchsorted(keep, parents)
     young = np.arange(len(keep), len(rows))
-    longest = cloud.log_scales[parents].argmax(1)
-    shift = 0.55 * cloud.geometry.spread[parents, longest]
+    longest = optimizer.log_scales[parents].argmax(1)
+    shift = 0.55 * optimizer.geometry.spread[parents, longest]
     fields["means"][place] -= shift
     fields["means"][young] += shift
     for group in (place, young):

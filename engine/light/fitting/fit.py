@@ -68,7 +68,7 @@ def fit(
             return mask_lamps(resample(frames, masks, poses, used, width), lamps)
 
         small = room(min(64, poses.camera.width))
-        start, emptiness = initial_gaussians(
+        start, free_space = initial_gaussians(
             small,
             room(widths[-1]),
             poses.points,
@@ -76,7 +76,7 @@ def fit(
             params.camera_clearance,
             run,
         )
-        cloud = optimizer_of(start)
+        optimizer = optimizer_of(start)
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.epochs, widths, strict=True))
         done, loss = 0.0, np.nan
@@ -84,16 +84,16 @@ def fit(
         count = 0
         for passes, width in zip(params.epochs, widths, strict=True):
             photographs = room(width)
-            surface = free_depth(emptiness, photographs)
+            surface = free_depth(free_space, photographs)
             for _ in range(passes):
                 progress.step(
-                    0.05 + 0.85 * done / total, f"light at {width} px, {len(cloud.means)} Gaussians"
+                    0.05 + 0.85 * done / total, f"light at {width} px, {len(optimizer.means)} Gaussians"
                 )
                 rate = 0.05 ** (count / everything)
-                loss = _epoch(cloud, photographs, surface, params, knee, rate, rng, run)
+                loss = _epoch(optimizer, photographs, surface, params, knee, rate, rng, run)
                 done, count = done + width * width, count + 1
-                cloud = _relocate(cloud, photographs, params, emptiness, count / everything)
-        gaussians = solve_bright_colours(gaussians_of(cloud), photographs, progress.part(0.9, 0.96), run)
+                optimizer = _relocate(optimizer, photographs, params, free_space, count / everything)
+        gaussians = solve_bright_colours(gaussians_of(optimizer), photographs, progress.part(0.9, 0.96), run)
         gaussians = insert_lamps(gaussians, lamps, sightings, small)
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
@@ -103,7 +103,7 @@ def fit(
         lamps,
         LightReport(
             count=len(gaussians.means),
-            keep_out=float(np.median(emptiness.radii)),
+            keep_out=float(np.median(free_space.radii)),
             knee=knee,
             **heldout,
             training_log_l1=float(loss),
@@ -162,7 +162,7 @@ def solve_bright_colours(
 
 
 def _epoch(
-    cloud: GaussianOptimizer,
+    optimizer: GaussianOptimizer,
     photographs: Photographs,
     surface: Float[np.ndarray, "n h w"],
     params: LightParams,
@@ -172,42 +172,42 @@ def _epoch(
     run: ThreadPool,
 ) -> float:
     """One Adam step per view, in random order; mean log-L1 of the pass."""
-    cloud.weight[:] = 0
-    cloud.blame[:] = 0
+    optimizer.weight[:] = 0
+    optimizer.blame[:] = 0
     loss = 0.0
     tree = KDTree(camera_centres(photographs))
-    distance = tree.query(cloud.means)[0]
+    distance = tree.query(optimizer.means)[0]
     smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
     for view in rng.permutation(len(photographs.weight)).tolist():
         _, gradients = backward(
-            cloud.geometry, np.exp(cloud.log_radiance), photographs.pinhole(view), 0.0,
+            optimizer.geometry, np.exp(optimizer.log_radiance), photographs.pinhole(view), 0.0,
             photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.opacity_weight,
             surface[view], run,
         )  # fmt: skip
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
         i = gradients.index
-        step(cloud, gradients, rate, smallest[i], largest[i])
+        step(optimizer, gradients, rate, smallest[i], largest[i])
     return loss / len(photographs.weight)
 
 
 def _relocate(
-    cloud: GaussianOptimizer,
+    optimizer: GaussianOptimizer,
     photographs: Photographs,
     params: LightParams,
-    emptiness: FreeSpace,
+    free_space: FreeSpace,
     fraction: float,
 ) -> GaussianOptimizer:
     """Grow to the budget by three fifths of the way, move the useless until four fifths, then only clear."""
-    useless = inside_free_space(emptiness, cloud.means, 2 * np.exp(cloud.log_scales.max(1)))
-    useless |= unsupported(emptiness, cloud.means)
+    useless = inside_free_space(free_space, optimizer.means, 2 * np.exp(optimizer.log_scales.max(1)))
+    useless |= unsupported(free_space, optimizer.means)
     budget = 0
     if fraction < 0.85:
-        useless |= cloud.weight < 0.3
+        useless |= optimizer.weight < 0.3
         grown = min(1.0, fraction / 0.6)
         budget = int(params.max_gaussians * (1 / 3 + 2 / 3 * grown))
-        faint = np.argsort(cloud.weight, kind="stable")[: int(0.02 * len(cloud.weight))]
+        faint = np.argsort(optimizer.weight, kind="stable")[: int(0.02 * len(optimizer.weight))]
         useless[faint] = True
-    return relocate(cloud, budget, useless)
+    return relocate(optimizer, budget, useless)
 
 
 def evaluate(

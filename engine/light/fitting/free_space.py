@@ -57,33 +57,33 @@ def _votes(poses, lens, depth, sure, points, free, support):
                 support[p] += 1
 
 
-def unsupported(emptiness: FreeSpace, points: Float[np.ndarray, "p 3"]) -> np.ndarray:
+def unsupported(free_space: FreeSpace, points: Float[np.ndarray, "p 3"]) -> np.ndarray:
     """Which places views look through, and hardly any supports."""
     free, support = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     _votes(
-        emptiness.cam_from_world, emptiness.lens, emptiness.depth, emptiness.sure,
+        free_space.cam_from_world, free_space.lens, free_space.depth, free_space.sure,
         np.ascontiguousarray(points, dtype=np.float64), free, support,
     )  # fmt: skip
-    return (free >= emptiness.votes) & (free > 2 * support)
+    return (free >= free_space.votes) & (free > 2 * support)
 
 
 def inside_free_space(
-    emptiness: FreeSpace, points: Float[np.ndarray, "p 3"], reach: Float[np.ndarray, " p"]
+    free_space: FreeSpace, points: Float[np.ndarray, "p 3"], reach: Float[np.ndarray, " p"]
 ) -> np.ndarray:
     """Which spheres touch the swept volume: the ball around any camera."""
     inside = np.zeros(len(points), bool)
-    for centre, radius in zip(emptiness.centres, emptiness.radii, strict=True):
+    for centre, radius in zip(free_space.centres, free_space.radii, strict=True):
         inside |= ((points - centre) ** 2).sum(1) < (radius + reach) ** 2
     return inside
 
 
-def free_depth(emptiness: FreeSpace, photographs: Photographs) -> Float[np.ndarray, "n h w"]:
+def free_depth(free_space: FreeSpace, photographs: Photographs) -> Float[np.ndarray, "n h w"]:
     """The z up to which every pixel of other pictures of the same views is sure to look (float32).
 
     That is the swept depth where the view was sure, and DOUBTED of it where not; at the edge of something near
     a coarse pixel holds two depths, and the nearest around is taken. 0 off the background.
     """
-    reach = np.where(emptiness.sure >= _SURE, emptiness.depth, DOUBTED * emptiness.depth)
+    reach = np.where(free_space.sure >= _SURE, free_space.depth, DOUBTED * free_space.depth)
     known = np.isfinite(reach)
     nearest = minimum_filter(np.where(known, reach, np.inf), (1, 3, 3))
     nearest = np.where(known, nearest, 0).astype(np.float32)
@@ -115,11 +115,11 @@ def free_space_of(
     """
     centres = camera_centres(photographs)
     radii = np.full(len(centres), keep_out or 0.0)
-    emptiness = FreeSpace(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii, votes)
+    free_space = FreeSpace(photographs.cam_from_world, photographs.lens, depth, sure, centres, radii, votes)
     if keep_out is not None:
-        return emptiness
-    solid = surface[~unsupported(emptiness, surface)]
+        return free_space
+    solid = surface[~unsupported(free_space, surface)]
     solid = solid if len(solid) >= 30 else surface
     # The nearest thousandth may be wrong depths; the ball reaches six tenths of the way to the rest.
     rank = max(3, len(solid) // 1000)
-    return replace(emptiness, radii=0.6 * KDTree(solid).query(centres, k=[rank])[0][:, 0])
+    return replace(free_space, radii=0.6 * KDTree(solid).query(centres, k=[rank])[0][:, 0])

@@ -56,16 +56,16 @@ def _with_far(
     return found
 
 
-def _open(emptiness: FreeSpace, fine: Photographs, far: Float[np.ndarray, "n h w"]) -> FreeSpace:
+def _open(free_space: FreeSpace, fine: Photographs, far: Float[np.ndarray, "n h w"]) -> FreeSpace:
     """The same where views look through openings for sure: nothing stands in a pane."""
     shown = np.isfinite(far)
     if not shown.any():
-        return emptiness
+        return free_space
     return replace(
-        emptiness,
+        free_space,
         lens=fine.lens,
-        depth=np.where(shown, far, upsampled(emptiness.depth, fine)),
-        sure=np.where(shown, 1.0, upsampled(emptiness.sure, fine)),
+        depth=np.where(shown, far, upsampled(free_space.depth, fine)),
+        sure=np.where(shown, 1.0, upsampled(free_space.sure, fine)),
     )
 
 
@@ -133,24 +133,24 @@ def initial_gaussians(
         )
     trusted = sure[np.isfinite(depth)] > 0.5
     surface = np.concatenate([points, world[trusted] if trusted.sum() > 50 else world])
-    emptiness = free_space_of(
+    free_space = free_space_of(
         photographs, depth, sure, surface, keep_out, 1 if len(points) >= FEW_POINTS else 2
     )
-    emptiness = _open(emptiness, fine, far)
+    free_space = _open(free_space, fine, far)
     priority = np.where(trusted, 1, 2)
     if len(points):
         colours = mean_radiance(photographs, points, np.median(radiance, axis=0))
         world, radiance = np.concatenate([points, world]), np.concatenate([colours, radiance])
         priority = np.concatenate([np.zeros(len(points), int), priority])
-    stands = ~inside_free_space(emptiness, world, np.zeros(len(world)))
-    stands &= ~unsupported(emptiness, world)
+    stands = ~inside_free_space(free_space, world, np.zeros(len(world)))
+    stands &= ~unsupported(free_space, world)
     world, radiance, priority = world[stands], radiance[stands], priority[stands]
     if len(world) < 50:
         raise LightError(
             f"only {len(world)} points of the room lie beyond what is kept free around the cameras "
-            f"({float(np.median(emptiness.radii)):.3g} scene units); ask for a smaller keep_out, or leave it out to have it found"
+            f"({float(np.median(free_space.radii)):.3g} scene units); ask for a smaller keep_out, or leave it out to have it found"
         )
-    offset = world - np.median(emptiness.centres, axis=0)
+    offset = world - np.median(free_space.centres, axis=0)
     distance = np.linalg.norm(offset, axis=1)
     chosen = _thin(offset / distance[:, None], distance, priority, count)
     world, radiance, distance = world[chosen], radiance[chosen], distance[chosen]
@@ -164,4 +164,4 @@ def initial_gaussians(
         density=np.full(len(world), 1.2),
         radiance=np.maximum(radiance, floor)[:, None, :] / Y00,
     )
-    return gaussians, emptiness
+    return gaussians, free_space
