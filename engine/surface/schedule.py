@@ -77,7 +77,8 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
 
 
 def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress) -> Estimate:
-    """All phases, one after the other. What renders the validation views worse is undone, and ends its phase."""
+    """All phases, one after the other. An iteration that renders the validation views worse is undone, and ends its phase; a
+    phase of one iteration is not judged so, for what smoothing gains they cannot tell (decision 70)."""
     weights = [phase.repeat * 0.5 ** min(phase.level, scene.smallest) for phase in phases]
     ends = np.concatenate([[0], np.cumsum(weights)]) / sum(weights)
     error = validation_error(scene, now)
@@ -86,7 +87,7 @@ def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress
             before, error_before = now, error
             now = _iteration(scene, now, phase, span)
             error, turned = validation_error(scene, now), _turned_deg(before, now)
-            kept = not is_worse(error_before, error)
+            kept = phase.repeat == 1 or not is_worse(error_before, error)
             made = Iteration(
                 phase.name, tuple(one.__name__ for one in phase.passes), len(now.object_pixels.rays),
                 float(np.median(now.known_state.residual_scale)) if solve_pixels in phase.passes else None,

@@ -336,8 +336,8 @@ def _iterations(c: Contents) -> str:
         "kept",
     )
     text = (
-        "<p>Residual: median spread, in units of the expected noise. Validation views are never fitted. An iteration"
-        " that renders them worse, by more than the standard error over the views, is undone.</p>"
+        "<p>Residual: median spread, in units of the expected noise. Validation views are never fitted. Of a phase that"
+        " iterates, an iteration that renders them worse, by more than the standard error over the views, is undone.</p>"
     )
     return html_page.section(
         "Iterations of the surface", text, (), html_page.table(heads, rows, numbers=range(2, 6))
