@@ -71,7 +71,7 @@ def fit(
         start, emptiness = begin(
             small, room(widths[-1]), poses.points, max(500, params.budget // 3), params.keep_out, run
         )
-        cloud = cloud_of(start)
+        cloud, photographs = cloud_of(start), small
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.passes, widths, strict=True))
         done, loss = 0.0, np.nan
