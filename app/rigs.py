@@ -128,7 +128,7 @@ def _travel(axis: Axis) -> str:
 
 
 def _state(status: MotionStatus) -> str:
-    words = [status.state.value, status.angles and f"at {_angles(status.angles)}", status.message]
+    words = [status.state.value, f"at {_angles(status.angles)}" if status.angles else "", status.message]
     return ", ".join(word for word in words if word)
 
 

@@ -109,11 +109,11 @@ def _open(port: str, baud: int) -> serial.Serial:
             raise AbsentError(f"{port}: is not a serial port; see `roomlight rig list`")
         made = serial.Serial(baudrate=baud, timeout=_SLICE_S, write_timeout=2.0, exclusive=True)
         made.port = port
-        made.dtr = None  # pyright: ignore[reportAttributeAccessIssue]  (pyserial then leaves the pin alone)
+        made.dtr = None  # pyrefly: ignore[bad-argument-type]  (pyserial then leaves the pin alone)
         made.open()
     except PermissionError as error:
         raise _not_ours(port) from error
-    except (OSError, serial.SerialException, ValueError) as error:
+    except (OSError, ValueError) as error:  # pyserial's own faults are OSErrors
         number = getattr(error, "errno", None)
         if number in (errno.EACCES, errno.EPERM):
             raise _not_ours(port) from error

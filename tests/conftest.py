@@ -1,6 +1,11 @@
 """What holds for every test."""
 
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jaxtyping
 import pytest
@@ -16,25 +21,56 @@ settings.register_profile("roomlight", deadline=None)
 settings.load_profile("roomlight")
 
 
-class Sparing(type(jaxtyping.config)):
+class Checks:
     """Shapes and types are looked at in the first calls of every test, and in some of the others: what a solve calls ten thousand
-    times it calls with the same, and looking took as long as solving."""
+    times it calls with the same, and looking took as long as solving. What looks is made when a function is first called: of a
+    hundred functions that a process of tests imports it calls ten."""
 
     FIRST, EVERY = 2000, 50
     calls = 0
 
-    @property
-    def jaxtyping_disable(self) -> bool:
-        self.calls += 1
-        spared = self.calls > self.FIRST and self.calls % self.EVERY > 0
-        return spared or self.__dict__["jaxtyping_disable"]  # what a person set (JAXTYPING_DISABLE)
+    @classmethod
+    def spared(cls) -> bool:
+        cls.calls += 1
+        return cls.calls > cls.FIRST and cls.calls % cls.EVERY > 0
 
 
-jaxtyping.config.__class__ = Sparing
+jaxtyped = jaxtyping.jaxtyped
+
+
+def checked(*, typechecker: Any) -> Callable[[Any], Any]:
+    """In the place of `jaxtyping.jaxtyped`, which makes two functions beside each that is defined."""
+
+    def lazily(thing: Any) -> Any:
+        if isinstance(thing, classmethod | staticmethod):
+            return type(thing)(lazily(thing.__func__))
+        if isinstance(thing, property):
+            return property(*(one and lazily(one) for one in (thing.fget, thing.fset, thing.fdel)))
+        if inspect.isclass(thing):
+            if dataclasses.is_dataclass(thing) and "__init__" in vars(thing):
+                thing.__init__ = lazily(thing.__init__)
+            return thing
+        looking = None
+
+        @functools.wraps(thing)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            nonlocal looking
+            if Checks.spared():
+                return thing(*args, **kwargs)
+            if looking is None:
+                looking = jaxtyped(thing, typechecker=typechecker)
+            return looking(*args, **kwargs)
+
+        return call
+
+    return lazily
+
+
+jaxtyping.jaxtyped = checked
 
 
 def pytest_runtest_setup() -> None:
-    jaxtyping.config.calls = 0
+    Checks.calls = 0
 
 
 class Deaths:

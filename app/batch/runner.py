@@ -88,7 +88,8 @@ def run(orders: Sequence[Order], crew: Crew, display: Display, cancelled: Callab
                 submit([order], len(unfit))
                 continue
             answer = {"name": order.name, "code": ExitCode.REFUSED, "message": "no worker can be used"}
-        end = _failed(order, error) if error else Ended(**{**answer, "code": ExitCode(answer["code"])})
+        told: dict[str, Any] = answer if error else {**answer, "code": ExitCode(answer["code"])}
+        end = _failed(order, error) if error else Ended(**told)
         ended.append(end)
         display.end(end)
     crew.client.unsubscribe_topic(crew.batch)

@@ -83,7 +83,7 @@ def _check_complete(found: Sequence[Scored]) -> None:
 def _scored(entry: Mapping[str, Any], path: Path) -> Scored:
     try:
         values = {key: _number(value) for key, value in entry["values"].items()}
-        changed = {
+        changed: dict[str, Any] = {
             "values": values, "runs": tuple(entry["runs"]), **{name: _number(entry.get(name)) for name in UNSURE},
         }  # fmt: skip
         return Scored(**{**entry, **changed})

@@ -56,7 +56,7 @@ def draw(ways: Sequence[Way], caption: str):
         _panel(axes, here)
         axes.set_title(name, fontsize=7, loc="left", pad=2)
         top -= inches + AROUND_IN
-    axes.set_xlabel("seconds", fontsize=7, labelpad=1)
+    figure.axes[-1].set_xlabel("seconds", fontsize=7, labelpad=1)
     used = {part.name for way in ways for part in way.parts}
     handles = [_patch(name) for name in COLOURS if name in used]
     figure.legend(

@@ -94,14 +94,16 @@ def write(session: Path, order: Order) -> None:
     Raises:
         SessionError: the disk refuses.
     """
-    content = asdict(order)
-    content["poses"] = [
+    poses = [
         {"label": pose.label, "angles": None if pose.angles is None else asdict(pose.angles)}
         for pose in order.poses
     ]
     place = folder(session)
     place.mkdir(parents=True, exist_ok=True)
-    write_atomic(place / "order.json", json.dumps({"schema": SCHEMA, **content}, indent=1).encode())
+    write_atomic(
+        place / "order.json",
+        json.dumps({"schema": SCHEMA, **asdict(order), "poses": poses}, indent=1).encode(),
+    )
 
 
 def read(session: Path) -> Order:

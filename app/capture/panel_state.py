@@ -294,11 +294,11 @@ def _devices(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
 
 def _opened(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
     rig, camera = facts["rig"], facts["camera"]
-    axes = tuple(AxisFacts(**axis) for axis in rig["axes"])
-    lists = {name: tuple(camera[name]) for name in ("shutters_s", "isos", "apertures")}
+    axes: dict[str, Any] = {"axes": tuple(AxisFacts(**axis) for axis in rig["axes"])}
+    lists: dict[str, Any] = {name: tuple(camera[name]) for name in ("shutters_s", "isos", "apertures")}
     return replace(
         state,
-        rig=RigFacts(**{**rig, "axes": axes}),
+        rig=RigFacts(**{**rig, **axes}),
         camera=CameraFacts(**{**camera, **lists}),
         where=Where(State.IDLE),
         camera_now=None,
@@ -352,7 +352,8 @@ def _finding(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
 
 
 def _coverage(state: PanelState, facts: Mapping[str, Any]) -> PanelState:
-    return replace(state, coverage=Covered(**{**facts, "png": Path(facts["png"])}))
+    seen: dict[str, Any] = {**facts, "png": Path(facts["png"])}
+    return replace(state, coverage=Covered(**seen))
 
 
 def _ended(state: PanelState, facts: Mapping[str, Any]) -> PanelState:

@@ -129,14 +129,16 @@ class Recovery:
         self._note("homed", pan_deg=angles.pan_deg, tilt_deg=angles.tilt_deg)
 
     def _camera_ready(self, rig: Rig) -> None:
+        message = ""
         polls = max(1, round(self._patience.ready_s / self._patience.poll_s))
         for _ in range(polls):
             status = rig.camera.status()
             if status.ready:
                 return
-            self._enter(Phase.RECOVERING, f"waiting for the camera: {status.message or 'not ready'}")
+            message = status.message
+            self._enter(Phase.RECOVERING, f"waiting for the camera: {message or 'not ready'}")
             self._control.sleep(self._patience.poll_s)
         raise ExposureError(
             f"{rig.camera.name}: not ready after {self._patience.ready_s:g} s"
-            f" ({status.message or 'it does not say why'}); check battery, card and focus switch"
+            f" ({message or 'it does not say why'}); check battery, card and focus switch"
         )

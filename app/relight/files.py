@@ -38,7 +38,7 @@ def keep(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     beside = path.with_name(f".{path.stem}.partial.npz")
     with told(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(beside, **arrays)  # pyright: ignore[reportArgumentType]
+        np.savez(beside, **arrays)  # pyrefly: ignore[bad-argument-type]
         beside.replace(path)
 
 

@@ -100,7 +100,7 @@ def read_panorama(path: Path) -> Float[np.ndarray, "h w 3"]:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
         if image is None or image.dtype not in (np.uint8, np.uint16):
             raise LightError(f"{path}: cannot be read as a picture; choose an EXR, HDR, PNG or JPEG file")
-        code = image.astype(np.float32) / np.iinfo(image.dtype).max
+        code = image.astype(np.float32) / np.iinfo(str(image.dtype)).max
         code = code[..., :3][..., ::-1] if code.ndim == 3 else np.repeat(code[..., None], 3, 2)
         radiance = srgb_decode(code).astype(np.float32)
     height, width = radiance.shape[:2]

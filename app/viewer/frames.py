@@ -79,7 +79,7 @@ class FrameWriter:
         self.slot_bytes = bytes_a_slot
         self._memory = SharedMemory(name)
         # Python before 3.13 would remove the memory, which is the window's, when this process ends.
-        resource_tracker.unregister(self._memory._name, "shared_memory")  # pyright: ignore[reportAttributeAccessIssue]
+        resource_tracker.unregister(self._memory._name, "shared_memory")  # pyrefly: ignore[missing-attribute]
         self._turn = itertools.count(1)
 
     def write(self, pixels: UInt8[np.ndarray, "h w 4"]) -> tuple[int, int]:

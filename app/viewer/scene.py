@@ -6,6 +6,7 @@ World frame except for the surface, which stays in the camera frame: it moves wi
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -173,7 +174,8 @@ def _sheet(surface: Surface, camera: Camera, stride: int) -> Sheet:
 
 def _described(scene: Scene, eyes: Vectors, middle: Float[np.ndarray, " 3"]) -> Contents:
     """The facts that the window needs: where things are and how large."""
-    poses, told = scene.poses, {}
+    poses = scene.poses
+    told: dict[str, Any] = {}
     near, depth = eyes, 0.0
     if scene.sheets:
         points = scene.sheets[-1].points

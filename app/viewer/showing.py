@@ -4,6 +4,7 @@ World frame, radians; see orbit.py.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -114,7 +115,7 @@ def with_layer(showing: Showing, layer: str, shown: bool) -> Showing:
     return replace(showing, style=replace(showing.style, visible=tuple(visible)))
 
 
-def styled(showing: Showing, **changes: object) -> Showing:
+def styled(showing: Showing, **changes: Any) -> Showing:
     return replace(showing, style=replace(showing.style, **changes))
 
 

@@ -54,7 +54,7 @@ class Number(QDoubleSpinBox):
         except ValueError:
             return self.value()
 
-    def validate(self, text: str, place: int) -> object:
+    def validate(self, text: str, place: int, /) -> tuple[QValidator.State, str, int]:
         plain = text.removesuffix(self.suffix()).strip().replace(",", ".")
         try:
             number = float(plain)
@@ -128,7 +128,7 @@ class Field(QWidget):
         elif (
             isinstance(self.control, QLineEdit)
             and event.type() == QEvent.Type.KeyPress
-            and event.key() == Qt.Key.Key_Escape  # pyright: ignore[reportAttributeAccessIssue]
+            and event.key() == Qt.Key.Key_Escape  # pyrefly: ignore[missing-attribute]
         ):
             self.control.setText(told_value(self.parameter.value))
             self.control.setModified(False)

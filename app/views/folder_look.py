@@ -26,7 +26,8 @@ class FolderLook(QWidget):
         self._enquiries = enquiries
         self._bridge = Bridge(self)
         self._scratch = tempfile.TemporaryDirectory(prefix="roomlight-import-")
-        self._folder, self._bracket, self._number = "", None, 0
+        self._folder, self._number = "", 0
+        self._bracket: int | None = None
         self.ready = False  # the folder can be imported
         self.told = QLabel()
         self.told.setWordWrap(True)

@@ -1,6 +1,7 @@
 """The window's menus: every action that is not a page's own, with its shortcut."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,7 +65,7 @@ class Menus(QObject):
         themes, group = menu.addMenu(self.tr("&Theme")), QActionGroup(self)
         words = {"system": self.tr("As the system"), "dark": self.tr("Dark"), "light": self.tr("Light")}
         for name in THEMES:
-            action = self._add(themes, words[name], None, lambda name=name: self._choose_theme(name))
+            action = self._add(themes, words[name], None, partial(self._choose_theme, name))
             action.setCheckable(True)
             action.setChecked(self._window.shell.settings.value.theme == name)
             group.addAction(action)

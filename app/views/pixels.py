@@ -10,5 +10,5 @@ def image_of(pixels: UInt8[np.ndarray, "h w 4"]) -> QImage:
     pixels = np.ascontiguousarray(pixels)
     height, width = pixels.shape[:2]
     image = QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied)
-    image.pixels = pixels  # pyright: ignore[reportAttributeAccessIssue] the image does not own its memory
+    image.pixels = pixels  # pyrefly: ignore[missing-attribute] the image does not own its memory
     return image

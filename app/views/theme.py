@@ -6,7 +6,7 @@ every widget when the system or the person changes between dark and light. Colou
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QPalette, QPen
@@ -15,6 +15,8 @@ from PySide6.QtWidgets import QApplication, QWidget
 MARKS = (Path(__file__).parent / "marks").as_posix()
 CHOSEN = "roomlight theme"  # property of the application
 Theme = Literal["system", "dark", "light"]
+StyleOption = Any
+"""A QStyleOptionViewItem: PySide's stubs do not know the types of what it holds."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -199,7 +199,9 @@ def _back(
 def _refined(values: np.ndarray, to: Reference, start: Float64[np.ndarray, " 4"], pitch: float) -> Motion:
     moved = start
     flat = to.slopes.transpose(1, 0, 2, 3).reshape(4, -1)
-    for _ in range(ROUNDS):
+    rounds = 0
+    while True:
+        rounds += 1
         back = _back(values, to, moved)
         rest = back - to.values
         weight = to.weight / (1 + np.square(rest) * to.weight / ROBUST**2)
@@ -209,7 +211,7 @@ def _refined(values: np.ndarray, to: Reference, start: Float64[np.ndarray, " 4"]
         step = np.linalg.solve(information, (heavy @ rest.ravel()).astype(np.float64))
         # Beyond a pixel the slopes say nothing.
         moved = moved + step / max(1.0, float(np.abs(step).max()))
-        if np.abs(step).max() < DONE_PX:
+        if np.abs(step).max() < DONE_PX or rounds == ROUNDS:
             break
     pull = (heavy * rest.ravel()).reshape(4, *rest.shape).sum(axis=1)
     inverse = np.linalg.inv(information)

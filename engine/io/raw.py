@@ -248,7 +248,7 @@ def _check_parts(path: Path) -> None:
 
 def _largest(tiff: tifffile.TiffFile) -> Any:
     """The page of the photograph; smaller ones are previews."""
-    pages = [tiff.pages.first, *(tiff.pages.first.pages or ())]
+    pages: list[Any] = [tiff.pages.first, *(tiff.pages.first.pages or ())]
     return max(pages, key=lambda page: page.imagewidth * page.imagelength)
 
 

@@ -178,7 +178,7 @@ def upsample(
 ) -> Float[np.ndarray, "h w"]:
     """Values of a halved picture's pixels on the whole one's grid, linear between them, of the nearest beyond their rim."""
     nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
-    whole = values[tuple(nearest)]  # pyright: ignore[reportArgumentType]
+    whole = values[tuple(nearest)]  # pyrefly: ignore[bad-argument-type]
     by = 2 ** round(np.log2(mask.shape[0] / small.shape[0]))
     v, u = ((np.arange(side) + 0.5) / by - 0.5 for side in mask.shape)
     at = np.meshgrid(v, u, indexing="ij")

@@ -178,6 +178,7 @@ class Dial:
         if before == choice:
             return
         self._patiently(lambda: body.set(name, choice))
+        kept = before
         for _ in range(READS):
             kept = body.setting(name).value
             if kept == choice:

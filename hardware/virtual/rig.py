@@ -53,7 +53,8 @@ class VirtualConfig:
             raise SettingsError(
                 f"virtual:{place}: there is none; possible are virtual:{', virtual:'.join(CONTROLLERS)}"
             )
-        return cls(**({"firmware": place} if place else {}), **read_words("virtual", query, WORDS))
+        firmware: dict[str, Any] = {"firmware": place} if place else {}
+        return cls(**firmware, **read_words("virtual", query, WORDS))
 
 
 WORDS = {

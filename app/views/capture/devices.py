@@ -219,5 +219,5 @@ def _box() -> QComboBox:
     box.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
     box.setMinimumContentsLength(10)
     box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-    box.setCompleter(None)  # pyright: ignore[reportArgumentType] a URL is no prefix of what a list shows
+    box.setCompleter(None)  # pyrefly: ignore[bad-argument-type] a URL is no prefix of what a list shows
     return box

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QListWidgetItem,
     QStyle,
     QStyledItemDelegate,
-    QStyleOptionViewItem,
     QWidget,
 )
 
@@ -83,7 +82,7 @@ class Findings(QListWidget):
 class _Card(QStyledItemDelegate):
     """A sign, what was seen, and below it in the second colour what to do, every word of both."""
 
-    def _boxes(self, option: QStyleOptionViewItem, text: str) -> tuple[QRect, QRect, str, str]:
+    def _boxes(self, option: theme.StyleOption, text: str) -> tuple[QRect, QRect, str, str]:
         what, _, remedy = text.partition("\n")
         list_ = self.parent()
         assert isinstance(list_, QListWidget)
@@ -94,12 +93,12 @@ class _Card(QStyledItemDelegate):
         upper = QRect(0, 0, room.width(), above.height())
         return upper, QRect(0, above.height(), room.width(), below.height()), what, remedy
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex) -> QSize:
         upper, lower, _, _ = self._boxes(option, index.data())
         return QSize(upper.width() + ICON_PX + 3 * GAP, upper.height() + lower.height() + 2 * GAP)
 
     def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+        self, painter: QPainter, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         ours = theme.colours(option.widget)
         upper, lower, what, remedy = self._boxes(option, index.data())

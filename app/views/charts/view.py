@@ -4,7 +4,7 @@ pyqtgraph takes a second to load: this module is imported only once a chart is t
 """
 
 # pyqtgraph adds its classes' methods at run time.
-# pyright: reportAttributeAccessIssue=false
+# pyrefly: ignore-errors[missing-attribute]
 
 import math
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ class ChartView(QWidget):
     @property
     def canvas(self) -> pg.GraphicsLayoutWidget:
         """What is shown."""
-        return self._stack.currentWidget()  # pyright: ignore[reportReturnType]
+        return self._stack.currentWidget()  # pyrefly: ignore[bad-return]
 
     def show_chart(self, chart: Chart) -> None:
         """Draw; an empty chart says why it is empty in the page's own words, not here."""
@@ -97,7 +97,7 @@ class ChartView(QWidget):
         image = QImage(size * 2, QImage.Format.Format_RGB32)
         self._paint(image, scene, QRectF(image.rect()))
         buffer = QBuffer()
-        image.save(buffer, "PNG")  # pyright: ignore[reportCallIssue, reportArgumentType] wants no bytes
+        image.save(buffer, "PNG")  # pyrefly: ignore[no-matching-overload] wants no bytes
         to.write_bytes(bytes(buffer.data().data()))
 
     def _paint(self, device: QPaintDevice, scene: QGraphicsScene, on: QRectF) -> None:

@@ -132,7 +132,7 @@ class MapsCompare(QWidget):
             self.table.setHorizontalHeaderItem(column, item)
             if column:
                 self.table.setColumnWidth(column, 112)
-        self.table.horizontalHeaderItem(len(COLUMNS)).setToolTip(  # pyright: ignore[reportOptionalMemberAccess]
+        self.table.horizontalHeaderItem(len(COLUMNS)).setToolTip(  # pyrefly: ignore[missing-attribute]
             self.tr(
                 "Share of the pixels whose difference lies within the 95 % band of both runs' standard errors together"
             )

@@ -22,7 +22,7 @@ def flat(labels: np.ndarray) -> QImage:
     height, width = labels.shape
     memory = labels if labels.base is None else labels.base
     image = QImage(memory.data, width, height, labels.strides[0], QImage.Format.Format_Indexed8)
-    image.labels = labels  # pyright: ignore[reportAttributeAccessIssue] the image does not own its memory
+    image.labels = labels  # pyrefly: ignore[missing-attribute] the image does not own its memory
     return image
 
 

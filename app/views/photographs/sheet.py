@@ -18,7 +18,6 @@ from PySide6.QtWidgets import (
     QListWidgetItem,
     QStyle,
     QStyledItemDelegate,
-    QStyleOptionViewItem,
     QWidget,
 )
 
@@ -133,11 +132,11 @@ def mark(cell: QRect) -> QRect:
 class _Painter(QStyledItemDelegate):
     """Paints a cell."""
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex) -> QSize:
         return CELL
 
     def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+        self, painter: QPainter, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         sheet = self.parent()
         assert isinstance(sheet, ContactSheet)
@@ -181,7 +180,7 @@ class _Painter(QStyledItemDelegate):
         frame: QRect,
         index: QModelIndex | QPersistentModelIndex,
         ours: theme.Palette,
-        option: QStyleOptionViewItem,
+        option: theme.StyleOption,
     ) -> None:
         photograph: Photograph = index.data(PHOTOGRAPH)
         look: Look | None = index.data(LOOK)

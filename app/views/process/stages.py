@@ -8,7 +8,6 @@ from PySide6.QtWidgets import (
     QListWidgetItem,
     QStyle,
     QStyledItemDelegate,
-    QStyleOptionViewItem,
     QWidget,
 )
 
@@ -112,11 +111,11 @@ def tooltip(card: Card) -> str:
 class _Painter(QStyledItemDelegate):
     """Paints a card."""
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex) -> QSize:
         return QSize(100, HEIGHT)
 
     def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+        self, painter: QPainter, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         card: Card = index.data(CARD)
         column = self.parent()
@@ -148,7 +147,7 @@ class _Painter(QStyledItemDelegate):
         painter.restore()
 
     def _words(
-        self, painter: QPainter, frame: QRect, card: Card, ours: theme.Palette, option: QStyleOptionViewItem
+        self, painter: QPainter, frame: QRect, card: Card, ours: theme.Palette, option: theme.StyleOption
     ) -> None:
         font = option.font
         font.setBold(True)

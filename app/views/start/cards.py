@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication, QModelIndex, QPersistentModelIndex, QRect, QSize, Qt
 from PySide6.QtGui import QFontMetrics, QImage, QPainter, QPainterPath
-from PySide6.QtWidgets import QListWidget, QStyle, QStyledItemDelegate, QStyleOptionViewItem
+from PySide6.QtWidgets import QListWidget, QStyle, QStyledItemDelegate
 
 from app.parameters import STAGES
 from app.recent import Glance
@@ -53,11 +53,11 @@ def picture(path: Path | None) -> QImage | None:
 class SessionCard(QStyledItemDelegate):
     """Picture, name, state."""
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex) -> QSize:
         return CELL
 
     def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+        self, painter: QPainter, option: theme.StyleOption, index: QModelIndex | QPersistentModelIndex
     ) -> None:
         glance, photo = index.data(GLANCE), index.data(PHOTO)
         widget = self.parent()
@@ -93,7 +93,7 @@ class SessionCard(QStyledItemDelegate):
 
     def _words(
         self, painter: QPainter, frame: QRect, glance: Glance, ours: theme.Palette,
-        option: QStyleOptionViewItem,
+        option: theme.StyleOption,
     ) -> None:  # fmt: skip
         font = option.font
         font.setBold(True)

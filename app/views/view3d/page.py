@@ -56,7 +56,8 @@ class View3dPage(QWidget):
         self.state = Showing()
         self.status = Status()
         self.turn = Turn(self, TURN_MS)
-        self._supervise, self._supervisor = supervise, None
+        self._supervise = supervise
+        self._supervisor: Supervisor | None = None
         self._session: Path | None = None
         self._loaded: dict[str, Path] | None = None  # stages that are shown
         self._relit: Path | None = None

@@ -7,6 +7,7 @@ neither the predictors nor 24 bits without a codec of its own.
 
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -41,7 +42,7 @@ def read(
     """
     try:
         with tifffile.TiffFile(path) as tiff:
-            pages = [tiff.pages.first, *(tiff.pages.first.pages or ())]
+            pages: list[Any] = [tiff.pages.first, *(tiff.pages.first.pages or ())]
             floats = [page for page in pages if page.sampleformat == FLOATS and page.photometric == MOSAIC]
             if not floats:
                 return None

@@ -76,7 +76,7 @@ def fit(
             params.camera_clearance,
             run,
         )
-        optimizer = optimizer_of(start)
+        optimizer, photographs = optimizer_of(start), small
         knee = knee_of(small)
         total = sum(p * w * w for p, w in zip(params.epochs, widths, strict=True))
         done, loss = 0.0, np.nan

@@ -5,9 +5,6 @@ surface about there. The cameras and the rig swept through a ball around each ca
 the way to the nearest surface; nothing of the room can be there. World frame; depths are z of their view.
 """
 
-# The stubs of scipy misstate what comes back here.
-# pyright: reportArgumentType=false
-
 from dataclasses import dataclass, replace
 from typing import no_type_check
 

@@ -61,7 +61,7 @@ def find_bright_spots(photographs: Photographs) -> BrightSpots:
     view, centre, radius, ray = [], [], [], []
     for i, (picture, weight) in enumerate(pairs):
         level, known = luminance(picture), weight > 0
-        spots, _ = label(known & ((level > least) | photographs.clipped[i]), np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+        spots, _ = label(known & ((level > least) | photographs.clipped[i]), np.ones((3, 3)))
         for k, found in enumerate(find_objects(spots), 1):
             # With what it borders on, and no more: a glittering room has thousands.
             rows, columns = (slice(max(side.start - 1, 0), side.stop + 1) for side in found)

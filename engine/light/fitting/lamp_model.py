@@ -7,9 +7,6 @@ Gaussian of its size stands in its place afterwards. What the fit left in front 
 views that show the lamp look through there. World frame, scene units.
 """
 
-# The stubs of scipy misstate what comes back here.
-# pyright: reportArgumentType=false
-
 from dataclasses import replace
 
 import numpy as np

@@ -7,9 +7,6 @@ function of direction (diffuse shading) cannot tell from the pixel itself, where
 half a cell.
 """
 
-# The stubs of scipy and numba misstate what comes back here.
-# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
-
 import functools
 import math
 from dataclasses import dataclass

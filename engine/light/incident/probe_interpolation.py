@@ -116,7 +116,7 @@ class _PivotedCholesky:
     def weights(self, of: Int[np.ndarray, " q"], count: int) -> Float[np.ndarray, "q k"]:
         """What the first of them weigh at some places; they sum to one."""
         among = self.factor[self.order[:count], :count]
-        weights = solve_triangular(among, self.factor[of, :count].T, lower=True, trans=1).T
+        weights = np.asarray(solve_triangular(among, self.factor[of, :count].T, lower=True, trans=1)).T
         return (weights / weights.sum(1, keepdims=True)).astype(np.float32)
 
 

@@ -8,9 +8,6 @@ that no photograph showed are marked by `seen` and can be filled smoothly.
 Frames: Gaussians in the world frame; probes and directions in the camera frame of their view.
 """
 
-# The stubs of scipy and numba misstate what comes back here.
-# pyright: reportCallIssue=false
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

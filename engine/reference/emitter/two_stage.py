@@ -10,6 +10,7 @@ the epsilon of Eq. (6), here that of our own solve. Clipped pixels are taken at 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -73,7 +74,8 @@ def scaled(share: float, params: EmitterParams | None = None) -> EmitterParams:
         "densify_every",
         "prune_every",
     )
-    return replace(full, **{name: max(1, round(share * getattr(full, name))) for name in names})
+    fewer: dict[str, Any] = {name: max(1, round(share * getattr(full, name))) for name in names}
+    return replace(full, **fewer)
 
 
 @dataclass(frozen=True, slots=True)

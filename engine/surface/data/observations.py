@@ -29,7 +29,7 @@ def connected_regions(
 ) -> tuple[Int[np.ndarray, " p"], int]:
     """Which connected part every pixel of the mask belongs to, from 0, and how many there are; also by `corners`."""
     touching = np.ones((3, 3)) if corners else None
-    found: tuple[np.ndarray, int] = label(mask, touching)  # pyright: ignore[reportAssignmentType]
+    found: tuple[np.ndarray, int] = label(mask, touching)
     return found[0][mask] - 1, found[1]
 
 

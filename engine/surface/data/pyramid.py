@@ -51,7 +51,7 @@ def downsample(
 def parent_index(small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
     """For each of the mask's pixels the nearest of the `halved` ones."""
     nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
-    index = pixel_index(small)[tuple(nearest)]  # pyright: ignore[reportArgumentType]
+    index = pixel_index(small)[tuple(nearest)]  # pyrefly: ignore[bad-argument-type]
     v, u = np.nonzero(mask)
     return index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
 

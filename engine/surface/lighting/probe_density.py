@@ -65,7 +65,8 @@ def choose_probe_grid(
     if not all(asked):
         few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), config.views)]
         measured = probe_counts(box, emitters, few, params, progress, config)
-        asked = tuple(a or m for a, m in zip(asked, measured, strict=True))
+        across, down, deep = (a or m for a, m in zip(asked, measured, strict=True))
+        asked = across, down, deep
     return replace(box, shape=asked)
 
 

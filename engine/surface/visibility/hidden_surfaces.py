@@ -117,7 +117,7 @@ def patches(
     middle = _means(owner, flat, weight, count)
     off = np.linalg.norm(flat - middle[owner], axis=1)
     # Of two that are as near it is the first, however they are rounded.
-    order = np.lexsort((np.round(off / off.max(), 6), owner))
+    order = np.lexsort(((off / off.max()).round(6), owner))
     first = order[np.searchsorted(owner[order], np.arange(count))]
     rim = whose[np.arange(len(walls)), corners[..., 2].argmin(1)]
     every, size = of[walls].ravel(), np.repeat(areas[walls], bands)

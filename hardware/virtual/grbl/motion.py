@@ -66,7 +66,7 @@ class Stepper:
 
     def __init__(self, memory: Memory, mechanics: Mechanics):
         self._memory, self._mechanics = memory, mechanics
-        self.position = (0.0,) * AXES  # machine position, mm
+        self.position: tuple[float, ...] = (0.0,) * AXES  # machine position, mm
         self._offset = list(mechanics.start)  # motor angle minus machine position
         self._angles = list(mechanics.start)
         self.stalled = [False] * AXES

@@ -8,9 +8,6 @@ takes fewer samples, blurred more.
 World frame, metres, linear.
 """
 
-# numpy scalars of sequences are arrays; the stubs say otherwise.
-# pyright: reportArgumentType=false
-
 import hashlib
 import os
 from collections.abc import Callable
@@ -73,7 +70,7 @@ def digest(room: Room) -> str:
         for part in (panel.corner, panel.right, panel.down, panel.albedo):
             sha.update(np.ascontiguousarray(part, np.float32).tobytes())
     for globe in room.globes:
-        sha.update(np.float32([*globe.centre, globe.radius_m, *globe.radiance]).tobytes())
+        sha.update(np.array([*globe.centre, globe.radius_m, *globe.radiance], np.float32).tobytes())
     for sheet in room.sheets:
         for part in (sheet.corner, sheet.right, sheet.down, sheet.radiance):
             sha.update(np.ascontiguousarray(part, np.float32).tobytes())

@@ -6,9 +6,6 @@ whole panel, as in the dead-leaves model of natural images (Lee, Mumford and Hua
 power law), so that feature matching finds something from near and from far.
 """
 
-# The stubs of scipy and numpy misstate what comes back here.
-# pyright: reportIndexIssue=false, reportArgumentType=false
-
 from collections.abc import Callable
 
 import numpy as np
@@ -25,7 +22,7 @@ def wallpaper(base: tuple[float, float, float], contrast: float = 1.0) -> Painte
     """A wall with a leafy pattern of muted colours around `base`."""
 
     def paint(height_m: float, width_m: float, texel_m: float, rng: np.random.Generator) -> Albedo:
-        wall = np.ones((*texels(height_m, width_m, texel_m), 3), np.float32) * np.float32(base)
+        wall = np.ones((*texels(height_m, width_m, texel_m), 3), np.float32) * np.array(base, np.float32)
         wall *= 1 + 0.08 * contrast * noise(wall.shape[:2], texel_m, 0.8, rng)[..., None]
         hues = palette(rng, 14, value=float(np.mean(base)), spread=0.45 * contrast, saturation=0.5)
         leaves(wall, texel_m, rng, hues, smallest_m=0.014, largest_m=0.35, cover=1.3)
@@ -40,9 +37,9 @@ def plaster(base: tuple[float, float, float]) -> Painter:
 
     def paint(height_m: float, width_m: float, texel_m: float, rng: np.random.Generator) -> Albedo:
         shape = texels(height_m, width_m, texel_m)
-        wall = np.ones((*shape, 3), np.float32) * np.float32(base)
+        wall = np.ones((*shape, 3), np.float32) * np.array(base, np.float32)
         wall *= np.exp(0.16 * noise(shape, texel_m, 0.6, rng, gain=0.75))[..., None]
-        tint = noise(shape, texel_m, 1.0, rng)[..., None] * np.float32([0.04, 0.0, -0.05])
+        tint = noise(shape, texel_m, 1.0, rng)[..., None] * np.array([0.04, 0.0, -0.05], np.float32)
         wall *= 1 + tint
         stains = noise(shape, texel_m, 0.25, rng, gain=0.6)
         wall *= (1 - 0.45 * np.clip(2.5 * (stains - 1.1), 0, 1))[..., None]
@@ -73,7 +70,7 @@ def planks(base: tuple[float, float, float], plank_m: float = 0.14) -> Painter:
                     continue
                 grain = noise((rows, hi - lo), texel_m, 0.03, rng, gain=0.8, stretch=9.0)
                 knots = noise((rows, hi - lo), texel_m, 0.12, rng, stretch=1.6)
-                tone = np.float32(base) * rng.uniform(0.55, 1.35) * rng.uniform(0.9, 1.1, 3)
+                tone = np.array(base, np.float32) * rng.uniform(0.55, 1.35) * rng.uniform(0.9, 1.1, 3)
                 board = tone * np.exp(0.17 * grain - 0.5 * np.clip(3 * (knots - 1.2), 0, 1))[..., None]
                 board[:1] *= 0.35
                 board[:, :1] *= 0.4
@@ -97,11 +94,18 @@ def stones(base: tuple[float, float, float], stone_m: float = 0.16, squash: floa
             np.stack([ys + wobble, (xs + wobble) * squash], -1).reshape(-1, 2), k=2
         )
         edge = (distance[:, 1] - distance[:, 0]).reshape(h, w)
-        tones = np.float32(base) * np.exp(rng.normal(0, 0.35, (count, 1))) * rng.uniform(0.8, 1.2, (count, 3))
+        tones = (
+            np.array(base, np.float32)
+            * np.exp(rng.normal(0, 0.35, (count, 1)))
+            * rng.uniform(0.8, 1.2, (count, 3))
+        )
         face = tones[nearest[:, 0].reshape(h, w)].astype(np.float32)
         face *= np.exp(0.18 * noise((h, w), texel_m, 0.08, rng, gain=0.75))[..., None]
         mortar = np.clip((edge - 0.006) / 0.006, 0, 1)[..., None]
-        joint = np.float32([0.42, 0.4, 0.37]) * np.exp(0.15 * noise((h, w), texel_m, 0.02, rng))[..., None]
+        joint = (
+            np.array([0.42, 0.4, 0.37], np.float32)
+            * np.exp(0.15 * noise((h, w), texel_m, 0.02, rng))[..., None]
+        )
         return finish((face * mortar + joint * (1 - mortar)).astype(np.float32))
 
     return paint
@@ -180,7 +184,7 @@ def paint_of(tone: tuple[float, float, float], grain: float = 0.1) -> Painter:
         fine = noise(shape, texel_m, 0.05, rng, gain=0.7)
         coarse = noise(shape, texel_m, 0.7, rng)
         return finish(
-            (np.exp(grain * (0.6 * fine + coarse))[..., None] * np.float32(tone)).astype(np.float32)
+            (np.exp(grain * (0.6 * fine + coarse))[..., None] * np.array(tone, np.float32)).astype(np.float32)
         )
 
     return paint

@@ -5,9 +5,6 @@ is built from rectangles (`Panel`), so that a lightmap is one picture per panel.
 per room; the brightest lamp stays below about 300 times the mean wall, which a bracket of three exposures can hold.
 """
 
-# numpy scalars of sequences are arrays; the stubs say otherwise.
-# pyright: reportArgumentType=false
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -210,8 +207,8 @@ class _Builder:
         view = sky * ((1 - down) * np.array([0.75, 0.95, 1.25]) + down * np.array([1.15, 1.1, 1.0]))
         view = np.broadcast_to(view, (h, w, 3)).copy()
         garden = 0.35 + 0.12 * paint.noise((1, w), 0.01, 0.5, self.rng)[0]
-        green = paint.finish(np.full((h, w, 3), 0.25, np.float32) * np.float32([0.7, 1.0, 0.45]))
-        hues = paint.palette(self.rng, 8, 0.25, 0.5, 0.4) * np.float32([0.8, 1.1, 0.5])
+        green = paint.finish(np.full((h, w, 3), 0.25, np.float32) * np.array([0.7, 1.0, 0.45], np.float32))
+        hues = paint.palette(self.rng, 8, 0.25, 0.5, 0.4) * np.array([0.8, 1.1, 0.5], np.float32)
         paint.leaves(green, 0.01, self.rng, hues, 0.04, 0.3, 2.0)
         below = (1 - np.linspace(0, 1, h))[:, None] < garden
         view[below] = (sky * green)[below]
@@ -248,7 +245,7 @@ def _ceiling_light(
     """A luminous panel a hand below the ceiling, on a housing."""
     z = build.size[2] - 0.06
     build.box((*at, z), (size[0] + 0.06, size[1] + 0.06, 0.06), paint.paint_of((0.1, 0.1, 0.1)))
-    glow = np.broadcast_to(np.float32(radiance), (4, 4, 3))
+    glow = np.broadcast_to(np.array(radiance, np.float32), (4, 4, 3))
     build.sheet(np.array([*at, z - 0.004]), -Z, Y, glow, *size)
 
 
@@ -273,7 +270,7 @@ def study() -> Room:
     build.shelf(1, 0.6, 1.4, [0.25, 0.65, 1.05], 0.28)
     build.shelf(0, -0.9, 0.9, [0.3, 0.7], 0.3)
     build.table((1.45, 0.55), (0.9, 1.5, 0.74), paint.planks((0.5, 0.33, 0.2)))
-    screen = paint.poster(0.9)(0.34, 0.58, 0.005, build.rng) * np.float32([3.2, 3.6, 4.2])
+    screen = paint.poster(0.9)(0.34, 0.58, 0.005, build.rng) * np.array([3.2, 3.6, 4.2], np.float32)
     build.box((1.62, 0.5, 0.78), (0.04, 0.62, 0.4), paint.paint_of((0.1, 0.1, 0.1)))
     build.sheet(np.array([1.597, 0.5, 0.98]), -X, Z, screen, 0.58, 0.34)
     build.clutter((1.2, 1.6), (1.0, 1.25), 0.74, 4, (0.08, 0.2))
@@ -389,7 +386,7 @@ def chink() -> Room:
              paint.stones((0.62, 0.57, 0.52)), paint.plaster((0.68, 0.64, 0.58))]  # fmt: skip
     build.shell(walls, paint.planks((0.5, 0.36, 0.24)), paint.plaster((0.7, 0.67, 0.62)))
     _beams(build, 3, paint.planks((0.6, 0.46, 0.32)))
-    glow = np.broadcast_to(np.float32([2900.0, 3000.0, 3200.0]), (4, 4, 3))
+    glow = np.broadcast_to(np.array([2900.0, 3000.0, 3200.0], np.float32), (4, 4, 3))
     build.sheet(np.array([-0.3, 1.69, 1.7]), -Y, Z, glow, 0.05, 0.07)
     for wall, count in ((0, 6), (2, 6), (3, 6)):
         build.pictures(wall, count, 0.5, 2.4)

@@ -92,7 +92,7 @@ def touched(body: Body, width: int, height: int, finer: int = 4) -> Bool[np.ndar
     """Pixels that the body covers at least in part, and one ring more to be sure."""
     face, _ = visible(body, width * finer, height * finer)
     some = (face >= 0).reshape(height, finer, width, finer).any((1, 3))
-    grown = some.copy()
+    grown = np.array(some)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             grown |= np.roll(some, (dy, dx), (0, 1))

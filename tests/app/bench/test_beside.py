@@ -9,7 +9,7 @@ from app.bench.scores import Scored
 def point(method: str, normal: float, seconds: float, kind: str = "reference", **changes: object) -> Scored:
     values = {"normal": normal, "albedo": 30.0 - normal, "roughness": 0.01 * normal}
     title = f"ours, {method}" if kind == "ours" else method
-    return replace(Scored("s", method, title, kind, values, seconds, False, 9, ("now",)), **changes)  # pyright: ignore[reportArgumentType]
+    return replace(Scored("s", method, title, kind, values, seconds, False, 9, ("now",)), **changes)
 
 
 USUAL, SLOW = point("standard", 1.0, 10.0, "ours"), point("dear", 2.0, 20_000.0)

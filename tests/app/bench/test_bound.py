@@ -80,11 +80,11 @@ def test_under_its_light_the_true_surface_sends_what_was_photographed(made, file
         len(shot.files) == (3 if files == "raw" else 1)
         for shot in sessions.shots(sessions.open_session(on.session))
     )
-    params = SurfaceParams(directions=1024)
+    params = SurfaceParams(directions=512)
     built = shoot.build(
         sets.order_of(ROOM, THING, size, 10, 0, "cpu"), places.cache() / "studio", lambda *_: None
     )
-    known = bound.known_of(on, built, np.arange(10), params, (2, 2, 2), Progress())
+    known = bound.known_of(on, built, np.arange(10), params, (1, 1, 2), Progress())
     true = known.true_state()
     sight = geometry_with_visibility(
         known.object_pixels, true, on.truth.depth, known.light.directions, params, Progress()
@@ -101,7 +101,11 @@ def test_under_its_light_the_true_surface_sends_what_was_photographed(made, file
     assert (known.scatter.shot > 0) == (files == "raw")
 
 
-def test_fewer_photographs_allow_less_and_a_sensor_takes_its_share(made) -> None:
+def test_fewer_photographs_allow_less_and_a_sensor_takes_its_share(
+    made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bound, "PARAMS", SurfaceParams(directions=512))
+    monkeypatch.setattr(bound, "PROBES", (1, 1, 2))
     means = {}
     for files, count in (("raw", None), ("linear", None), ("linear", 8)):
         on, size = made(files)

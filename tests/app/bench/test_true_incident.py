@@ -87,7 +87,7 @@ def test_a_room_out_of_a_file_sends_what_its_rays_meet_turned_into_the_cameras_f
         def meet(self, ray: Any) -> Any:
             return SimpleNamespace(radiance=mi.Color3f(2.0 + ray.d.z))
 
-    room = Around("upwards", "", np.zeros(3), Upwards())  # pyright: ignore[reportArgumentType]
+    room = Around("upwards", "", np.zeros(3), Upwards())
     light = incident_of(room, POSES, ProbeGrid(AT, AT, (1, 1, 1)), CELLS, 3.0, 0, Progress())
     for view, pose in enumerate(POSES):
         energy = light.energy[0].reshape(CELLS, -1, 3)[:, view, 0]

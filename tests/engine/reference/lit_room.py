@@ -14,7 +14,8 @@ from engine.light.gaussians.gaussians import Y00
 from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses
 from tests.engine.light import clouds
 
-CAMERA = Camera(48, 40, 60.0, 60.0, 24.0, 20.0)
+CAMERA = Camera(36, 30, 45.0, 45.0, 18.0, 15.0)  # the ball has 410 pixels
+FINER = Camera(48, 40, 60.0, 60.0, 24.0, 20.0)  # and here 729
 DISTANCE, RADIUS, WALL = 0.6, 0.15, 400.0
 AMBIENT = 0.3
 
@@ -29,9 +30,9 @@ class Scene:
     points: np.ndarray  # p 3
 
 
-def ball() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def ball(camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mask (h w), normals and points (of the mask's pixels)."""
-    ray, centre = rays(CAMERA), np.array([0.01, -0.005, DISTANCE])
+    ray, centre = rays(camera), np.array([0.01, -0.005, DISTANCE])
     along = ray @ centre
     root = along**2 - centre @ centre + RADIUS**2
     mask = root > 0.03 * RADIUS**2  # without the last grazing pixels
@@ -97,12 +98,13 @@ def turns(views: int, rng: np.random.Generator, shift: float) -> np.ndarray:
 
 
 def scene(
-    reflect=lambert, lamp_distance: float = 40.0, ambient: float = AMBIENT, views: int = 16, lamps: int = 5
-) -> Scene:
+    reflect=lambert, lamp_distance: float = 40.0, ambient: float = AMBIENT, views: int = 16, lamps: int = 5,
+    camera: Camera = CAMERA,
+) -> Scene:  # fmt: skip
     """The ball under lamps of one apparent size at about `lamp_distance`."""
     rng = np.random.default_rng(3)
-    mask, normals, points = ball()
-    albedo, away = paint(points), -rays(CAMERA)[mask]
+    mask, normals, points = ball(camera)
+    albedo, away = paint(points), -rays(camera)[mask]
     poses = turns(views, rng, 0.1)
     towards = rng.normal(size=(lamps, 3))
     centres = towards / np.linalg.norm(towards, axis=1, keepdims=True)
@@ -121,7 +123,7 @@ def scene(
         radiance[i, mask] = total
     nothing = np.zeros(radiance.shape[:3], bool)
     frames = Frames(tuple(map(str, range(views))), radiance, nothing, nothing, (1e-6, 1e-6))
-    placed = Poses(CAMERA, poses, np.ones(views, bool), np.zeros((0, 3)), "given", float("nan"))
+    placed = Poses(camera, poses, np.ones(views, bool), np.zeros((0, 3)), "given", float("nan"))
     return Scene(
         (frames, Masks(mask, ~mask & ~nothing), placed, room(lit, ambient), lit), normals, albedo, points
     )

@@ -46,7 +46,7 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
         coarse_views=8,
         coarse_iterations=1,
         directions=directions,
-        probe_grid_xy=2,
+        probe_grid_xy=1,
         probe_grid_z=2,
         probe_resolution=32,
         object_distance=DISTANCE,  # looking for it gathers nothing that serves again
@@ -69,8 +69,8 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     anew = gather_incident_light(
         light.probe_grid, emitters_of(found), there, directions, params.probe_resolution, Progress()
     )
-    assert light.energy.shape == (8, directions, 45)
-    assert found.validation.energy.shape == (8, directions, 3)
+    assert light.energy.shape == (2, directions, 45)
+    assert found.validation.energy.shape == (2, directions, 3)
     np.testing.assert_allclose(light.area_lights.centres, anew.area_lights.centres)
     np.testing.assert_allclose(light.area_lights.radiance, anew.area_lights.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)

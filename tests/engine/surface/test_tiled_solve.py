@@ -20,13 +20,12 @@ from engine.surface.rendering.transport import SurfaceGeometry
 from engine.surface.solve import solve
 from engine.surface.tiled_solve import upsample
 from engine.surface.visibility.ray_visibility import SparseVisibility
-from tests.engine.reference.lit_room import DISTANCE, glossy, scene
+from tests.engine.reference.lit_room import DISTANCE, FINER, glossy, scene
 
 PARAMS = replace(
     SurfaceParams(), coarse_views=8, coarse_iterations=2, directions=400, object_distance=DISTANCE - 0.07,
     fine_iterations=1, probe_grid_xy=1, probe_grid_z=1, probe_resolution=32,
-    # 184 pixels tell a lamp's direction, and a view's factor, worse than 729: that is not the tiles'. Every pixel for
-    # itself. Every pixel for
+    # 102 pixels tell a lamp's direction, and a view's factor, worse than 410: that is not the tiles'. Every pixel for
     # itself.
     without=("lamp_directions", "view_exposures", "detect_metal", "classify_material", "regularize"),
 )  # fmt: skip
@@ -54,7 +53,7 @@ def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.Monk
     assert 0 < report.together <= few.tile_above_pixels
     mask = at_once.mask
     assert (tiled.mask == mask).all()
-    # Not the same bits: what a pixel sees of the object is its coarse neighbour's, one of 184. It is hardly farther from the truth.
+    # Not the same bits: what a pixel sees of the object is its coarse neighbour's, one of 102. It is hardly farther from the truth.
     one, other = (np.degrees(angle_between(s.normal[mask], ball.normals)).mean() for s in (at_once, tiled))
     assert one < 0.9
     assert other < 1.25 * one
@@ -177,7 +176,7 @@ def test_enlarged_values_are_linear_between_pixels():
 
 
 def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: pytest.MonkeyPatch):
-    dull = scene(glossy(0.25), views=16)
+    dull = scene(glossy(0.25), views=16, camera=FINER)  # 184 of its pixels are enough to tell the gloss
     few = replace(PARAMS, tile_above_pixels=int(dull.given[1].object.sum()) // 3)
     began = []
     monkeypatch.setattr(tiled_solve, "TILE", 16)

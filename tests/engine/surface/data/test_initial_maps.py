@@ -123,11 +123,11 @@ def test_at_half_the_size_normals_are_those_of_the_pixels_behind_and_of_length_o
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"normal": NORMAL[1:]}, ("39 x 48 x 3", "40 x 48 x 3", "resize")),
+        ({"normal": NORMAL[1:]}, ("29 x 36 x 3", "30 x 36 x 3", "resize")),
         ({"normal": NORMAL * [1, -1, -1]}, ("look away", '"opengl"')),
         ({"normal": NORMAL * 0.7}, ("unit length", "0.70")),
         ({"normal": NORMAL * np.nan}, ("NaN", "zeros")),
-        ({"normal": NORMAL * (np.arange(48) < 24)[:, None]}, ("have no normal", "mask")),
+        ({"normal": NORMAL * (np.arange(36) < 18)[:, None]}, ("have no normal", "mask")),
         ({"roughness": np.full(MASK.shape, 7.0)}, ("roughness", "[0, 1]")),
         ({"roughness": np.zeros(3)}, ("roughness is of shape 3",)),
     ],

@@ -132,7 +132,7 @@ def test_aimed_rays_meet_their_lamp_with_the_stated_density(mi):
         np.testing.assert_allclose(found, np.array(aim.radiance).T[both], rtol=5e-3, atol=5e-3)
 
 
-@pytest.mark.parametrize(("roughness", "metal"), [(0.7, None), (0.2, None), (0.5, 0.6)])
+@pytest.mark.parametrize(("roughness", "metal"), [(0.2, None), (0.5, 0.6)])
 def test_shared_paths_have_the_mean_of_plain_ones(mi, roughness, metal):
     room, atlas = nook()
     body = cup(roughness, metal)
@@ -141,7 +141,7 @@ def test_shared_paths_have_the_mean_of_plain_ones(mi, roughness, metal):
     lit = relight.Relighter(glow.Glow(mi, room, atlas), body, mask)
     effort = samples.Effort(64, 32, (16, 16, 32))
     fast = np.stack([lit.look(POSES, effort, seed, lambda _: None) for seed in range(8)]).mean(-1)
-    slow = np.stack([[plain.look(p, 1024, 100 * s + i) for i, p in enumerate(POSES)] for s in range(8)]).mean(
+    slow = np.stack([[plain.look(p, 512, 100 * s + i) for i, p in enumerate(POSES)] for s in range(8)]).mean(
         -1
     )
     gap = fast.mean(0) - slow.mean(0)

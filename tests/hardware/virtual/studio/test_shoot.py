@@ -46,14 +46,17 @@ def furnished():
 
 @pytest.fixture(scope="module")
 def bodies():
-    """All of them, of a quarter of their triangles: still several to a pixel of `SIZE`."""
-    ball, lathe, hull = solids.ball, solids.lathe, solids.hull
+    """All of them, of a quarter to a sixteenth of their triangles: still several to a pixel of `SIZE`."""
+    ball, lathe, hull, terrain = solids.ball, solids.lathe, solids.hull, solids.terrain
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(solids, "ball", lambda cells, radius: ball(cells // 2, radius))
+        patch.setattr(solids, "ball", lambda cells, radius: ball(cells // 4, radius))
         patch.setattr(
             solids, "lathe", lambda profile, around, *how, **ways: lathe(profile, around // 4, *how, **ways)
         )
-        patch.setattr(solids, "hull", lambda corners, grain: hull(corners, 2 * grain))
+        patch.setattr(solids, "hull", lambda corners, grain: hull(corners, 4 * grain))
+        patch.setattr(
+            solids, "terrain", lambda heights, *how, **ways: terrain(heights[::3, ::3], *how, **ways)
+        )
         return {name: objects.model(name) for name in objects.OBJECTS}
 
 
