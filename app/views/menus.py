@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from PySide6.QtWidgets import QMenu, QMessageBox
 from app import crash
 from app.views import rail, theme
 from app.views.pages import PAGES
+from app.views.preferences import PreferencesDialog
 
 if TYPE_CHECKING:
     from app.views.main_window import MainWindow
@@ -57,6 +59,8 @@ class Menus(QObject):
         redo.setWhatsThis(self.tr("Redo"))
         redo.setShortcut(Keys.Redo)
         menu.addActions([undo, redo])
+        menu.addSeparator()
+        self._add(menu, self.tr("&Preferences…"), "Ctrl+,", self._preferences)
 
     def _view(self, menu: QMenu) -> None:
         for row in PAGES:
@@ -85,6 +89,9 @@ class Menus(QObject):
         menu.addAction(action)
         return action
 
+    def _preferences(self) -> None:
+        PreferencesDialog(self._window, self._window.shell).open()
+
     def _choose_theme(self, name: theme.Theme) -> None:
         self._window.shell.settings.change(theme=name)
         theme.choose(name)
@@ -107,8 +114,11 @@ class Menus(QObject):
 
     def _about(self) -> None:
         box = QMessageBox(
-            QMessageBox.Icon.Information, self.tr("About Roomlight"), "Roomlight", parent=self._window
-        )  # fmt: skip
+            QMessageBox.Icon.Information,
+            self.tr("About Roomlight"),
+            self.tr("Roomlight {0}").format(version("roomlight")),
+            parent=self._window,
+        )
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.setInformativeText(
             self.tr(

@@ -66,6 +66,9 @@ class ProcessPage(QWidget):
         self.queue.chosen.connect(shell.wishes.open_session)
         self.tabs.addTab(self.queue, self.tr("Queue"))
         self.bar.device.setCurrentText(shell.settings.value.device)
+        shell.settings.preferences.listen(
+            lambda preferences: self.bar.device.setCurrentText(preferences.device)
+        )
         shell.board.listen(self._bridge.latest(self._show_job))
         shell.enquiries.ask("gpu", self._bridge.queued(self._take_gpu))
         self.show_session(shell.state.session.value)

@@ -1,0 +1,47 @@
+"""What the program keeps so as not to make it again: how large it is, and clearing it."""
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from app import places
+from app.words import QT_TRANSLATE_NOOP
+from engine.io.session import told
+
+NAMES = {
+    "studio": QT_TRANSLATE_NOOP("caches", "Light of virtual rooms"),
+    "photographs": QT_TRANSLATE_NOOP("caches", "Contact sheets"),
+    "thumbnails": QT_TRANSLATE_NOOP("caches", "Pictures of recent sessions"),
+    "bench": QT_TRANSLATE_NOOP("caches", "Sets of the benchmark"),
+}
+"""Folders that can be cleared while the program runs. Compiled kernels are not: a solve may be about to load them."""
+
+
+def sizes() -> Mapping[str, int]:
+    """Bytes on disk of each of `NAMES`."""
+    return {name: _size(places.cache() / name) for name in NAMES}
+
+
+def clear(name: str) -> None:
+    """Remove one of `NAMES`; what is not there is cleared.
+
+    Raises:
+        SessionError: the disk refuses.
+    """
+    folder = places.cache() / name
+    with told(folder):
+        if folder.is_dir():
+            shutil.rmtree(folder)
+
+
+def _size(folder: Path) -> int:
+    """Of all files below; what goes away meanwhile counts nothing."""
+    total = 0
+    for where, _, files in os.walk(folder):
+        for file in files:
+            try:
+                total += (Path(where) / file).stat().st_size
+            except OSError:
+                continue
+    return total

@@ -1,0 +1,115 @@
+"""The dialog of preferences: looks, device, and what is kept in the cache."""
+
+from collections.abc import Callable, Mapping
+
+from PySide6.QtCore import QCoreApplication, Qt, QUrl
+from PySide6.QtGui import QDesktopServices
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QDialogButtonBox,
+    QGridLayout,
+    QLabel,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app import caches, places
+from app.state import Trouble
+from app.views import theme
+from app.views.background import Background
+from app.views.forms import form, hint, label
+from app.views.pages import Shell
+from app.views.trouble import show_trouble
+
+DEVICES = ("auto", "cpu", "cuda")
+
+
+class PreferencesDialog(QDialog):
+    """Every change holds at once, here and in later sessions."""
+
+    def __init__(self, parent: QWidget | None, shell: Shell) -> None:
+        super().__init__(parent)
+        self._shell, self._background = shell, Background(self, "caches")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(self.tr("Preferences"))
+        self.setMinimumWidth(520)
+        chosen = shell.settings.value
+        themes = {"system": self.tr("As the system"), "dark": self.tr("Dark"), "light": self.tr("Light")}
+        devices = {"auto": self.tr("Automatic"), "cpu": self.tr("CPU"), "cuda": self.tr("GPU (CUDA)")}
+        self.theme = self._box(themes, chosen.theme, self._choose_theme)
+        self.device = self._box(devices, chosen.device, lambda name: shell.settings.change(device=name))
+        rows = form()
+        rows.addRow(label(self.tr("&Theme"), self.theme), self.theme)
+        rows.addRow(label(self.tr("&Device"), self.device), self.device)
+        rows.addRow(
+            "", hint(self.tr("Of runs that are started from now on. Finished stages are not done again."))
+        )
+
+        self.sizes: dict[str, QLabel] = {}
+        self.clear: dict[str, QPushButton] = {}
+        table = QGridLayout()
+        table.setColumnStretch(0, 1)
+        table.setHorizontalSpacing(14)
+        for row, (name, text) in enumerate(caches.NAMES.items()):
+            words = QCoreApplication.translate("caches", text)
+            size, button = QLabel("…"), QPushButton(self.tr("Clear"))
+            size.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+            button.setAccessibleName(self.tr("Clear {0}").format(words))
+            button.setAutoDefault(False)
+            button.clicked.connect(lambda checked=False, name=name: self._clear(name))
+            for column, widget in enumerate((QLabel(words), size, button)):
+                table.addWidget(widget, row, column)
+            self.sizes[name], self.clear[name] = size, button
+        folder = QLabel(str(places.cache()))
+        folder.setObjectName("dim")
+        folder.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        show = QPushButton(self.tr("Show &folder"))
+        show.setAutoDefault(False)
+        show.clicked.connect(lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(places.cache()))))
+        table.addWidget(folder, len(caches.NAMES), 0, 1, 2)
+        table.addWidget(show, len(caches.NAMES), 2)
+
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        heading = QLabel(self.tr("Cache"))
+        heading.setObjectName("heading")
+        whole = QVBoxLayout(self)
+        whole.setSpacing(12)
+        whole.addLayout(rows)
+        whole.addWidget(heading)
+        whole.addWidget(hint(self.tr("What can be made again. Sessions and their results are elsewhere.")))
+        whole.addLayout(table)
+        whole.addWidget(buttons)
+        self._measure()
+
+    def _box(self, words: Mapping[str, str], chosen: str, take: Callable[[str], None]) -> QComboBox:
+        box = QComboBox()
+        for name, text in words.items():
+            box.addItem(text, name)
+        box.setCurrentIndex(box.findData(chosen))
+        box.activated.connect(lambda row: take(box.itemData(row)))
+        return box
+
+    def _choose_theme(self, name: theme.Theme) -> None:
+        self._shell.settings.change(theme=name)
+        theme.choose(name)
+
+    def _measure(self) -> None:
+        self._background.ask("sizes", caches.sizes, self._show)
+
+    def _show(self, sizes: Mapping[str, int]) -> None:
+        for name, count in sizes.items():
+            self.sizes[name].setText(
+                self.tr("{0} MB").format(f"{count / 1e6:.0f}") if count else self.tr("empty")
+            )
+            self.clear[name].setEnabled(count > 0)
+
+    def _clear(self, name: str) -> None:
+        self.clear[name].setEnabled(False)
+        self._background.ask(name, lambda: caches.clear(name), lambda nothing: self._measure(), self._refused)
+
+    def _refused(self, fault: Trouble) -> None:
+        show_trouble(self, fault)
+        self._measure()

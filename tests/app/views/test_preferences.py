@@ -1,0 +1,67 @@
+"""Preferences hold at once, and what is kept can be seen and cleared."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+
+from app import caches, places
+from app.settings import Settings
+from app.views import theme
+from app.views.main_window import MainWindow
+from app.views.preferences import PreferencesDialog
+from engine.errors import SessionError
+from tests.app.views.conftest import until
+
+
+@pytest.fixture
+def dialog(window: MainWindow, qtbot: QtBot) -> PreferencesDialog:
+    room = places.cache() / "studio" / "deep" / "booth.npz"
+    room.parent.mkdir(parents=True)
+    room.write_bytes(bytes(3_000_000))
+    (action,) = [
+        one
+        for one in window.findChildren(type(window.menuBar().actions()[0]))
+        if one.text() == "&Preferences…"
+    ]
+    action.trigger()
+    (found,) = window.findChildren(PreferencesDialog)
+    until(qtbot, lambda: found.sizes["bench"].text() == "empty")
+    return found
+
+
+def choose(box, data: str) -> None:
+    box.setCurrentIndex(box.findData(data))
+    box.activated.emit(box.currentIndex())
+
+
+def test_theme_and_device_hold_at_once_and_later(
+    dialog: PreferencesDialog, window: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen: list[str] = []
+    monkeypatch.setattr(theme, "choose", chosen.append)
+    choose(dialog.theme, "light")
+    choose(dialog.device, "cpu")
+    assert chosen == ["light"]
+    for settings in (window.shell.settings, Settings()):
+        assert (settings.value.theme, settings.value.device) == ("light", "cpu")
+
+
+def test_what_is_kept_is_told_and_can_be_cleared(dialog: PreferencesDialog, qtbot: QtBot) -> None:
+    assert dialog.sizes["studio"].text() == "3 MB"
+    assert not dialog.clear["bench"].isEnabled()
+    qtbot.mouseClick(dialog.clear["studio"], Qt.MouseButton.LeftButton)
+    until(qtbot, lambda: dialog.sizes["studio"].text() == "empty")
+    assert not (places.cache() / "studio").exists()
+
+
+def test_a_disk_that_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(folder: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    (places.cache() / "studio").mkdir(parents=True)
+    monkeypatch.setattr(caches.shutil, "rmtree", refuse)
+    with pytest.raises(SessionError, match="studio"):
+        caches.clear("studio")
+    caches.clear("bench")  # is not there
