@@ -10,14 +10,17 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from distributed import Worker, get_worker
+from distributed import Status, Worker, get_worker
 
 from app.batch.orders import NUMBERS, Order
 from app.exit_codes import ExitCode
 from app.work import worker as engine
 from app.work.jobs import Job, JobState, JobStatus, child_command
 
-TELL_EVERY_S = 0.5
+TELL_EVERY_S = LOOK_EVERY_S = 0.5
+
+GOING = (Status.closing, Status.closed, Status.failed)
+"""A worker whose time is over, or whose scheduler went away: its order is done elsewhere."""
 
 _running: dict[str, set[Job]] = {}  # by batch
 _stopped: set[str] = set()
@@ -71,7 +74,9 @@ def run(batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]) -
         job.start()
         if batch in _stopped:  # in the meantime
             job.cancel()
-        status = job.wait()
+        while not (status := job.wait(LOOK_EVERY_S)).ended:
+            if worker.status in GOING:
+                job.cancel()
     finally:
         _running[batch].discard(job)
     return ended(asked.name, status, time.monotonic() - start)

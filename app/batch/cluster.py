@@ -8,20 +8,26 @@ hand out none.
 import contextlib
 import logging
 import os
+import time
 import uuid
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.batch import errand
 from app.batch.orders import BatchError
+from app.plan import told_seconds
 from app.sources import program
+from engine.errors import Cancelled
 
 TOKEN = "roomlight_gb"
 ANSWER_S = 15
 """How long a scheduler may take to answer."""
+RETRY_S = 2.0
+"""Between two looks whether a scheduler is back."""
 FREE_SHARE = 0.8
 """Of the memory that is free when the batch begins, what it may use unless --memory says otherwise."""
 
@@ -33,6 +39,15 @@ class Wanted:
     workers: int | None = None
     memory_gb: float | None = None
     scheduler: str | None = None
+    wait_s: float = 600.0  # for a scheduler that went away
+
+
+class SchedulerGone(BatchError):
+    """The scheduler went away, or all workers did, while orders were under way."""
+
+
+class NotBack(BatchError):
+    """It did not come back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +61,27 @@ class Crew:
     unfit: Mapping[str, str]  # workers that are asked nothing, by address, and why
     place: str  # what a person calls the cluster
     threads: int  # orders that can be under way at once
+    hires: bool = False  # whether workers may still come by themselves, however late
+
+    def workers(self) -> Mapping[str, Mapping[str, Any]]:
+        """What the scheduler knows of each, by address.
+
+        Raises:
+            SchedulerGone: it does not answer.
+        """
+        try:
+            ask = self.client.scheduler.identity
+            return self.client.sync(ask, n_workers=-1, callback_timeout=ANSWER_S)["workers"]
+        except OSError as error:
+            raise self.gone() from error
+
+    def gone(self) -> SchedulerGone:
+        return SchedulerGone(f"{self.place}: the scheduler went away")
+
+    def stop(self, batch: str) -> None:
+        """Ask the children of a batch to end; does not wait for them."""
+        with contextlib.suppress(OSError):  # workers without a scheduler end theirs themselves
+            self.client.run(errand.stop, program(), batch, wait=False)
 
 
 def free_memory_gb() -> float:
@@ -85,7 +121,8 @@ def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
         raise BatchError(
             f"a batch needs dask.distributed ({error}); install it with `pip install 'roomlight[batch]'`"
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     cloudpickle.register_pickle_by_value(errand)
     with contextlib.ExitStack() as stack:
         shares: dict[str, Sequence[int]] = {}
@@ -114,6 +151,37 @@ def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
         yield crew
 
 
+@contextlib.contextmanager
+def open_again(
+    hire: Callable[[], AbstractContextManager[Crew]],
+    lost: SchedulerGone,
+    wait_s: float,
+    cancelled: Callable[[], bool],
+) -> Iterator[Crew]:
+    """The crew of a scheduler that went away, as soon as it is back with a worker.
+
+    Raises:
+        NotBack: it is not in time.
+        Cancelled: a person does not wait.
+    """
+    end = time.monotonic() + wait_s
+    with contextlib.ExitStack() as stack:
+        while True:
+            if cancelled():
+                raise Cancelled
+            try:
+                crew = stack.enter_context(hire())
+                break
+            except BatchError as error:
+                if time.monotonic() >= end:
+                    raise NotBack(
+                        f"{lost}; nobody was back after {told_seconds(wait_s)} ({error}); start it again with its workers and give"
+                        " the same command, which goes on with what is left"
+                    ) from error
+            time.sleep(RETRY_S)
+        yield crew
+
+
 def _muster(client: Any, shares: Mapping[str, Sequence[int]], place: str) -> Crew:
     answers = client.run(errand.unfit, program(), on_error="return")
     unfit = {
@@ -121,7 +189,7 @@ def _muster(client: Any, shares: Mapping[str, Sequence[int]], place: str) -> Cre
         for address, answer in answers.items()
         if answer != ""
     }
-    known = client.scheduler_info()["workers"]
+    known = client.scheduler_info(n_workers=-1)["workers"]
     fit = [facts for address, facts in known.items() if address not in unfit]
     counted = [facts["resources"][TOKEN] for facts in fit if TOKEN in facts["resources"]]
     if not fit:

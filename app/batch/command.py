@@ -1,5 +1,6 @@
 """`roomlight batch`, and `export` and `report` of several sessions: find them, plan, run what is left, say how it ended."""
 
+import functools
 import json
 import math
 import sys
@@ -16,7 +17,7 @@ from rich.table import Table
 from app import terminal
 from app.batch import cluster, runner
 from app.batch.agenda import Entry, agenda, find_sessions
-from app.batch.cluster import Wanted
+from app.batch.cluster import Crew, NotBack, SchedulerGone, Wanted
 from app.batch.display import Display
 from app.batch.orders import Ended, Order
 from app.changes import Changes, changes_of, check
@@ -24,6 +25,7 @@ from app.costs import Cost, told_gigabytes
 from app.exit_codes import ExitCode
 from app.plan import told_seconds
 from app.quality import quality_of
+from engine.errors import Cancelled
 
 RESULT_SCHEMA = 1
 PLAIN_WIDTH = 160  # of a table that goes to a file
@@ -137,25 +139,55 @@ def _places(batch: Batch, to: Path, suffix: str) -> list[tuple[Entry, Path]]:
 
 
 def _run(batch: Batch, orders: Sequence[Order]) -> None:
+    """Do what fits; a scheduler that goes away is waited for, and given what had not ended."""
     if not orders:
         return
     largest_gb = max(order.memory_bytes for order in orders) / 1e9
     count, memory_gb = cluster.count_workers(batch.wanted, largest_gb, len(orders))
-    with terminal.stoppable() as cancelled, cluster.open_crew(batch.wanted, count, memory_gb) as crew:
-        for address, why in crew.unfit.items():
-            batch.complain(f"worker {address} {why}; it is asked nothing")
-        most_gb = crew.memory_gb or math.inf
-        fit = [order for order in orders if order.memory_bytes / 1e9 <= most_gb]
-        for order in orders:
-            if order not in fit:
-                batch.complain(
-                    f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {most_gb:.1f} GB; take fewer"
-                    " --workers or more --memory"
+    hire = functools.partial(cluster.open_crew, batch.wanted, count, memory_gb)
+    wait_s = batch.wanted.wait_s
+    with terminal.stoppable() as cancelled, Display(batch.console, orders) as display:
+        opened, fit, left, before = hire(), None, orders, ""
+        while left:
+            try:
+                with opened as crew:
+                    if fit is None:
+                        fit = left = _fit(batch, orders, crew)
+                    if not left:
+                        return
+                    display.expect(fit, crew.threads)
+                    if before:
+                        crew.stop(before)
+                    before = crew.batch
+                    runner.run(left, crew, display, cancelled, batch.ended, wait_s)
+                    return
+            except SchedulerGone as lost:
+                ended = {one.name for one in batch.ended}
+                left = [order for order in fit or () if order.name not in ended]
+                display.say(
+                    f"{lost}, {len(left)} session(s) are left; it is waited for, up to {told_seconds(wait_s)}"
                 )
-        if not fit:
-            return
-        with Display(batch.console, fit, crew.threads) as display:
-            batch.ended = runner.run(fit, crew, display, cancelled)
+                opened = cluster.open_again(hire, lost, wait_s, cancelled)
+            except Cancelled:
+                batch.ended += [Ended(order.name, ExitCode.STOPPED) for order in left]
+                return
+            except NotBack as error:
+                batch.complain(str(error))
+                return
+
+
+def _fit(batch: Batch, orders: Sequence[Order], crew: Crew) -> Sequence[Order]:
+    """The orders that a worker has the memory for."""
+    for address, why in crew.unfit.items():
+        batch.complain(f"worker {address} {why}; it is asked nothing")
+    most_gb = crew.memory_gb or math.inf
+    for order in orders:
+        if order.memory_bytes / 1e9 > most_gb:
+            batch.complain(
+                f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {most_gb:.1f} GB; take fewer"
+                " --workers or more --memory"
+            )
+    return [order for order in orders if order.memory_bytes / 1e9 <= most_gb]
 
 
 def _doubt(batch: Batch) -> None:

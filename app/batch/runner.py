@@ -1,43 +1,59 @@
 """Hand orders to a crew, follow them, and say how each ended.
 
 dask keeps the queue: it gives an order to a worker that has the memory, again where the worker died, and once more where the order
-raised. What ended is what the child says; nothing is written down here, sessions on disk hold the state.
+raised. What ended is what the child says; nothing is written down here, sessions on disk hold the state: after a scheduler was lost with
+its queue, what had not ended is handed to the next, and children find what is done.
 """
 
 import dataclasses
 import math
 import os
 import queue
+import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
 
 from app.batch import errand
-from app.batch.cluster import TOKEN, Crew
+from app.batch.cluster import ANSWER_S, TOKEN, Crew, NotBack
 from app.batch.display import Display
-from app.batch.orders import NUMBERS, BatchError, Ended, Moved, Order
+from app.batch.orders import NUMBERS, Ended, Moved, Order
 from app.exit_codes import ExitCode
+from app.plan import told_seconds
 from app.sources import program
 
 LOOK_EVERY_S = 0.2
 TRIES = 2
 """Of an order whose child was killed."""
 
+ASK_EVERY_S = 2.0
+"""How often the scheduler is asked for its workers."""
+ENDING_S = 90.0
+"""How long a session may be held by the child of a worker that was lost: dask's half minute for its threads, and a child's patience."""
 
-class SchedulerGone(BatchError):
-    """The scheduler went away while orders were under way."""
 
+def run(
+    orders: Sequence[Order],
+    crew: Crew,
+    display: Display,
+    cancelled: Callable[[], bool],
+    ended: list[Ended],
+    wait_s: float = 0.0,
+) -> None:
+    """Do the orders; `ended` takes each as it ends.
 
-def run(orders: Sequence[Order], crew: Crew, display: Display, cancelled: Callable[[], bool]) -> list[Ended]:
-    """Do the orders.
+    Args:
+        wait_s: how long there may be no worker.
 
     Raises:
         SchedulerGone: what has ended by then was shown; sessions on disk hold what is done.
+        NotBack: there was no worker for so long.
     """
     news: queue.SimpleQueue[Any] = queue.SimpleQueue()
     waiting: dict[Any, Order] = {}
+    held: dict[str, float] = {}  # sessions whose own lost child holds them -> since when
     unfit = dict(crew.unfit)
-    ended: list[Ended] = []
     surroundings = {
         "numbers": {name: os.environ[name] for name in NUMBERS if name in os.environ},
         "shares": crew.shares,
@@ -63,36 +79,60 @@ def run(orders: Sequence[Order], crew: Crew, display: Display, cancelled: Callab
         told = event[1]
         display.move(Moved(told["name"], told["stage"], told["fraction"], told["note"]))
 
+    def again(order: Order) -> None:
+        """An order that another worker can do, or the same one later."""
+        nonlocal attempt
+        attempt += 1
+        submit([order], attempt)
+
+    attempt, stopping, asked_at, staffed_at = 0, False, -math.inf, time.monotonic()
     crew.client.subscribe_topic(crew.batch, hear)
     submit(orders)
-    stopping = False
     while waiting:
         if cancelled() and not stopping:
             stopping = True
-            crew.client.run(errand.stop, program(), crew.batch, wait=False)
+            crew.stop(crew.batch)
+            crew.client.cancel([future for future, order in waiting.items() if not display.begun(order.name)])
+        now = time.monotonic()
+        if now - asked_at >= ASK_EVERY_S:
+            asked_at, present = now, crew.workers()
+            staffed_at = now if present or crew.hires else staffed_at
+            display.staff(len(present))
+            if now - staffed_at > wait_s:
+                raise NotBack(
+                    f"{crew.place}: there was no worker for {told_seconds(wait_s)}, {len(waiting)} session(s) are left; start some and"
+                    " give the same command, which goes on with them"
+                )
         display.refresh()
         try:
             future = news.get(timeout=LOOK_EVERY_S)
         except queue.Empty:
-            if crew.client.status != "running":
-                raise _gone(crew, len(waiting)) from None
             continue
-        if future.status == "cancelled":
-            raise _gone(crew, len(waiting))
-        order, error = waiting.pop(future), future.exception()
-        answer = future.result() if error is None else {}
+        try:
+            error = future.exception(ANSWER_S)
+            answer = future.result(ANSWER_S) if error is None else {}
+        except (OSError, CancelledError) as lost:
+            if not stopping:
+                raise crew.gone() from lost
+            error, answer = None, {"name": waiting[future].name, "code": ExitCode.STOPPED}
+        order = waiting.pop(future)
         if "unfit" in answer:
             unfit[answer["worker"]] = answer["unfit"]
             display.say(f"{answer['worker']} {answer['unfit']}")
             if _fit(crew, unfit):
-                submit([order], len(unfit))
+                again(order)
                 continue
             answer = {"name": order.name, "code": ExitCode.REFUSED, "message": "no worker can be used"}
+        own = answer.get("code") == ExitCode.BUSY and display.begun(
+            order.name
+        )  # its child of before holds it
+        if own and time.monotonic() - held.setdefault(order.name, time.monotonic()) < ENDING_S:
+            again(order)
+            continue
         end = _failed(order, error) if error else Ended(**{**answer, "code": ExitCode(answer["code"])})
         ended.append(end)
         display.end(end)
     crew.client.unsubscribe_topic(crew.batch)
-    return ended
 
 
 def _tokens(order: Order, most_gb: float | None) -> float:
@@ -101,7 +141,7 @@ def _tokens(order: Order, most_gb: float | None) -> float:
 
 
 def _fit(crew: Crew, unfit: Mapping[str, str]) -> list[str]:
-    return [address for address in crew.client.scheduler_info()["workers"] if address not in unfit]
+    return [address for address in crew.workers() if address not in unfit]
 
 
 def _failed(order: Order, error: BaseException) -> Ended:
@@ -121,10 +161,3 @@ def _failed(order: Order, error: BaseException) -> Ended:
     return Ended(
         order.name, ExitCode.FAULT, f"a fault in Roomlight itself ({told}); run it again, and send this line if it repeats"
     )  # fmt: skip
-
-
-def _gone(crew: Crew, left: int) -> SchedulerGone:
-    return SchedulerGone(
-        f"{crew.place}: the scheduler went away, {left} session(s) were not done; start it again with its workers and give the same"
-        " command, which goes on with what is left"
-    )

@@ -1,6 +1,7 @@
 """One real batch on two workers, with whatever goes wrong in one: a child killed, a worker killed, bad data, a held session."""
 
 import contextlib
+import functools
 import io
 import json
 import os
@@ -14,7 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
-from app.batch import cluster
+from app.batch import cluster, command, runner
 from app.cli import main
 from app.exit_codes import ExitCode
 from engine.io import session as sessions
@@ -110,6 +111,45 @@ def test_a_session_that_fits_no_worker_is_named_before_it_is_begun(
     monkeypatch.setattr(cluster, "open_crew", lambda *asked: contextlib.nullcontext(Crew()))
     assert main(["batch", str(ran["shelf"] / "held.session"), "--memory", "0.2"]) == ExitCode.REFUSED
     assert "held: needs about 1.3 GB, a worker has 0.2 GB; take fewer --workers" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("impatient", [False, True])
+def test_a_scheduler_that_does_not_come_back_is_told_in_one_line(
+    ran: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    impatient: bool,
+) -> None:
+    class Crew:
+        unfit, memory_gb, threads, batch = {}, None, 1, "a"
+
+    def lose(*asked: object) -> None:
+        if impatient:
+            signal.raise_signal(signal.SIGINT)
+        raise cluster.SchedulerGone("tcp://a: the scheduler went away")
+
+    def hire(*asked: object) -> contextlib.AbstractContextManager[Any]:
+        if not crews:
+            raise cluster.BatchError("no scheduler answers")
+        return contextlib.nullcontext(crews.pop())
+
+    crews = [Crew()]
+    monkeypatch.setattr(command, "Wanted", functools.partial(cluster.Wanted, wait_s=0.0))
+    monkeypatch.setattr(
+        cluster, "open_crew", contextlib.contextmanager(lambda *asked: (yield hire().__enter__()))
+    )
+    monkeypatch.setattr(runner, "run", lose)
+    code = main(["batch", str(ran["shelf"] / "held.session"), "--json"])
+    told = capsys.readouterr()
+    assert "1 session(s) are left; it is waited for" in told.err
+    if impatient:
+        assert code == ExitCode.STOPPED
+        assert [one["code"] for one in json.loads(told.out)["sessions"]] == [ExitCode.STOPPED]
+    else:
+        assert code == ExitCode.REFUSED
+        (line,) = json.loads(told.out)["complaints"]
+        assert "nobody was back after" in line
+        assert "start it again with its workers and give the same command" in line
 
 
 def test_a_scheduler_that_does_not_answer_is_named(

@@ -1,0 +1,110 @@
+"""A batch on a cluster of processes that share nothing but the sessions' folder, whatever becomes of them."""
+
+import contextlib
+import io
+import json
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.cli import main
+from tests.app.batch.site import LONG_S, Site
+from tests.app.sessions import small
+from tests.bench.killed import differing, results
+
+UNTIL = ("--until", "segment", "--device", "cpu")
+STRANGERS = {
+    "older": "import app.sources; app.sources.program = lambda: '0' * 16",
+    "bare": "import sys; sys.modules['app.sources'] = None",
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    made = Site(tmp_path_factory.mktemp("site"))
+    for name, text in STRANGERS.items():
+        (made.folder / f"{name}.py").write_text(text)
+    yield made
+    made.close()
+
+
+def finished(shelf: Path) -> dict[Path, int]:
+    """The stages that are done, and when they were."""
+    return {
+        path: path.stat().st_mtime_ns
+        for path in shelf.glob("*/stages/*/*/record.json")
+        if ".partial" not in str(path)
+    }
+
+
+@pytest.fixture(scope="module")
+def ran(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A batch whose scheduler is killed when a first stage is done, and once again a worker when it goes on."""
+    folder = tmp_path_factory.mktemp("cluster")
+    alone = small(folder, "alone.session")
+    shelf = folder / "shelf"
+    for name in "abcd":
+        shutil.copytree(alone, shelf / f"{name}.session")
+    assert main(["process", str(alone), *UNTIL]) == 0
+    before: dict[Path, int] = {}
+
+    def strike() -> None:
+        wait_until(lambda: finished(shelf))
+        scheduler.kill()
+        scheduler.wait()
+        before.update(finished(shelf))
+        site.schedule()
+        site.work()
+        late = site.work()
+        wait_until(lambda: len(finished(shelf)) > len(before) + 1)
+        late.kill()  # its worker follows
+
+    scheduler = site.schedule()
+    for options in ((), (), *(("--no-nanny", "--preload", name) for name in STRANGERS)):
+        site.work(*options)
+    site.settle(4)
+    out, err, killer = io.StringIO(), io.StringIO(), threading.Thread(target=strike)
+    killer.start()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(["batch", str(shelf), *UNTIL, "--json", "--scheduler", site.address])
+    killer.join(LONG_S)
+    return {
+        "code": code,
+        "out": out.getvalue(),
+        "err": err.getvalue(),
+        "alone": alone,
+        "shelf": shelf,
+        "before": before,
+    }
+
+
+def wait_until(what: Callable[[], Any]) -> None:
+    end = time.monotonic() + LONG_S
+    while not what() and time.monotonic() < end:
+        time.sleep(0.02)
+
+
+def test_a_batch_outlives_its_scheduler_and_does_nothing_twice(ran: dict[str, Any]) -> None:
+    told = json.loads(ran["out"])
+    assert {one["name"]: one["code"] for one in told["sessions"]} == dict.fromkeys("abcd", 0), ran["err"]
+    assert "the scheduler went away, " in ran["err"]
+    assert "Traceback" not in ran["err"]
+    alone = results(ran["alone"])
+    for name in "abcd":
+        assert differing(alone, results(ran["shelf"] / f"{name}.session")) == []
+    assert ran["before"]
+    after = finished(ran["shelf"])
+    assert {path: after[path] for path in ran["before"]} == ran["before"]
+
+
+def test_workers_without_this_program_are_named_and_asked_nothing(ran: dict[str, Any]) -> None:
+    complaints = json.loads(ran["out"])["complaints"]
+    assert len(complaints) == 2
+    assert all("it is asked nothing" in line for line in complaints)
+    assert any("has another version of Roomlight (0000000000000000" in line for line in complaints)
+    assert any("has no Roomlight that can be used" in line for line in complaints)
