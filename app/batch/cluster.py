@@ -7,6 +7,7 @@ hand out none.
 
 import contextlib
 import logging
+import math
 import os
 import time
 import uuid
@@ -19,6 +20,7 @@ from typing import Any
 
 from app.batch import errand
 from app.batch.orders import BatchError
+from app.batch.slurm import WORKER_GB, Slurm, open_cluster
 from app.plan import told_seconds
 from app.sources import program
 from engine.errors import Cancelled
@@ -26,6 +28,12 @@ from engine.errors import Cancelled
 TOKEN = "roomlight_gb"
 ANSWER_S = 15
 """How long a scheduler may take to answer."""
+OURS = {
+    "distributed.scheduler.allowed-failures": 10,
+    "distributed.scheduler.unknown-task-duration": "1h",
+}
+"""Of a scheduler of our own. What dies with a session's memory is its child; a worker dies of other things, and more often in a long
+session. A job of Slurm's is asked for where a session waits, not where a second's work does."""
 RETRY_S = 2.0
 """Between two looks whether a scheduler is back."""
 FREE_SHARE = 0.8
@@ -39,6 +47,7 @@ class Wanted:
     workers: int | None = None
     memory_gb: float | None = None
     scheduler: str | None = None
+    slurm: Slurm | None = None
     wait_s: float = 600.0  # for a scheduler that went away
 
 
@@ -62,6 +71,7 @@ class Crew:
     place: str  # what a person calls the cluster
     threads: int  # orders that can be under way at once
     hires: bool = False  # whether workers may still come by themselves, however late
+    lifetime_s: float = math.inf  # that a worker works at most
 
     def workers(self) -> Mapping[str, Mapping[str, Any]]:
         """What the scheduler knows of each, by address.
@@ -101,6 +111,11 @@ def count_workers(wanted: Wanted, largest_gb: float, orders: int) -> tuple[int, 
 
     Left to us, as many as there are cores and orders, and no more than leave each enough memory for the largest session.
     """
+    if wanted.slurm:
+        if wanted.workers is None:
+            raise BatchError("--slurm: say with --workers N how many jobs may run at once")
+        each = wanted.memory_gb / wanted.workers if wanted.memory_gb else math.ceil(largest_gb + WORKER_GB)
+        return wanted.workers, each
     memory_gb = wanted.memory_gb or FREE_SHARE * free_memory_gb()
     count = wanted.workers or max(1, min(len(cores()), orders, int(memory_gb / max(largest_gb, 0.1))))
     return count, memory_gb / count
@@ -116,6 +131,7 @@ def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
     os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
     try:
         import cloudpickle
+        from dask import config
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise BatchError(
@@ -126,6 +142,12 @@ def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
     cloudpickle.register_pickle_by_value(errand)
     with contextlib.ExitStack() as stack:
         shares: dict[str, Sequence[int]] = {}
+        stack.enter_context(config.set(OURS))
+        if wanted.slurm:
+            jobs, lifetime_s = open_cluster(wanted.slurm, count, memory_gb, TOKEN)
+            client = stack.enter_context(Client(stack.enter_context(jobs), set_as_default=False))
+            yield Crew(client, _name(), memory_gb, {}, {}, "Slurm", count, True, lifetime_s)
+            return
         if wanted.scheduler is None:
             each = max(1, len(cores()) // count)
             shares = {
@@ -202,5 +224,9 @@ def _muster(client: Any, shares: Mapping[str, Sequence[int]], place: str) -> Cre
         )
     threads = sum(facts["nthreads"] for facts in fit)
     return Crew(
-        client, f"roomlight-{uuid.uuid4().hex}", max(counted, default=None), shares, unfit, place, threads
+        client, _name(), max(counted, default=None), shares, unfit, place, threads, hires=bool(shares)
     )
+
+
+def _name() -> str:
+    return f"roomlight-{uuid.uuid4().hex}"

@@ -19,7 +19,8 @@ from app.batch import cluster, runner
 from app.batch.agenda import Entry, agenda, find_sessions
 from app.batch.cluster import Crew, NotBack, SchedulerGone, Wanted
 from app.batch.display import Display
-from app.batch.orders import Ended, Order
+from app.batch.orders import BatchError, Ended, Order
+from app.batch.slurm import Slurm
 from app.changes import Changes, changes_of, check
 from app.costs import Cost, told_gigabytes
 from app.exit_codes import ExitCode
@@ -111,10 +112,16 @@ def run_report(args: Namespace) -> int:
 
 def _open(args: Namespace, changes: Changes, until: str | None) -> Batch:
     check(changes, until)
-    wanted = Wanted(args.workers, args.memory, args.scheduler)
+    of_job = ("partition", "account", "walltime", "cores")
+    stray = next((name for name in of_job if getattr(args, name) is not None), None)
+    if stray and not args.slurm:
+        raise BatchError(f"--{stray}: is of a job of Slurm's; give --slurm too, or leave it out")
+    slurm = Slurm(args.partition, args.account, args.walltime, args.cores) if args.slurm else None
+    wanted = Wanted(args.workers, args.memory, args.scheduler, slurm)
     batch = Batch([], wanted, args.json)
     folders, complaints = find_sessions(args.sessions)
     each = max(1, len(cluster.cores()) // (wanted.workers or max(1, min(len(cluster.cores()), len(folders)))))
+    each = (slurm and slurm.cores) or each
     entries, damaged = agenda(folders, changes, until, each)
     for line in (*complaints, *damaged):
         batch.complain(line)
@@ -180,14 +187,22 @@ def _fit(batch: Batch, orders: Sequence[Order], crew: Crew) -> Sequence[Order]:
     """The orders that a worker has the memory for."""
     for address, why in crew.unfit.items():
         batch.complain(f"worker {address} {why}; it is asked nothing")
-    most_gb = crew.memory_gb or math.inf
+    fit = []
     for order in orders:
-        if order.memory_bytes / 1e9 > most_gb:
+        stage, seconds = max(order.stages.items(), key=lambda known: known[1], default=("", 0.0))
+        if order.memory_bytes / 1e9 > (crew.memory_gb or math.inf):
             batch.complain(
-                f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {most_gb:.1f} GB; take fewer"
+                f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {crew.memory_gb:.1f} GB; take fewer"
                 " --workers or more --memory"
             )
-    return [order for order in orders if order.memory_bytes / 1e9 <= most_gb]
+        elif seconds > crew.lifetime_s:
+            batch.complain(
+                f"{order.name}: stage {stage} takes about {told_seconds(seconds)}, a worker works for"
+                f" {told_seconds(crew.lifetime_s)}; take a longer --walltime"
+            )
+        else:
+            fit.append(order)
+    return fit
 
 
 def _doubt(batch: Batch) -> None:
@@ -254,7 +269,8 @@ def _show_plan(batch: Batch) -> int:
     largest = max((entry.cost.memory_bytes for entry in wait), default=0)
     count, memory_gb = cluster.count_workers(batch.wanted, largest / 1e9, max(len(wait), 1))
     seconds = sum(entry.cost.seconds for entry in wait)
-    where = batch.wanted.scheduler or f"{count} worker(s) of {memory_gb:.1f} GB"
+    kind = "job(s) of Slurm's" if batch.wanted.slurm else "worker(s)"
+    where = batch.wanted.scheduler or f"{count} {kind} of {memory_gb:.1f} GB"
     longest = max((entry.cost.seconds for entry in wait), default=0.0)
     print(
         f"{len(wait)} of {len(batch.entries)} sessions would run on {where}"

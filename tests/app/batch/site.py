@@ -4,7 +4,10 @@ import os
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from distributed import Client
 
@@ -54,3 +57,9 @@ class Site:
             )  # fmt: skip
         self._all.append(process)
         return process
+
+
+def wait_until(what: Callable[[], Any]) -> None:
+    end = time.monotonic() + LONG_S
+    while not what() and time.monotonic() < end:
+        time.sleep(0.02)

@@ -5,15 +5,14 @@ import io
 import json
 import shutil
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from app.cli import main
-from tests.app.batch.site import LONG_S, Site
+from tests.app.batch.site import LONG_S, Site, wait_until
 from tests.app.sessions import small
 from tests.bench.killed import differing, results
 
@@ -81,12 +80,6 @@ def ran(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "shelf": shelf,
         "before": before,
     }
-
-
-def wait_until(what: Callable[[], Any]) -> None:
-    end = time.monotonic() + LONG_S
-    while not what() and time.monotonic() < end:
-        time.sleep(0.02)
 
 
 def test_a_batch_outlives_its_scheduler_and_does_nothing_twice(ran: dict[str, Any]) -> None:
