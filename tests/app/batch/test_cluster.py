@@ -12,21 +12,35 @@ from typing import Any
 import pytest
 
 from app.cli import main
+from app.exit_codes import ExitCode
 from tests.app.batch.site import LONG_S, Site, wait_until
 from tests.app.sessions import small
 from tests.bench.killed import differing, results
 
+NAMES = ("a", "b", "c", "full")
 UNTIL = ("--until", "segment", "--device", "cpu")
 STRANGERS = {
     "older": "import app.sources; app.sources.program = lambda: '0' * 16",
     "bare": "import sys; sys.modules['app.sources'] = None",
 }
+# The disk is full where a file `full` stands: no file grows over 2 kB for the session of that name.
+QUOTA = """
+from pathlib import Path
+def dask_setup(worker):
+    from app.batch import child
+    real = child.command
+    def command(task, request):
+        full = Path(request["session"]).stem == "full" and Path("full").exists()
+        return [*(["sh", "-c", 'ulimit -f 4; exec "$0" "$@"'] if full else []), *real(task, request)]
+    child.command = command
+"""
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     made = Site(tmp_path_factory.mktemp("site"))
-    for name, text in STRANGERS.items():
+    (made.folder / "full").touch()
+    for name, text in {**STRANGERS, "quota": QUOTA}.items():
         (made.folder / f"{name}.py").write_text(text)
     yield made
     made.close()
@@ -47,7 +61,7 @@ def ran(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("cluster")
     alone = small(folder, "alone.session")
     shelf = folder / "shelf"
-    for name in "abcd":
+    for name in NAMES:
         shutil.copytree(alone, shelf / f"{name}.session")
     assert main(["process", str(alone), *UNTIL]) == 0
     before: dict[Path, int] = {}
@@ -58,13 +72,14 @@ def ran(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         scheduler.wait()
         before.update(finished(shelf))
         site.schedule()
-        site.work()
-        late = site.work()
+        site.work(*quota)
+        late = site.work(*quota)
         wait_until(lambda: len(finished(shelf)) > len(before) + 1)
         late.kill()  # its worker follows
 
+    quota = ("--preload", "quota")
     scheduler = site.schedule()
-    for options in ((), (), *(("--no-nanny", "--preload", name) for name in STRANGERS)):
+    for options in (quota, quota, *(("--no-nanny", "--preload", name) for name in STRANGERS)):
         site.work(*options)
     site.settle(4)
     out, err, killer = io.StringIO(), io.StringIO(), threading.Thread(target=strike)
@@ -83,16 +98,29 @@ def ran(site: Site, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def test_a_batch_outlives_its_scheduler_and_does_nothing_twice(ran: dict[str, Any]) -> None:
-    told = json.loads(ran["out"])
-    assert {one["name"]: one["code"] for one in told["sessions"]} == dict.fromkeys("abcd", 0), ran["err"]
+    told = {one["name"]: one for one in json.loads(ran["out"])["sessions"]}
+    codes = {name: one["code"] for name, one in told.items()}
+    assert codes == {"a": 0, "b": 0, "c": 0, "full": ExitCode.REFUSED}, ran["err"]
     assert "the scheduler went away, " in ran["err"]
     assert "Traceback" not in ran["err"]
     alone = results(ran["alone"])
-    for name in "abcd":
+    for name in "abc":
         assert differing(alone, results(ran["shelf"] / f"{name}.session")) == []
     assert ran["before"]
     after = finished(ran["shelf"])
     assert {path: after[path] for path in ran["before"]} == ran["before"]
+
+
+def test_a_full_disk_costs_one_line_and_the_session_is_gone_on_with(
+    ran: dict[str, Any], site: Site, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (line,) = (one["message"] for one in json.loads(ran["out"])["sessions"] if one["name"] == "full")
+    assert "full.session" in line
+    assert "; " in line
+    (site.folder / "full").unlink()
+    assert main(["batch", str(ran["shelf"]), *UNTIL, "--scheduler", site.address]) == 0, capsys.readouterr()
+    assert "1 of 4 sessions done; 3 were done before" in capsys.readouterr().out
+    assert differing(results(ran["alone"]), results(ran["shelf"] / "full.session")) == []
 
 
 def test_workers_without_this_program_are_named_and_asked_nothing(ran: dict[str, Any]) -> None:
