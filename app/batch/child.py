@@ -6,6 +6,7 @@ that it computes what `roomlight process` would. Its threads are limited by the 
 
 import os
 import signal
+import socket
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -59,7 +60,8 @@ def run(batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]) -
         if status.active and time.monotonic() - told_at >= TELL_EVERY_S:
             told_at = time.monotonic()
             worker.log_event(
-                batch, {"name": asked.name, "stage": status.stage, "fraction": status.fraction, "note": status.note}
+                batch, {"name": asked.name, "stage": status.stage, "fraction": status.fraction, "note": status.note,
+                        "machine": socket.gethostname()}
             )  # fmt: skip
 
     others = {name: value for name, value in os.environ.items() if name not in NUMBERS}

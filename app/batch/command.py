@@ -1,6 +1,5 @@
 """`roomlight batch`, and `export` and `report` of several sessions: find them, plan, run what is left, say how it ended."""
 
-import functools
 import json
 import math
 import sys
@@ -16,8 +15,8 @@ from rich.table import Table
 
 from app import terminal
 from app.batch import cluster, runner
-from app.batch.agenda import Entry, agenda, find_sessions
-from app.batch.cluster import Crew, NotBack, SchedulerGone, Wanted
+from app.batch.agenda import Entry, agenda, find_sessions, order_of
+from app.batch.cluster import Wanted
 from app.batch.display import Display
 from app.batch.orders import BatchError, Ended, Order
 from app.batch.slurm import Slurm
@@ -26,7 +25,6 @@ from app.costs import Cost, told_gigabytes
 from app.exit_codes import ExitCode
 from app.plan import told_seconds
 from app.quality import quality_of
-from engine.errors import Cancelled
 
 RESULT_SCHEMA = 1
 PLAIN_WIDTH = 160  # of a table that goes to a file
@@ -65,14 +63,7 @@ def run_batch(args: Namespace) -> int:
     wait = [entry for entry in batch.entries if entry.waiting]
     if args.plan:
         return _show_plan(batch)
-    request = {"device": args.device, "until": args.until, "changes": _plain(changes_of(args))}
-    _run(batch, [
-        Order(
-            entry.name, "process", {**request, "session": str(entry.folder.resolve())}, entry.cost.seconds,
-            entry.cost.memory_bytes, {stage: cost.seconds for stage, cost in entry.costs.items()},
-        )
-        for entry in wait
-    ])  # fmt: skip
+    _run(batch, [order_of(entry, args.device, args.until, changes_of(args)) for entry in wait])
     if args.strict:
         _doubt(batch)
     return _finish(batch, f"{len(batch.entries) - len(wait)} were done before")
@@ -146,63 +137,10 @@ def _places(batch: Batch, to: Path, suffix: str) -> list[tuple[Entry, Path]]:
 
 
 def _run(batch: Batch, orders: Sequence[Order]) -> None:
-    """Do what fits; a scheduler that goes away is waited for, and given what had not ended."""
     if not orders:
         return
-    largest_gb = max(order.memory_bytes for order in orders) / 1e9
-    count, memory_gb = cluster.count_workers(batch.wanted, largest_gb, len(orders))
-    hire = functools.partial(cluster.open_crew, batch.wanted, count, memory_gb)
-    wait_s = batch.wanted.wait_s
     with terminal.stoppable() as cancelled, Display(batch.console, orders) as display:
-        opened, fit, left, before = hire(), None, orders, ""
-        while left:
-            try:
-                with opened as crew:
-                    if fit is None:
-                        fit = left = _fit(batch, orders, crew)
-                    if not left:
-                        return
-                    display.expect(fit, crew.threads)
-                    if before:
-                        crew.stop(before)
-                    before = crew.batch
-                    runner.run(left, crew, display, cancelled, batch.ended, wait_s)
-                    return
-            except SchedulerGone as lost:
-                ended = {one.name for one in batch.ended}
-                left = [order for order in fit or () if order.name not in ended]
-                display.say(
-                    f"{lost}, {len(left)} session(s) are left; it is waited for, up to {told_seconds(wait_s)}"
-                )
-                opened = cluster.open_again(hire, lost, wait_s, cancelled)
-            except Cancelled:
-                batch.ended += [Ended(order.name, ExitCode.STOPPED) for order in left]
-                return
-            except NotBack as error:
-                batch.complain(str(error))
-                return
-
-
-def _fit(batch: Batch, orders: Sequence[Order], crew: Crew) -> Sequence[Order]:
-    """The orders that a worker has the memory for."""
-    for address, why in crew.unfit.items():
-        batch.complain(f"worker {address} {why}; it is asked nothing")
-    fit = []
-    for order in orders:
-        stage, seconds = max(order.stages.items(), key=lambda known: known[1], default=("", 0.0))
-        if order.memory_bytes / 1e9 > (crew.memory_gb or math.inf):
-            batch.complain(
-                f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {crew.memory_gb:.1f} GB; take fewer"
-                " --workers or more --memory"
-            )
-        elif seconds > crew.lifetime_s:
-            batch.complain(
-                f"{order.name}: stage {stage} takes about {told_seconds(seconds)}, a worker works for"
-                f" {told_seconds(crew.lifetime_s)}; take a longer --walltime"
-            )
-        else:
-            fit.append(order)
-    return fit
+        runner.carry_out(orders, batch.wanted, display, cancelled, batch.ended, batch.complain)
 
 
 def _doubt(batch: Batch) -> None:

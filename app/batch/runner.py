@@ -6,6 +6,7 @@ its queue, what had not ended is handed to the next, and children find what is d
 """
 
 import dataclasses
+import functools
 import math
 import os
 import queue
@@ -13,15 +14,16 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError
-from typing import Any
+from typing import Any, Protocol
 
-from app.batch import errand
-from app.batch.cluster import ANSWER_S, TOKEN, Crew, NotBack
-from app.batch.display import Display
+from app.batch import cluster, errand
+from app.batch.cluster import ANSWER_S, TOKEN, Crew, NotBack, SchedulerGone, Wanted
 from app.batch.orders import NUMBERS, Ended, Moved, Order
+from app.costs import told_gigabytes
 from app.exit_codes import ExitCode
 from app.plan import told_seconds
 from app.sources import program
+from engine.errors import Cancelled
 
 LOOK_EVERY_S = 0.2
 TRIES = 2
@@ -33,10 +35,88 @@ ENDING_S = 90.0
 """How long a session may be held by the child of a worker that was lost: dask's half minute for its threads, and a child's patience."""
 
 
+class Told(Protocol):
+    """Who is told of orders, `move` from any thread."""
+
+    def expect(self, orders: Sequence[Order], threads: int) -> None: ...
+    def staff(self, workers: int) -> None: ...
+    def move(self, moved: Moved) -> None: ...
+    def begun(self, name: str) -> bool: ...
+    def end(self, ended: Ended) -> None: ...
+    def say(self, text: str) -> None: ...
+    def refresh(self) -> None: ...
+
+
+def carry_out(
+    orders: Sequence[Order],
+    wanted: Wanted,
+    display: Told,
+    cancelled: Callable[[], bool],
+    ended: list[Ended],
+    complain: Callable[[str], None],
+) -> None:
+    """Do what fits; a scheduler that goes away is waited for, and given what had not ended. `ended` takes each order as it ends.
+
+    Raises:
+        BatchError: nothing can run.
+    """
+    largest_gb = max(order.memory_bytes for order in orders) / 1e9
+    count, memory_gb = cluster.count_workers(wanted, largest_gb, len(orders))
+    hire = functools.partial(cluster.open_crew, wanted, count, memory_gb)
+    opened, fit, left, before = hire(), None, orders, ""
+    while left:
+        try:
+            with opened as crew:
+                if fit is None:
+                    fit = left = _choose(orders, crew, complain)
+                if not left:
+                    return
+                display.expect(fit, crew.threads)
+                if before:
+                    crew.stop(before)
+                before = crew.batch
+                run(left, crew, display, cancelled, ended, wanted.wait_s)
+                return
+        except SchedulerGone as lost:
+            names = {one.name for one in ended}
+            left = [order for order in fit or () if order.name not in names]
+            waits = f"it is waited for, up to {told_seconds(wanted.wait_s)}"
+            display.say(f"{lost}, {len(left)} session(s) are left; {waits}")
+            opened = cluster.open_again(hire, lost, wanted.wait_s, cancelled)
+        except Cancelled:
+            ended += [Ended(order.name, ExitCode.STOPPED) for order in left]
+            return
+        except NotBack as error:
+            complain(str(error))
+            return
+
+
+def _choose(orders: Sequence[Order], crew: Crew, complain: Callable[[str], None]) -> Sequence[Order]:
+    """The orders that a worker has the memory and the time for."""
+    for address, why in crew.unfit.items():
+        complain(f"worker {address} {why}; it is asked nothing")
+    fit = []
+    for order in orders:
+        stage, seconds = max(order.stages.items(), key=lambda known: known[1], default=("", 0.0))
+        if order.memory_bytes / 1e9 > (crew.memory_gb or math.inf):
+            complain(
+                f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {crew.memory_gb:.1f} GB; take fewer"
+                " --workers or more --memory"
+            )
+        elif seconds > crew.lifetime_s:
+            complain(
+                f"{order.name}: stage {stage} takes about {told_seconds(seconds)}, a worker works for"
+                f" {told_seconds(crew.lifetime_s)}; take a longer --walltime"
+            )
+        else:
+            fit.append(order)
+    return fit
+
+
 def run(
     orders: Sequence[Order],
     crew: Crew,
-    display: Display,
+    display: Told,
     cancelled: Callable[[], bool],
     ended: list[Ended],
     wait_s: float = 0.0,
@@ -77,7 +157,7 @@ def run(
 
     def hear(event: tuple[float, Mapping[str, Any]]) -> None:
         told = event[1]
-        display.move(Moved(told["name"], told["stage"], told["fraction"], told["note"]))
+        display.move(Moved(told["name"], told["stage"], told["fraction"], told["note"], told["machine"]))
 
     def again(order: Order) -> None:
         """An order that another worker can do, or the same one later."""

@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import shutil
+import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +14,10 @@ import pytest
 
 from app.cli import main
 from app.exit_codes import ExitCode
+from app.work.jobs import Job, JobState
 from tests.app.batch.site import LONG_S, Site, wait_until
 from tests.app.sessions import small
+from tests.app.work.children import Heard
 from tests.bench.killed import differing, results
 
 NAMES = ("a", "b", "c", "full")
@@ -121,6 +124,34 @@ def test_a_full_disk_costs_one_line_and_the_session_is_gone_on_with(
     assert main(["batch", str(ran["shelf"]), *UNTIL, "--scheduler", site.address]) == 0, capsys.readouterr()
     assert "1 of 4 sessions done; 3 were done before" in capsys.readouterr().out
     assert differing(results(ran["alone"]), results(ran["shelf"] / "full.session")) == []
+
+
+def test_the_windows_queue_hears_where_a_session_is(ran: dict[str, Any], site: Site) -> None:
+    session = ran["shelf"].parent / "windows.session"
+    shutil.copytree(ran["alone"], session)
+    shutil.rmtree(session / "stages")
+    job = Job(
+        "a",
+        "process",
+        {"session": str(session), "until": "segment", "device": "cpu", "scheduler": site.address},
+    )
+    heard = Heard(job)
+    job.start()
+    assert job.wait(LONG_S).state is JobState.DONE, job.status
+    assert job.status.result["ran"] == ["hdr", "segment"]
+    assert [status.stage for status in heard.statuses if status.stage][-1] == "segment"
+    places = list(dict.fromkeys(status.place for status in heard.statuses))
+    assert places[-1] == f"on {socket.gethostname()}"
+    assert any("waits for one of" in place for place in places)
+    assert differing(results(ran["alone"]), results(session)) == []
+
+
+def test_the_windows_queue_is_told_why_a_cluster_does_nothing(ran: dict[str, Any]) -> None:
+    request = {"session": str(ran["alone"]), "device": "cpu", "scheduler": "nonsense://x"}
+    job = Job("a", "process", request)
+    job.start()
+    assert job.wait(LONG_S).state is JobState.FAILED
+    assert "nonsense://x: no scheduler of dask.distributed answers there" in job.status.message
 
 
 def test_workers_without_this_program_are_named_and_asked_nothing(ran: dict[str, Any]) -> None:
