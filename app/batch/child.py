@@ -53,12 +53,12 @@ def run(batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]) -
     asked, worker = Order(**order), get_worker()
     if batch in _stopped:
         return {"name": asked.name, "code": ExitCode.STOPPED}
-    start, told_at = time.monotonic(), 0.0
+    start, told_at, stage = time.monotonic(), 0.0, ""
 
     def tell(status: JobStatus) -> None:
-        nonlocal told_at
-        if status.active and time.monotonic() - told_at >= TELL_EVERY_S:
-            told_at = time.monotonic()
+        nonlocal told_at, stage
+        if status.active and (status.stage != stage or time.monotonic() - told_at >= TELL_EVERY_S):
+            told_at, stage = time.monotonic(), status.stage
             worker.log_event(
                 batch, {"name": asked.name, "stage": status.stage, "fraction": status.fraction, "note": status.note,
                         "machine": socket.gethostname()}

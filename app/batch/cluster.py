@@ -14,7 +14,7 @@ import uuid
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +72,7 @@ class Crew:
     threads: int  # orders that can be under way at once
     hires: bool = False  # whether workers may still come by themselves, however late
     lifetime_s: float = math.inf  # that a worker works at most
+    again: bool = False  # in place of one whose scheduler went away
 
     def workers(self) -> Mapping[str, Mapping[str, Any]]:
         """What the scheduler knows of each, by address.
@@ -201,7 +202,7 @@ def open_again(
                         " the same command, which goes on with what is left"
                     ) from error
             time.sleep(RETRY_S)
-        yield crew
+        yield replace(crew, again=True)
 
 
 def _muster(client: Any, shares: Mapping[str, Sequence[int]], place: str) -> Crew:

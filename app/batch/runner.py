@@ -203,9 +203,8 @@ def run(
                 again(order)
                 continue
             answer = {"name": order.name, "code": ExitCode.REFUSED, "message": "no worker can be used"}
-        own = answer.get("code") == ExitCode.BUSY and display.begun(
-            order.name
-        )  # its child of before holds it
+        # Its own child of before, on a worker that was lost, may still hold it.
+        own = answer.get("code") == ExitCode.BUSY and (crew.again or display.begun(order.name))
         if own and time.monotonic() - held.setdefault(order.name, time.monotonic()) < ENDING_S:
             again(order)
             continue
