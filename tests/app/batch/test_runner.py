@@ -105,10 +105,8 @@ def test_the_same_command_goes_on_with_what_is_left(
 def test_a_session_that_fits_no_worker_is_named_before_it_is_begun(
     ran: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Crew:
-        unfit, memory_gb, threads = {}, 0.2, 1
-
-    monkeypatch.setattr(cluster, "open_crew", lambda *asked: contextlib.nullcontext(Crew()))
+    crew = cluster.Crew(None, "a", 0.2, {}, {}, "this machine", 1)
+    monkeypatch.setattr(cluster, "open_crew", lambda *asked: contextlib.nullcontext(crew))
     assert main(["batch", str(ran["shelf"] / "held.session"), "--memory", "0.2"]) == ExitCode.REFUSED
     assert "held: needs about 1.3 GB, a worker has 0.2 GB; take fewer --workers" in capsys.readouterr().err
 
@@ -120,9 +118,6 @@ def test_a_scheduler_that_does_not_come_back_is_told_in_one_line(
     monkeypatch: pytest.MonkeyPatch,
     impatient: bool,
 ) -> None:
-    class Crew:
-        unfit, memory_gb, threads, batch = {}, None, 1, "a"
-
     def lose(*asked: object) -> None:
         if impatient:
             signal.raise_signal(signal.SIGINT)
@@ -133,11 +128,9 @@ def test_a_scheduler_that_does_not_come_back_is_told_in_one_line(
             raise cluster.BatchError("no scheduler answers")
         return contextlib.nullcontext(crews.pop())
 
-    crews = [Crew()]
+    crews = [cluster.Crew(None, "a", None, {}, {}, "tcp://a", 1)]
     monkeypatch.setattr(command, "Wanted", functools.partial(cluster.Wanted, wait_s=0.0))
-    monkeypatch.setattr(
-        cluster, "open_crew", contextlib.contextmanager(lambda *asked: (yield hire().__enter__()))
-    )
+    monkeypatch.setattr(cluster, "open_crew", hire)
     monkeypatch.setattr(runner, "run", lose)
     code = main(["batch", str(ran["shelf"] / "held.session"), "--json"])
     told = capsys.readouterr()
