@@ -5,6 +5,7 @@ declare an equal share of what the batch may use; a foreign cluster's are starte
 hand out none.
 """
 
+import asyncio
 import contextlib
 import logging
 import math
@@ -162,16 +163,40 @@ def open_crew(wanted: Wanted, count: int, memory_gb: float) -> Iterator[Crew]:
         else:
             address = wanted.scheduler
         try:
+            if wanted.scheduler:
+                _greet(wanted.scheduler)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of versions that differ: what would not work is found below
                 client = stack.enter_context(Client(address, timeout=ANSWER_S, set_as_default=False))
                 crew = _muster(client, shares, wanted.scheduler or "this machine")
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, MemoryError) as error:
+            told = (
+                "another program is there" if isinstance(error, MemoryError) else " ".join(str(error).split())
+            )
             raise BatchError(
-                f"{address}: no scheduler of dask.distributed answers there ({' '.join(str(error).split())[:120]}); check the"
+                f"{address}: no scheduler of dask.distributed answers there ({told[:120] or f'silent for {ANSWER_S} s'}); check the"
                 " address, and that the scheduler and this program have the same version of distributed"
             ) from None
         yield crew
+
+
+def _greet(address: str) -> None:
+    """See that a scheduler answers: a client waits for ever for one that is silent, and takes what another server says for a length.
+
+    Raises:
+        OSError, ValueError, TypeError, MemoryError: as what is there answers.
+    """
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async def ask() -> str:
+        asked: Any = rpc(address, connection_args=Security().get_connection_args("client"))
+        async with asked as there:
+            return (await there.identity())["type"]
+
+    kind = asyncio.run(asyncio.wait_for(ask(), ANSWER_S))
+    if kind != "Scheduler":
+        raise ValueError(f"it is a {kind}")
 
 
 @contextlib.contextmanager

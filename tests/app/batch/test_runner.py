@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -153,6 +154,33 @@ def test_a_scheduler_that_does_not_answer_is_named(
     assert "tcp://127.0.0.1:9: no scheduler of dask.distributed answers there" in told
     told = refused(capsys, "batch", ran["shelf"] / "held.session", "--scheduler", "nonsense://x")
     assert "nonsense://x: no scheduler" in told
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [(b"HTTP/1.1 400 Bad Request\r\n\r\n", "another program is there"), (b"", "silent for 1 s")],
+)
+def test_what_is_no_scheduler_is_named(
+    ran: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    answer: bytes,
+    told: str,
+) -> None:
+    def serve() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                held.append(door.accept()[0])
+                held[-1].sendall(answer)
+
+    monkeypatch.setattr(cluster, "ANSWER_S", 1)
+    held: list[socket.socket] = []
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        threading.Thread(target=serve, daemon=True).start()
+        address = f"tcp://127.0.0.1:{door.getsockname()[1]}"
+        line = refused(capsys, "batch", ran["shelf"] / "held.session", "--scheduler", address)
+        door.shutdown(socket.SHUT_RDWR)
+    assert f"{address}: no scheduler of dask.distributed answers there ({told})" in line
 
 
 def test_several_exports_go_to_folders_of_their_names_and_never_over_one_another(
