@@ -4,6 +4,7 @@ dask sets the number libraries' thread counts in its workers' environments; the 
 that it computes what `roomlight process` would. Its threads are limited by the cores it may use alone, on which no result depends.
 """
 
+import asyncio
 import os
 import signal
 import socket
@@ -100,8 +101,10 @@ def ended(name: str, status: JobStatus, seconds: float) -> dict[str, Any]:
     }
 
 
-def stop(batch: str) -> None:
-    """Ask a batch's children here to end, and start no further ones."""
+async def stop(batch: str) -> None:
+    """Ask a batch's children here to end, start no further ones, and wait until they have ended."""
     _stopped.add(batch)
     for job in tuple(_running.get(batch, ())):
         job.cancel()
+    while _running.get(batch):
+        await asyncio.sleep(LOOK_EVERY_S)

@@ -90,10 +90,10 @@ class Crew:
     def gone(self) -> SchedulerGone:
         return SchedulerGone(f"{self.place}: the scheduler went away")
 
-    def stop(self, batch: str) -> None:
-        """Ask the children of a batch to end; does not wait for them."""
+    def stop(self, batch: str, wait: bool = False) -> None:
+        """Ask the children of a batch to end."""
         with contextlib.suppress(OSError):  # workers without a scheduler end theirs themselves
-            self.client.run(errand.stop, program(), batch, wait=False)
+            self.client.run(errand.stop, program(), batch, wait=wait, on_error="ignore")
 
 
 def free_memory_gb() -> float:

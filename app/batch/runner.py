@@ -211,6 +211,8 @@ def run(
         end = _failed(order, error) if error else Ended(**{**answer, "code": ExitCode(answer["code"])})
         ended.append(end)
         display.end(end)
+    if stopping:
+        crew.stop(crew.batch, wait=True)  # children that had begun unheard too
     crew.client.unsubscribe_topic(crew.batch)
 
 
