@@ -401,9 +401,18 @@ def _add_sessions(parser: argparse.ArgumentParser) -> None:
         metavar="GB",
         help="of all workers together; four fifths of what is free if left out",
     )
-    parser.add_argument(
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument(
         "--scheduler", metavar="ADDRESS", help="a running cluster of dask.distributed, as tcp://head:8786"
     )
+    place.add_argument("--slurm", action="store_true", help="workers are jobs of Slurm's, --workers at most")
+    job = parser.add_argument_group(
+        "a job of Slurm's", "as dask's configuration says (jobqueue.slurm) if left out"
+    )
+    job.add_argument("--partition", metavar="NAME")
+    job.add_argument("--account", metavar="NAME")
+    job.add_argument("--walltime", metavar="TIME", help="as 4:00:00; longer than a session's longest stage")
+    job.add_argument("--cores", type=_count, metavar="N", help="of each job")
     parser.add_argument("--json", action="store_true", help="print JSON, and progress on stderr")
 
 

@@ -144,15 +144,16 @@ class Processing:
         self._settings = settings
         self._ask(keep=True)
 
-    def process(self, device: str, until: str | None = None) -> Job | None:
+    def process(self, device: str, until: str | None = None, scheduler: str = "") -> Job | None:
         """Queue a run of every stage that is not done; None where one of this session waits or runs."""
         if self.folder is None or self.busy(self.folder):
             return None
-        return self.enqueue(self.folder, device, until)
+        return self.enqueue(self.folder, device, until, scheduler)
 
-    def enqueue(self, folder: Path, device: str, until: str | None = None) -> Job:
-        """Queue a run of any session, as its own params.toml asks at the time it starts."""
-        job = Job(called(folder), "process", {"session": str(folder), "device": device, "until": until})
+    def enqueue(self, folder: Path, device: str, until: str | None = None, scheduler: str = "") -> Job:
+        """Queue a run of any session, as its own params.toml asks at the time it starts; `scheduler`: of the cluster that does it."""
+        request = {"session": str(folder), "device": device, "until": until}
+        job = Job(called(folder), "process", request | ({"scheduler": scheduler} if scheduler else {}))
         self._adopt(job)
         self._board.enqueue(job)
         return job

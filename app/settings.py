@@ -27,6 +27,7 @@ class Preferences:
     theme: Literal["system", "dark", "light"] = "system"
     device: Literal["auto", "cpu", "cuda"] = "auto"
     recent: tuple[str, ...] = ()  # session folders, latest first
+    scheduler: str = ""  # of the cluster that does what is queued, as tcp://head:8786; "" for this machine
     last_folder: str = ""  # where the last file dialog was
     window: str = ""  # size and place, as Qt writes them, in hexadecimal
 

@@ -8,10 +8,11 @@ import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from app.batch.orders import Order
 from app.changes import Changes, open_changed
 from app.costs import Cost, cost_of, megapixels_of, together
 from app.state import called
@@ -145,6 +146,18 @@ def entry(folder: Path, name: str, changes: Changes, until: str | None = None, c
         step.stage.name: cost_of(asked.session, step, megapixels, asked.settings.preset, cores) for step in waiting
     }  # fmt: skip
     return Entry(folder, name, _standing(steps), steps, costs)
+
+
+def order_of(entry: Entry, device: str, until: str | None, changes: Changes) -> Order:
+    """To process what waits of it."""
+    request = {
+        "session": str(entry.folder.resolve()),
+        "device": device,
+        "until": until,
+        "changes": asdict(changes),
+    }
+    stages = {stage: cost.seconds for stage, cost in entry.costs.items()}
+    return Order(entry.name, "process", request, entry.cost.seconds, entry.cost.memory_bytes, stages)
 
 
 def _standing(steps: Sequence[Step]) -> Standing:

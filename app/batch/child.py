@@ -4,20 +4,25 @@ dask sets the number libraries' thread counts in its workers' environments; the 
 that it computes what `roomlight process` would. Its threads are limited by the cores it may use alone, on which no result depends.
 """
 
+import asyncio
 import os
 import signal
+import socket
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from distributed import Worker, get_worker
+from distributed import Status, Worker, get_worker
 
 from app.batch.orders import NUMBERS, Order
 from app.exit_codes import ExitCode
 from app.work import worker as engine
 from app.work.jobs import Job, JobState, JobStatus, child_command
 
-TELL_EVERY_S = 0.5
+TELL_EVERY_S = LOOK_EVERY_S = 0.5
+
+GOING = (Status.closing, Status.closed, Status.failed)
+"""A worker whose time is over, or whose scheduler went away: its order is done elsewhere."""
 
 _running: dict[str, set[Job]] = {}  # by batch
 _stopped: set[str] = set()
@@ -49,14 +54,15 @@ def run(batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]) -
     asked, worker = Order(**order), get_worker()
     if batch in _stopped:
         return {"name": asked.name, "code": ExitCode.STOPPED}
-    start, told_at = time.monotonic(), 0.0
+    start, told_at, stage = time.monotonic(), 0.0, ""
 
     def tell(status: JobStatus) -> None:
-        nonlocal told_at
-        if status.active and time.monotonic() - told_at >= TELL_EVERY_S:
-            told_at = time.monotonic()
+        nonlocal told_at, stage
+        if status.active and (status.stage != stage or time.monotonic() - told_at >= TELL_EVERY_S):
+            told_at, stage = time.monotonic(), status.stage
             worker.log_event(
-                batch, {"name": asked.name, "stage": status.stage, "fraction": status.fraction, "note": status.note}
+                batch, {"name": asked.name, "stage": status.stage, "fraction": status.fraction, "note": status.note,
+                        "machine": socket.gethostname()}
             )  # fmt: skip
 
     others = {name: value for name, value in os.environ.items() if name not in NUMBERS}
@@ -71,7 +77,9 @@ def run(batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]) -
         job.start()
         if batch in _stopped:  # in the meantime
             job.cancel()
-        status = job.wait()
+        while not (status := job.wait(LOOK_EVERY_S)).ended:
+            if worker.status in GOING:
+                job.cancel()
     finally:
         _running[batch].discard(job)
     return ended(asked.name, status, time.monotonic() - start)
@@ -93,8 +101,10 @@ def ended(name: str, status: JobStatus, seconds: float) -> dict[str, Any]:
     }
 
 
-def stop(batch: str) -> None:
-    """Ask a batch's children here to end, and start no further ones."""
+async def stop(batch: str) -> None:
+    """Ask a batch's children here to end, start no further ones, and wait until they have ended."""
     _stopped.add(batch)
     for job in tuple(_running.get(batch, ())):
         job.cancel()
+    while _running.get(batch):
+        await asyncio.sleep(LOOK_EVERY_S)

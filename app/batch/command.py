@@ -15,10 +15,11 @@ from rich.table import Table
 
 from app import terminal
 from app.batch import cluster, runner
-from app.batch.agenda import Entry, agenda, find_sessions
+from app.batch.agenda import Entry, agenda, find_sessions, order_of
 from app.batch.cluster import Wanted
 from app.batch.display import Display
-from app.batch.orders import Ended, Order
+from app.batch.orders import BatchError, Ended, Order
+from app.batch.slurm import Slurm
 from app.changes import Changes, changes_of, check
 from app.costs import Cost, told_gigabytes
 from app.exit_codes import ExitCode
@@ -62,14 +63,7 @@ def run_batch(args: Namespace) -> int:
     wait = [entry for entry in batch.entries if entry.waiting]
     if args.plan:
         return _show_plan(batch)
-    request = {"device": args.device, "until": args.until, "changes": _plain(changes_of(args))}
-    _run(batch, [
-        Order(
-            entry.name, "process", {**request, "session": str(entry.folder.resolve())}, entry.cost.seconds,
-            entry.cost.memory_bytes, {stage: cost.seconds for stage, cost in entry.costs.items()},
-        )
-        for entry in wait
-    ])  # fmt: skip
+    _run(batch, [order_of(entry, args.device, args.until, changes_of(args)) for entry in wait])
     if args.strict:
         _doubt(batch)
     return _finish(batch, f"{len(batch.entries) - len(wait)} were done before")
@@ -109,10 +103,16 @@ def run_report(args: Namespace) -> int:
 
 def _open(args: Namespace, changes: Changes, until: str | None) -> Batch:
     check(changes, until)
-    wanted = Wanted(args.workers, args.memory, args.scheduler)
+    of_job = ("partition", "account", "walltime", "cores")
+    stray = next((name for name in of_job if getattr(args, name) is not None), None)
+    if stray and not args.slurm:
+        raise BatchError(f"--{stray}: is of a job of Slurm's; give --slurm too, or leave it out")
+    slurm = Slurm(args.partition, args.account, args.walltime, args.cores) if args.slurm else None
+    wanted = Wanted(args.workers, args.memory, args.scheduler, slurm)
     batch = Batch([], wanted, args.json)
     folders, complaints = find_sessions(args.sessions)
     each = max(1, len(cluster.cores()) // (wanted.workers or max(1, min(len(cluster.cores()), len(folders)))))
+    each = (slurm and slurm.cores) or each
     entries, damaged = agenda(folders, changes, until, each)
     for line in (*complaints, *damaged):
         batch.complain(line)
@@ -139,23 +139,8 @@ def _places(batch: Batch, to: Path, suffix: str) -> list[tuple[Entry, Path]]:
 def _run(batch: Batch, orders: Sequence[Order]) -> None:
     if not orders:
         return
-    largest_gb = max(order.memory_bytes for order in orders) / 1e9
-    count, memory_gb = cluster.count_workers(batch.wanted, largest_gb, len(orders))
-    with terminal.stoppable() as cancelled, cluster.open_crew(batch.wanted, count, memory_gb) as crew:
-        for address, why in crew.unfit.items():
-            batch.complain(f"worker {address} {why}; it is asked nothing")
-        most_gb = crew.memory_gb or math.inf
-        fit = [order for order in orders if order.memory_bytes / 1e9 <= most_gb]
-        for order in orders:
-            if order not in fit:
-                batch.complain(
-                    f"{order.name}: needs about {told_gigabytes(order.memory_bytes)}, a worker has {most_gb:.1f} GB; take fewer"
-                    " --workers or more --memory"
-                )
-        if not fit:
-            return
-        with Display(batch.console, fit, crew.threads) as display:
-            batch.ended = runner.run(fit, crew, display, cancelled)
+    with terminal.stoppable() as cancelled, Display(batch.console, orders) as display:
+        runner.carry_out(orders, batch.wanted, display, cancelled, batch.ended, batch.complain)
 
 
 def _doubt(batch: Batch) -> None:
@@ -222,7 +207,8 @@ def _show_plan(batch: Batch) -> int:
     largest = max((entry.cost.memory_bytes for entry in wait), default=0)
     count, memory_gb = cluster.count_workers(batch.wanted, largest / 1e9, max(len(wait), 1))
     seconds = sum(entry.cost.seconds for entry in wait)
-    where = batch.wanted.scheduler or f"{count} worker(s) of {memory_gb:.1f} GB"
+    kind = "job(s) of Slurm's" if batch.wanted.slurm else "worker(s)"
+    where = batch.wanted.scheduler or f"{count} {kind} of {memory_gb:.1f} GB"
     longest = max((entry.cost.seconds for entry in wait), default=0.0)
     print(
         f"{len(wait)} of {len(batch.entries)} sessions would run on {where}"

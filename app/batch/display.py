@@ -22,16 +22,17 @@ class Display:
         self,
         console: Console,
         orders: Sequence[Order],
-        threads: int,
+        threads: int = 1,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """
         Args:
             threads: orders that can be under way at once.
         """
-        self._console, self._threads, self._clock = console, threads, clock
-        self._orders = {order.name: order for order in orders}
+        self._console, self._clock = console, clock
         self._running: dict[str, Moved] = {}
+        self._begun: set[str] = set()
+        self._workers: int | None = None  # nobody has looked
         self._ended: dict[str, Ended] = {}
         self._lock = threading.Lock()
         self._told = clock()
@@ -40,6 +41,7 @@ class Display:
             TextColumn("{task.fields[note]}", style="dim"), console=console,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}
+        self.expect(orders, threads)
 
     def __enter__(self) -> "Display":
         if self._console.is_terminal:
@@ -51,10 +53,31 @@ class Display:
         if self._console.is_terminal:
             self._bars.stop()
 
+    def expect(self, orders: Sequence[Order], threads: int) -> None:
+        """These orders are all there are, and none is under way."""
+        self._orders, self._threads = {order.name: order for order in orders}, threads
+        with self._lock:
+            self._running.clear()
+        for name in set(self._tasks) - {""}:
+            self._bars.remove_task(self._tasks.pop(name))
+
     def move(self, moved: Moved) -> None:
         with self._lock:
             if moved.name not in self._ended:
                 self._running[moved.name] = moved
+                if moved.stage:
+                    self._begun.add(moved.name)
+
+    def staff(self, workers: int) -> None:
+        """How many workers there are."""
+        if workers != self._workers:
+            self._workers = workers
+            if workers == 0:
+                self.say("there is no worker now; orders wait for one")
+
+    def begun(self, name: str) -> bool:
+        """Whether an order was ever told to have begun a stage, and so held its session."""
+        return name in self._begun
 
     def end(self, ended: Ended) -> None:
         with self._lock:

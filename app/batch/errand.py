@@ -35,8 +35,8 @@ def run(
 
 
 async def stop(program: str, batch: str) -> None:
-    """End a batch's children here; a coroutine, which dask starts without waiting for its end."""
+    """End a batch's children here, and wait until they have; a coroutine, which keeps no worker from its work."""
     if not unfit(program):
         from app.batch import child
 
-        child.stop(batch)
+        await child.stop(batch)

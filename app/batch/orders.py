@@ -52,3 +52,4 @@ class Moved:
     stage: str
     fraction: float  # of the stage
     note: str
+    machine: str = ""  # that has it

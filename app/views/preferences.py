@@ -102,7 +102,7 @@ class PreferencesDialog(QDialog):
     def _show(self, sizes: Mapping[str, int]) -> None:
         for name, count in sizes.items():
             self.sizes[name].setText(
-                self.tr("{0} MB").format(f"{count / 1e6:.0f}") if count else self.tr("empty")
+                self.tr("{0} MB").format(f"{count / 1e6:.3g}") if count else self.tr("empty")
             )
             self.clear[name].setEnabled(count > 0)
 

@@ -1,7 +1,7 @@
 """Long work in a child process, seen from the window's side: start it, watch it, cancel it.
 
 The child is `python -m app.work.worker TASK REQUEST` (`REQUEST` is JSON). It speaks JSON lines: events on its stdout
-(`stage`, `progress`, `stage_done`, `log`, `data`, and last of all `done`, `failed` or `cancelled`), commands on
+(`stage`, `progress`, `stage_done`, `place`, `log`, `data`, and last of all `done`, `failed` or `cancelled`), commands on
 its stdin (`cancel`, and what the task knows). It ends when its stdin closes, so nothing outlives the window.
 Listeners are called in reader threads; `app/views/bridge.py` brings them to the window's.
 """
@@ -53,6 +53,7 @@ class JobStatus:
     stages: int = 0
     fraction: float = 0.0  # of the stage, 0 to 1
     note: str = ""
+    place: str = ""  # where on a cluster it is, or what it waits for; "" on this machine
     eta_s: float | None = None  # of the stage, at its present pace; None: not known yet
     message: str = ""  # of a failure: one line, "cause; remedy"
     details: str = ""  # of a failure: traceback, or the tail of stderr
@@ -244,6 +245,8 @@ class Job:
                 self._change(fraction=fraction, note=str(event.get("note", "")), eta_s=eta_s)
             elif event["event"] == "stage_done":
                 self._change(fraction=1.0, note="", eta_s=0.0)
+            elif event["event"] == "place":
+                self._change(place=str(event["text"]))
         self._tell()
 
     def _conclude(self, last: Event | None, code: int) -> None:

@@ -1,4 +1,4 @@
-"""All jobs there are: those that run at once, and a queue of which one runs after the other.
+"""All jobs there are: those that run at once, and a queue of which one runs after the other here, and some at once on a cluster.
 
 Any thread may call; listeners are told, without arguments, that something changed (a job came, went, moved, began
 or ended), in whatever thread changed it.
@@ -9,6 +9,9 @@ from collections.abc import Callable
 
 from app.state import join
 from app.work.jobs import Job, JobState, JobStatus
+
+ELSEWHERE = 8
+"""Jobs of the queue that are on a cluster at once: each costs this machine a child that watches."""
 
 
 class Board:
@@ -63,7 +66,7 @@ class Board:
             self._tell()
 
     def enqueue(self, job: Job) -> None:
-        """Run when everything before it in the queue has ended."""
+        """Run when everything before it in the queue has ended, on a cluster when it has room."""
         with self._lock:
             self._queue.append(job)
         job.listen(self._heard(job))
@@ -130,12 +133,16 @@ class Board:
 
     def _next(self) -> None:
         with self._lock:
-            if self._held or any(job.status.active for job in self._queue):
-                return
-            job = next(iter(self.waiting), None)
-            if job is not None:
-                job.start()
+            for job in self.waiting:
+                beside = [other for other in self._queue if other.status.active and away(other) == away(job)]
+                if not self._held and len(beside) < (ELSEWHERE if away(job) else 1):
+                    job.start()
 
     def _tell(self) -> None:
         for listener in tuple(self._listeners):
             listener()
+
+
+def away(job: Job) -> bool:
+    """Whether a cluster does it."""
+    return bool(job.request.get("scheduler"))

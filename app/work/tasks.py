@@ -15,8 +15,13 @@ from app.work.worker import Link
 def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
     """Run the stages that are not done, as params.toml and the request's changes ask; `quality` is the result's verdict.
 
-    Request: session, device ("auto" | "cpu" | "cuda"), until (a stage; optional), changes (fields of `Changes`; optional).
+    Request: session, device ("auto" | "cpu" | "cuda"), until (a stage; optional), changes (fields of `Changes`; optional),
+    scheduler (of a cluster that is to do it; optional, and without changes).
     """
+    if request.get("scheduler"):
+        from app.batch import relay
+
+        return relay.process(request, link)
     from app.changes import Changes, open_changed
     from app.quality import quality_of
     from engine.pipeline import run, stages

@@ -63,6 +63,8 @@ class ProcessPage(QWidget):
         self.model.added.listen(self._log_grew)
         self.queue = QueuePanel(self, shell.board, lambda: shell.settings.value.last_folder)
         self.queue.added.connect(self._enqueue)
+        self.queue.scheduler.setText(shell.settings.value.scheduler)
+        self.queue.scheduler_given.connect(lambda address: shell.settings.change(scheduler=address))
         self.queue.chosen.connect(shell.wishes.open_session)
         self.tabs.addTab(self.queue, self.tr("Queue"))
         self.bar.device.setCurrentText(shell.settings.value.device)
@@ -317,7 +319,8 @@ class ProcessPage(QWidget):
     def _process_until(self, stage: str | None) -> None:
         if self.model is not None and self._shell is not None:
             self._failed = None
-            self.model.process(self._shell.settings.value.device, stage)
+            chosen = self._shell.settings.value
+            self.model.process(chosen.device, stage, chosen.scheduler)
 
     def _cancel(self) -> None:
         if self.model is not None:
@@ -330,4 +333,5 @@ class ProcessPage(QWidget):
         if place.kind != "session":
             self._shell.wishes.say.emit(self.tr("{0} is not a session").format(folder))
         elif not self.model.busy(place.folder):
-            self.model.enqueue(place.folder, self._shell.settings.value.device)
+            chosen = self._shell.settings.value
+            self.model.enqueue(place.folder, chosen.device, scheduler=chosen.scheduler)

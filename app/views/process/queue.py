@@ -10,6 +10,8 @@ from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
     QHeaderView,
+    QLabel,
+    QLineEdit,
     QPushButton,
     QToolButton,
     QTreeWidget,
@@ -33,6 +35,7 @@ class QueuePanel(QWidget):
 
     added = Signal(Path)
     chosen = Signal(Path)  # a session in the queue was activated
+    scheduler_given = Signal(str)  # for what is queued from now on
 
     def __init__(self, parent: QWidget | None, board: Board, last_folder: Callable[[], str]) -> None:
         super().__init__(parent)
@@ -59,6 +62,18 @@ class QueuePanel(QWidget):
         self.hold.toggled.connect(board.hold)
         self.clear = QPushButton(self.tr("C&lear ended"))
         self.clear.clicked.connect(board.clear_ended)
+        self.scheduler = QLineEdit()
+        self.scheduler.setAccessibleName(self.tr("Cluster"))
+        self.scheduler.setPlaceholderText(self.tr("this computer"))
+        self.scheduler.setToolTip(
+            self.tr(
+                "Scheduler of a dask.distributed cluster, such as tcp://head:8786, that processes what is queued from now on;"
+                " its workers see the sessions under the same paths. Empty: this computer"
+            )
+        )
+        self.scheduler.editingFinished.connect(
+            lambda: self.scheduler_given.emit(self.scheduler.text().strip())
+        )
         self.up = self._tool("up", self.tr("Move up"), "Alt+Up", lambda: self._move(-1))
         self.down = self._tool("down", self.tr("Move down"), "Alt+Down", lambda: self._move(1))
         self.remove = self._tool("remove", self.tr("Remove, or cancel"), "Del", self._remove)
@@ -67,6 +82,11 @@ class QueuePanel(QWidget):
         row = QHBoxLayout()
         for part in (self.add, self.hold, self.clear):
             row.addWidget(part)
+        cluster = QLabel(self.tr("Clus&ter"))
+        cluster.setBuddy(self.scheduler)
+        row.addSpacing(6)
+        row.addWidget(cluster)
+        row.addWidget(self.scheduler, 1)
         row.addStretch()
         for part in (self.up, self.down, self.remove):
             row.addWidget(part)
@@ -109,10 +129,11 @@ class QueuePanel(QWidget):
     def _show(self, job: Job) -> None:
         ours, item = theme.colours(self), self._lines.get(job)
         if item is not None:
-            item.setText(1, self.told(job.status))
+            text = self.told(job.status)
+            item.setText(1, text)
             colour = {JobState.FAILED: ours.bad, JobState.DONE: ours.good, JobState.RUNNING: ours.accent}
             item.setForeground(1, theme.colour(colour.get(job.status.state, ours.text)))
-            item.setToolTip(1, job.status.message)
+            item.setToolTip(1, text)
 
     def told(self, status: JobStatus) -> str:
         """A job's state in a line."""
@@ -120,13 +141,14 @@ class QueuePanel(QWidget):
             return self.tr("waiting")
         if status.state is JobState.RUNNING:
             if not status.stage:
-                return self.tr("starting…")
+                return status.place or self.tr("starting…")
             left = (
                 self.tr(", {0} left").format(told_seconds(status.eta_s)) if status.eta_s is not None else ""
             )
-            return self.tr("{0}, stage {1} of {2}: {3:.0f} %{4}").format(
+            running = self.tr("{0}, stage {1} of {2}: {3:.0f} %{4}").format(
                 title(status.stage), status.stage_number, status.stages, 100 * status.fraction, left
             )
+            return f"{status.place}: {running}" if status.place else running
         if status.state is JobState.CANCELLING:
             return self.tr("stopping…")
         if status.state is JobState.DONE:

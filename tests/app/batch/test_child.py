@@ -1,7 +1,11 @@
 """How a child ended decides what becomes of its order."""
 
+import asyncio
+import threading
+
 import pytest
 
+from app.batch import child
 from app.batch.child import Killed, ended
 from app.exit_codes import ExitCode
 from app.work.jobs import JobState, JobStatus
@@ -24,3 +28,14 @@ def test_what_the_child_said_is_passed_on_and_not_tried_again(code: int, told: E
 def test_a_child_that_was_asked_to_stop_is_no_failure_however_it_ended() -> None:
     status = JobStatus("a", JobState.CANCELLED, code=-9)  # its patience was over
     assert ended("a", status, 1.0)["code"] == ExitCode.STOPPED
+
+
+def test_a_stop_waits_until_the_children_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow:
+        def cancel(self) -> None:
+            threading.Timer(0.1, running.clear).start()
+
+    running = {Slow()}
+    monkeypatch.setitem(child._running, "a", running)
+    asyncio.run(child.stop("a"))
+    assert not running

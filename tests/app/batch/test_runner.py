@@ -1,11 +1,13 @@
 """One real batch on two workers, with whatever goes wrong in one: a child killed, a worker killed, bad data, a held session."""
 
 import contextlib
+import functools
 import io
 import json
 import os
 import shutil
 import signal
+import socket
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +16,7 @@ from typing import Any
 import psutil
 import pytest
 
-from app.batch import cluster
+from app.batch import cluster, command, runner
 from app.cli import main
 from app.exit_codes import ExitCode
 from engine.io import session as sessions
@@ -104,12 +106,44 @@ def test_the_same_command_goes_on_with_what_is_left(
 def test_a_session_that_fits_no_worker_is_named_before_it_is_begun(
     ran: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Crew:
-        unfit, memory_gb, threads = {}, 0.2, 1
-
-    monkeypatch.setattr(cluster, "open_crew", lambda *asked: contextlib.nullcontext(Crew()))
+    crew = cluster.Crew(None, "a", 0.2, {}, {}, "this machine", 1)
+    monkeypatch.setattr(cluster, "open_crew", lambda *asked: contextlib.nullcontext(crew))
     assert main(["batch", str(ran["shelf"] / "held.session"), "--memory", "0.2"]) == ExitCode.REFUSED
     assert "held: needs about 1.3 GB, a worker has 0.2 GB; take fewer --workers" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("impatient", [False, True])
+def test_a_scheduler_that_does_not_come_back_is_told_in_one_line(
+    ran: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    impatient: bool,
+) -> None:
+    def lose(*asked: object) -> None:
+        if impatient:
+            signal.raise_signal(signal.SIGINT)
+        raise cluster.SchedulerGone("tcp://a: the scheduler went away")
+
+    def hire(*asked: object) -> contextlib.AbstractContextManager[Any]:
+        if not crews:
+            raise cluster.BatchError("no scheduler answers")
+        return contextlib.nullcontext(crews.pop())
+
+    crews = [cluster.Crew(None, "a", None, {}, {}, "tcp://a", 1)]
+    monkeypatch.setattr(command, "Wanted", functools.partial(cluster.Wanted, wait_s=0.0))
+    monkeypatch.setattr(cluster, "open_crew", hire)
+    monkeypatch.setattr(runner, "run", lose)
+    code = main(["batch", str(ran["shelf"] / "held.session"), "--json"])
+    told = capsys.readouterr()
+    assert "1 session(s) are left; it is waited for" in told.err
+    if impatient:
+        assert code == ExitCode.STOPPED
+        assert [one["code"] for one in json.loads(told.out)["sessions"]] == [ExitCode.STOPPED]
+    else:
+        assert code == ExitCode.REFUSED
+        (line,) = json.loads(told.out)["complaints"]
+        assert "nobody was back after" in line
+        assert "start it again with its workers and give the same command" in line
 
 
 def test_a_scheduler_that_does_not_answer_is_named(
@@ -120,6 +154,33 @@ def test_a_scheduler_that_does_not_answer_is_named(
     assert "tcp://127.0.0.1:9: no scheduler of dask.distributed answers there" in told
     told = refused(capsys, "batch", ran["shelf"] / "held.session", "--scheduler", "nonsense://x")
     assert "nonsense://x: no scheduler" in told
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [(b"HTTP/1.1 400 Bad Request\r\n\r\n", "another program is there"), (b"", "silent for 1 s")],
+)
+def test_what_is_no_scheduler_is_named(
+    ran: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    answer: bytes,
+    told: str,
+) -> None:
+    def serve() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                held.append(door.accept()[0])
+                held[-1].sendall(answer)
+
+    monkeypatch.setattr(cluster, "ANSWER_S", 1)
+    held: list[socket.socket] = []
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        threading.Thread(target=serve, daemon=True).start()
+        address = f"tcp://127.0.0.1:{door.getsockname()[1]}"
+        line = refused(capsys, "batch", ran["shelf"] / "held.session", "--scheduler", address)
+        door.shutdown(socket.SHUT_RDWR)
+    assert f"{address}: no scheduler of dask.distributed answers there ({told})" in line
 
 
 def test_several_exports_go_to_folders_of_their_names_and_never_over_one_another(

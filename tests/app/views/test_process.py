@@ -262,6 +262,23 @@ def test_the_queue_is_moved_and_removed_by_hand(
     until(qtbot, lambda: [work.status.name for work in shell.board.queue] == ["bear", "owl"])
 
 
+@pytest.mark.parametrize("script", ['emit("place", text="waits for one of 3 worker(s)")\n' + WILLING.replace(
+    'emit("stage"', 'hear(); emit("place", text="on node7"); emit("stage"')])  # fmt: skip
+def test_a_cluster_that_is_named_does_what_is_queued_and_rows_say_where(
+    page: ProcessPage, shell: Shell, qtbot: QtBot
+) -> None:
+    page.queue.scheduler.setText(" tcp://head:8786 ")
+    page.queue.scheduler.editingFinished.emit()
+    assert shell.settings.value.scheduler == "tcp://head:8786"
+    page.start.trigger()
+    (run,) = shell.board.queue
+    assert run.request["scheduler"] == "tcp://head:8786"
+    until(qtbot, lambda: page.queue.told(run.status) == "waits for one of 3 worker(s)")
+    run.send("go")
+    until(qtbot, lambda: page.queue.told(run.status) == "on node7: Merge brackets, stage 1 of 1: 0 %")
+    run.cancel()
+
+
 def test_without_a_session_there_is_nothing_to_run(page: ProcessPage, qtbot: QtBot) -> None:
     page.show_session(None)
     until(qtbot, lambda: page.column.count() == 0)

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 
 from app.work.jobs import Job, JobState
-from app.work.queue import Board
+from app.work.queue import ELSEWHERE, Board
 from tests.app.work.children import QUICK, WILLING, Heard, job
 
 LONG_S = 30
@@ -38,6 +38,25 @@ def test_one_runs_after_the_other() -> None:
         assert work.wait(LONG_S).state is JobState.DONE
     assert max(running) == 1
     assert names(board.queue) == ["a", "b", "c"]
+
+
+def test_a_cluster_has_some_at_once_and_this_machine_one() -> None:
+    board = Board()
+    away = [job(WILLING, name, request={"scheduler": "tcp://head:8786"}) for name in range(ELSEWHERE + 1)]
+    here = [job(WILLING, name) for name in "ab"]
+    for work in (here[0], *away, here[1]):
+        board.enqueue(work)
+    assert set(board.active) == {here[0], *away[:-1]}
+    assert board.waiting == (away[-1], here[1])
+    board.hold(True)
+    away[0].cancel()
+    away[0].wait(LONG_S)
+    assert board.waiting == (away[-1], here[1])
+    board.hold(False)
+    assert board.waiting == (here[1],)
+    board.cancel_all()
+    for work in away:
+        assert work.wait(LONG_S).state is JobState.CANCELLED
 
 
 def test_a_failure_does_not_stop_the_night() -> None:
