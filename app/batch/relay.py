@@ -20,10 +20,12 @@ class Relay:
 
     def __init__(self, link: Link) -> None:
         self._link = link
-        self._stage, self._stages, self._begun = "", (), False
+        self._stage, self._begun = "", False
+        self._stages: tuple[str, ...] = ()
 
     def expect(self, orders: Sequence[Order], threads: int) -> None:
-        self._stage, self._stages = "", tuple(orders[0].stages)
+        self._stage = ""
+        self._stages = tuple(orders[0].stages)
 
     def staff(self, workers: int) -> None:
         if not self._stage:

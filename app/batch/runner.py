@@ -63,7 +63,8 @@ def carry_out(
     largest_gb = max(order.memory_bytes for order in orders) / 1e9
     count, memory_gb = cluster.count_workers(wanted, largest_gb, len(orders))
     hire = functools.partial(cluster.open_crew, wanted, count, memory_gb)
-    opened, fit, left, before = hire(), None, orders, ""
+    opened, fit, left = hire(), None, orders
+    before: str = ""
     while left:
         try:
             with opened as crew:
@@ -190,14 +191,14 @@ def run(
             continue
         try:
             error = future.exception(ANSWER_S)
-            answer = future.result(ANSWER_S) if error is None else {}
+            answer: dict[str, Any] = future.result(ANSWER_S) if error is None else {}
         except (OSError, CancelledError) as lost:
             if not stopping:
                 raise crew.gone() from lost
             error, answer = None, {"name": waiting[future].name, "code": ExitCode.STOPPED}
         order = waiting.pop(future)
         if "unfit" in answer:
-            unfit[answer["worker"]] = answer["unfit"]
+            unfit[str(answer["worker"])] = str(answer["unfit"])
             display.say(f"{answer['worker']} {answer['unfit']}")
             if _fit(crew, unfit):
                 again(order)

@@ -1,6 +1,7 @@
 """The dialog of preferences: looks, device, and what is kept in the cache."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from PySide6.QtCore import QCoreApplication, Qt, QUrl
 from PySide6.QtGui import QDesktopServices
@@ -84,7 +85,7 @@ class PreferencesDialog(QDialog):
         whole.addWidget(buttons)
         self._measure()
 
-    def _box(self, words: Mapping[str, str], chosen: str, take: Callable[[str], None]) -> QComboBox:
+    def _box(self, words: Mapping[str, str], chosen: str, take: Callable[[Any], None]) -> QComboBox:
         box = QComboBox()
         for name, text in words.items():
             box.addItem(text, name)
