@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app import commands, cores, simulating
+from app import commands, cores, exports, simulating
 from app.exit_codes import ExitCode, code_of
 from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import AUTO, PRESETS, SOLVERS
@@ -135,7 +135,13 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument(
         "--normals",
         choices=("opengl", "directx"),
-        help="green of the PNG normal maps up, or down; as processed",
+        help="green of the PNG normal maps up, or down; as processed, or as the program of --for wants it",
+    )
+    export.add_argument(
+        "--for",
+        dest="target",
+        choices=tuple(exports.TARGETS),
+        help="only what this program reads; all files if left out",
     )
     export.set_defaults(run=commands.run_export)
 

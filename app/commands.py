@@ -214,16 +214,21 @@ def run_batch(args: Namespace) -> int:
 
 
 def run_export(args: Namespace) -> int:
+    from app import exports
     from engine.results import export
 
     green = export.GREEN[args.normals] if args.normals else None
+    if green is None and args.target is not None:
+        green = exports.TARGETS[args.target].green
     if not _is_one(args.sessions):
         from app.batch import command
 
         return command.run_export(args, green)
     from app import results
 
-    export.copy(results.finished(args.sessions[0], "export").folder, args.to, green)
+    finished = results.finished(args.sessions[0], "export").folder
+    files = exports.files_for(finished, args.target) if args.target is not None else None
+    export.copy(finished, args.to, green, files)
     print(f"{args.to}: exported from {args.sessions[0]}")
     return ExitCode.DONE
 

@@ -97,6 +97,31 @@ GREEN = {
 
 
 @dataclass(frozen=True, slots=True)
+class Target:
+    """The program that an export is for: the formats that it reads, and which way it wants green of normal maps."""
+
+    title: str
+    formats: tuple[str, ...]  # keys of `FORMATS`; none: all of them
+    green: str = "up"
+
+
+TARGETS = {
+    "all": Target(QT_TRANSLATE_NOOP("exports", "Everything"), ()),
+    "blender": Target("Blender", ("glb", "normals", "albedo", "roughness", "materials", "panorama", "lamps")),
+    "unreal": Target(
+        "Unreal Engine", ("glb", "normals", "albedo", "roughness", "materials", "panorama"), "down"
+    ),
+    "substance": Target(
+        "Substance 3D", ("normals", "albedo", "roughness", "materials", "depth", "pictures"), "down"
+    ),
+    "nuke": Target("Nuke", ("maps", "panorama", "lamps", "ply")),
+    "metashape": Target("Metashape, COLMAP", ("views", "colmap", "transforms", "pictures")),
+    "web": Target("Web", ("glb",)),
+}
+"""By the word of the command line. Unreal and Substance take green down (DirectX) unless told otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
 class Offer:
     """One format of a finished export: its files there, and their size."""
 
@@ -140,6 +165,21 @@ def chosen(export: Export, keys: Collection[str]) -> list[str] | None:
     """The files of the formats chosen; None when that is all of them."""
     files = [name for offer in export.offers if offer.format.key in keys for name in offer.files]
     return None if all(offer.format.key in keys for offer in export.offers) else files
+
+
+def files_for(folder: Path, target: str) -> list[str] | None:
+    """The files of a finished export that a target of `TARGETS` reads; None: all.
+
+    Raises:
+        ExportError: it is no finished export, or holds nothing of them.
+    """
+    export = read(folder)
+    files = chosen(export, TARGETS[target].formats or {entry.key for entry in FORMATS})
+    if files == []:
+        raise ExportError(
+            f"{folder}: holds nothing that {TARGETS[target].title} reads; process the session again"
+        )
+    return files
 
 
 def request(session: Path, to: Path, export: Export, keys: Collection[str], green: str) -> Mapping[str, Any]:

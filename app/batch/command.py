@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from app import terminal
+from app import exports, terminal
 from app.batch import cluster, runner
 from app.batch.agenda import Entry, agenda, find_sessions, order_of
 from app.batch.cluster import Wanted
@@ -80,11 +80,13 @@ def run_export(args: Namespace, green: str | None) -> int:
                 f"{entry.folder}: stage export {step.tell()}; run `roomlight process {entry.folder}` first"
             )
     places = _places(batch, args.to, "")
-    request = {"green": green}
+
+    def request(entry: Entry, to: Path) -> dict[str, Any]:
+        files = exports.files_for(entry.steps[-1].folder, args.target) if args.target is not None else None
+        return {"session": str(entry.folder.resolve()), "to": str(to), "green": green, "files": files}
+
     _run(batch, [
-        Order(entry.name, "export", {**request, "session": str(entry.folder.resolve()), "to": str(to)}, EXPORT.seconds,
-              EXPORT.memory_bytes)
-        for entry, to in places
+        Order(entry.name, "export", request(entry, to), EXPORT.seconds, EXPORT.memory_bytes) for entry, to in places
     ])  # fmt: skip
     return _finish(batch, f"exported to {args.to}")
 

@@ -35,6 +35,15 @@ def test_every_format_states_frame_and_units() -> None:
         assert entry.content, entry.key
 
 
+def test_every_target_reads_formats_that_there_are(exported: Path) -> None:
+    keys = {entry.key for entry in exports.FORMATS}
+    for target in exports.TARGETS.values():
+        assert set(target.formats) <= keys
+        assert target.green in exports.GREEN
+    assert exports.files_for(exported, "all") is None
+    assert exports.files_for(exported, "web") == ["surface.glb"]
+
+
 def test_choosing_all_asks_for_all_and_choosing_some_names_them(exported: Path, tmp_path: Path) -> None:
     found = exports.read(exported)
     everything = {entry.key for entry in exports.FORMATS}

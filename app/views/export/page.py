@@ -8,6 +8,7 @@ from PySide6.QtCore import QCoreApplication, Qt, QUrl
 from PySide6.QtGui import QAction, QDesktopServices
 from PySide6.QtWidgets import (
     QButtonGroup,
+    QComboBox,
     QFileDialog,
     QFrame,
     QHBoxLayout,
@@ -23,7 +24,7 @@ from PySide6.QtWidgets import (
 )
 
 from app import exports
-from app.exports import FORMATS, GREEN, Export, Format
+from app.exports import FORMATS, GREEN, TARGETS, Export, Format
 from app.plan import read_plan
 from app.views import theme
 from app.views.bridge import Bridge
@@ -111,7 +112,7 @@ class ExportPage(QWidget):
         self.table.setWordWrap(True)
         self.table.setHeaderLabels(
             [
-                self.tr("Format"),
+                self.tr("File"),
                 self.tr("Content"),
                 self.tr("Frame"),
                 self.tr("Values and units"),
@@ -139,6 +140,21 @@ class ExportPage(QWidget):
             self.greens[key] = button
         self.greens["up"].setChecked(True)
         greens.addStretch()
+        self.target = QComboBox()
+        self.target.setAccessibleName(self.tr("Program that the files are for"))
+        self.target.setToolTip(
+            self.tr(
+                "Ticks the files that this program reads, and turns green of the normal maps as it wants it"
+            )
+        )
+        for key, target in TARGETS.items():
+            self.target.addItem(_translated(target.title), key)
+        self.target.activated.connect(lambda row: self._choose(self.target.itemData(row)))
+        name = QLabel(self.tr("&Program"))
+        name.setBuddy(self.target)
+        greens.insertWidget(0, name)
+        greens.insertWidget(1, self.target)
+        greens.insertSpacing(2, 20)
 
         self.to = QLineEdit()
         self.to.setAccessibleName(self.tr("Folder to write to"))
@@ -191,6 +207,14 @@ class ExportPage(QWidget):
         """ "up" or "down"."""
         return next(key for key, button in self.greens.items() if button.isChecked())
 
+    def _choose(self, key: str) -> None:
+        target = TARGETS[key]
+        self.greens[target.green].setChecked(True)
+        for line, entry in zip(self._lines, FORMATS, strict=True):
+            wanted = not target.formats or entry.key in target.formats
+            if not line.isDisabled():
+                line.setCheckState(0, Qt.CheckState.Checked if wanted else Qt.CheckState.Unchecked)
+
     def _show(self) -> None:
         there = {offer.format.key: offer for offer in self._export.offers} if self._export is not None else {}
         length = self._export.length if self._export is not None else ""
@@ -198,7 +222,7 @@ class ExportPage(QWidget):
         for item, entry in zip(self._lines, FORMATS, strict=True):
             item.setText(3, _translated(entry.unit).replace("{length}", unit))
             item.setText(4, exports.told_bytes(there[entry.key].bytes) if entry.key in there else "")
-            item.setToolTip(0, ", ".join(entry.files))
+            item.setToolTip(0, f"{_translated(entry.title)}: {', '.join(entry.files)}")
             absent = bool(there) and entry.key not in there
             if absent != item.isDisabled():
                 item.setCheckState(0, Qt.CheckState.Unchecked if absent else Qt.CheckState.Checked)
@@ -288,7 +312,13 @@ def _found(answer: Answer) -> tuple[Export | None, str, Quality | None]:
 
 def _line(entry: Format) -> QTreeWidgetItem:
     item = QTreeWidgetItem(
-        [_translated(entry.title), _translated(entry.content), _translated(entry.frame), "", ""]
+        [
+            ", ".join(name.replace("/*", "/") for name in entry.files),
+            _translated(entry.content),
+            _translated(entry.frame),
+            "",
+            "",
+        ]
     )
     item.setData(0, KEY, entry.key)
     item.setCheckState(0, Qt.CheckState.Checked)

@@ -10,6 +10,7 @@ from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
+from app.exports import TARGETS
 from app.views.export.page import ExportPage
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
@@ -121,12 +122,24 @@ def test_a_format_that_is_not_ticked_is_left_out(
 ) -> None:
     for row in range(page.table.topLevelItemCount()):
         line = page.table.topLevelItem(row)
-        if line.text(0) != "glTF 2.0":
+        if line.text(0) != "surface.glb":
             line.setCheckState(0, Qt.CheckState.Unchecked)
     page.action.trigger()
     until(qtbot, lambda: requests)
     assert requests[0]["files"] == ["surface.glb"]
     assert requests[0]["green"] == "up"
+
+
+def test_a_program_ticks_what_it_reads_and_turns_green(page: ExportPage) -> None:
+    everything = page.keys()
+    page.target.setCurrentIndex(page.target.findData("unreal"))
+    page.target.activated.emit(page.target.currentIndex())
+    # The map of materials is not there, and stays unticked.
+    assert page.keys() == set(TARGETS["unreal"].formats) - {"materials"}
+    assert page.green() == "down"
+    page.target.activated.emit(page.target.findData("all"))
+    assert page.keys() == everything
+    assert page.green() == "up"
 
 
 def test_nothing_ticked_or_no_folder_is_nothing_to_export(page: ExportPage) -> None:
