@@ -1,12 +1,24 @@
 """`--preset auto` takes the least preset that pays, within its budget."""
 
+import json
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app import commands, results
 from app.auto import Goal, Rung, climb, gained, goal_of, halving
+from app.changes import Changes, open_changed
+from app.cli import main
+from app.costs import cost_of
+from app.results import steps_of
 from engine.errors import SessionError
+from engine.pipeline import artifacts
+from engine.pipeline.settings import resolve
+from tests.app import sessions
+from tests.app.calls import refused
 
 PRESETS = ("draft", "standard", "fine")
 SECONDS = {"draft": 10.0, "standard": 30.0, "fine": 90.0}
@@ -71,3 +83,43 @@ def test_goals_are_read_as_they_are_written(budget: str | None, until: str | Non
 def test_what_is_no_goal_is_refused(budget: str | None, until: str | None, words: str):
     with pytest.raises(SessionError, match=words):
         goal_of(budget, until)
+
+
+def test_the_command_climbs_and_leaves_the_session_at_what_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    session, ran = sessions.small(tmp_path), []
+
+    def run(folder: Path, changes: Changes, until: str | None, device: str) -> tuple:
+        ran.append((changes.preset, until))
+        return ()
+
+    def rung(folder: Path, preset: str) -> Rung:
+        return Rung(preset, SECONDS[preset], STDERR[preset], ERROR[preset])
+
+    monkeypatch.setattr(commands, "run_stages", run)
+    monkeypatch.setattr(results, "rung", rung)
+    assert main(["process", str(session), "--preset", "auto", "--set", "surface.views=9"]) == 0
+    assert ran == [("draft", "surface"), ("standard", "surface"), ("fine", "surface"), ("standard", None)]
+    said = capsys.readouterr().out
+    assert re.match(r"auto: draft in about \d+ s, standard in about \d+ s, fine in about \d+ s\n", said)
+    assert "standard stays: fine renders" in said
+    assert "write it as 90s" in refused(capsys, "process", session, "--preset", "auto", "--budget", "soon")
+    assert "--preset auto" in refused(capsys, "process", session, "--budget", "90s")
+
+
+def test_a_preset_that_has_not_run_is_told_the_time_of_one_that_has(tmp_path: Path):
+    """A draft of 10 s in the records foretells 25 s of standard."""
+    (step,) = [one for one in steps_of(sessions.small(tmp_path)) if one.stage.name == "surface"]
+    made = step.folder.with_name("drafted")
+    made.mkdir(parents=True)
+    drafted = resolve("surface", step.stage.defaults, step.stage.presets["draft"], {})
+    record = {
+        "version": step.stage.version, "finished": 1.0, "seconds": 10.0, "cpu_seconds": 10.0, "peak_memory_bytes": 7,
+        "params": artifacts.plain(drafted),
+    }  # fmt: skip
+    (made / "record.json").write_text(json.dumps(record))
+    opened = open_changed(tmp_path / "a.session", Changes()).session
+    assert [cost_of(opened, step, 1.0, preset, 1).seconds for preset in PRESETS] == pytest.approx(
+        [10, 25, 50]
+    )
