@@ -61,7 +61,7 @@ SIZES = {
         "quick", 40, 128, 96, ("booth",), ("blob",), True, (20, 40), (512, 1024, 2048), (64,), (25,), 4_000_000,
         0.001, 100_000,
         # The machinery is what is tried: a light of few Gaussians does, and one setting of the reference.
-        {"light": {"budget": 6000}},
+        {"light": {"max_gaussians": 6000}},
     ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),
