@@ -177,7 +177,7 @@ def _write_session(folder: Path) -> Path:
     made = importing.make_session(
         place, folder / "a.session", poses=folder / "transforms.json", mask=folder / "mask.png"
     )
-    asked = settings.Settings("draft", 3, {"surface": {"rounds": 2}})
+    asked = settings.Settings("draft", 3, {"surface": {"fine_iterations": 2}})
     run.process(made, stage_table.stages(), asked, "cpu", "hdr")
     hdr = next((folder / "a.session/stages/hdr").iterdir())
     for path in hdr.iterdir():  # under a name that can be told beforehand
