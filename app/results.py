@@ -21,7 +21,16 @@ from engine.pipeline.stages import Step
 from engine.progress import Progress
 from engine.results import metrics
 from engine.results.report import report
-from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses, Renders, Surface
+from engine.types import (
+    Frames,
+    Gaussians,
+    LightProvenance,
+    Masks,
+    Panorama,
+    Poses,
+    Surface,
+    ValidationRenders,
+)
 
 Scores = dict[str, dict[str, float | int | None]]
 Record = TypeVar("Record")
@@ -72,7 +81,7 @@ def rung(folder: Path, preset: str) -> Rung:
     record = stages.read_record(step.folder)
     assert record is not None
     load = run.loader(steps_of(folder))
-    frames, renders = load("hdr", "frames", Frames), load("surface", "renders", Renders)
+    frames, renders = load("hdr", "frames", Frames), load("surface", "renders", ValidationRenders)
     mask = load("surface", "surface", Surface).mask
     views = list(renders.views)
     error = relative_error(renders.radiance[:, mask], frames.radiance[views][:, mask])
@@ -107,7 +116,7 @@ def write_report(
     session = sessions.open_session(folder)
     there = _there(tuple(steps.values()), session.orientation)
     frames, poses = there("hdr", "frames", Frames), there("poses", "poses", Poses)
-    renders = there("surface", "renders", Renders)
+    renders = there("surface", "renders", ValidationRenders)
     view = stage_functions.middle_view(poses) if poses is not None else 0
     scores = evaluate(folder, truth) if truth is not None and steps["surface"].done else None
     progress.step(0.3, "drawing the page")
@@ -121,7 +130,7 @@ def write_report(
             renders=renders,
             held_out=None if frames is None or renders is None else frames.radiance[list(renders.views)],
             panorama=there("export", "panorama", Panorama),
-            grounds=there("export", "grounds", Grounds),
+            grounds=there("export", "grounds", LightProvenance),
             poses=poses,
             gaussians=there("light", "gaussians", Gaussians),
             hdr=there("hdr", "report", HdrReport),
@@ -167,7 +176,7 @@ def cautions(folder: Path) -> tuple[str, ...]:
             names=tuple(shot.name for shot in sessions.shots(session)),
             poses=there("poses", "poses", Poses),
             panorama=there("export", "panorama", Panorama),
-            grounds=there("export", "grounds", Grounds),
+            grounds=there("export", "grounds", LightProvenance),
             hdr=there("hdr", "report", HdrReport),
             stages=tuple(_stage_run(step) for step in steps if step.done),
             left_out=left_out.read(session),

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from engine.conventions import QUARTERS
-from engine.types import Camera, Frames, Masks, Poses, Renders, Surface
+from engine.types import Camera, Frames, Masks, Poses, Surface, ValidationRenders
 
 Record = TypeVar("Record")
 
@@ -82,7 +82,7 @@ def turned(record: Record, flip: int) -> Record:
             made = replace(record, camera=turn_camera(record.camera, flip), cam_from_world=placed)
         case Frames():
             made = turn_pictures(record, flip, ("radiance", "clipped", "dark"), 1)
-        case Renders():
+        case ValidationRenders():
             made = turn_pictures(record, flip, ("radiance",), 1)
         case Masks():
             made = Masks(turn_picture(record.object, flip), turn_picture(record.background, flip, 1))

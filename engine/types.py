@@ -186,7 +186,7 @@ def part_of(surface: Surface) -> Int16[np.ndarray, "h w"]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Renders:
+class ValidationRenders:
     """Views kept out of the surface's fit, re-rendered from the answer; zero outside the object."""
 
     views: tuple[int, ...]  # indices into Frames
@@ -207,7 +207,7 @@ class Panorama:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grounds:
+class LightProvenance:
     """What the light of a `Panorama` rests on, laid out as that.
 
     Shares are of the diffuse irradiance (luminance) averaged over the object's normals, 0 to 1.

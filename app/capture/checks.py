@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from app.capture.order import Order, Pose
 from app.capture.status import Finding
 from engine.capture_checks import finding as looked
-from engine.capture_checks.checker import Watch, plan_findings
+from engine.capture_checks.checker import ShotChecker, plan_findings
 from engine.io.session import Shot
 from hardware.interfaces import Angles, Geometry
 
@@ -33,7 +33,7 @@ class Watching:
         Raises:
             PoseError: an axis of the geometry has no direction.
         """
-        self.watch = Watch(None if geometry is None else _axes(geometry))
+        self.watch = ShotChecker(None if geometry is None else _axes(geometry))
         self._by_hand = by_hand
         self._findings: tuple[looked.Finding, ...] = ()
         self._looking = threading.Lock()  # shots come in the capture's own thread, questions from any
@@ -48,7 +48,7 @@ class Watching:
         if shot.rig is not None:
             angles = (float(shot.rig["pan_deg"]), float(shot.rig["tilt_deg"]))
         with self._looking:
-            found = self.watch.see(shot.name, shot.files, angles)
+            found = self.watch.add(shot.name, shot.files, angles)
         self._findings += found
         told_now = [Finding(shot.name, told(finding, shot.name), finding.severity) for finding in found]
         advice = self.next_pose() if self._by_hand else ""

@@ -22,7 +22,7 @@ from engine.io.formats.arrays import UNREADABLE
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
 from engine.results.quality import Quality
-from engine.types import Frames, Poses, Renders, Surface, material_of, part_of
+from engine.types import Frames, Poses, Surface, ValidationRenders, material_of, part_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
 RADIANCE_UNIT = QT_TRANSLATE_NOOP("maps", "session radiance")
@@ -113,7 +113,7 @@ class Maps:
     surface: Surface
     names: tuple[str, ...]  # of all views
     frames: Frames | None  # None: the photographs' results were removed
-    renders: Renders | None  # of the views kept out of the fit
+    renders: ValidationRenders | None  # of the views kept out of the fit
     registered: Bool[np.ndarray, " n"]
     unit: str  # of depth, as it is shown
     unit_factor: float  # from scene units to it
@@ -158,7 +158,7 @@ def load(run: Run) -> Maps:
     surface = turned(artifacts.load(run.folder("surface"), "surface", Surface), run.flip)
     frames = turned(_there(run, "hdr", "frames", Frames), run.flip)
     poses = _there(run, "poses", "poses", Poses)
-    renders = turned(_there(run, "surface", "renders", Renders), run.flip)
+    renders = turned(_there(run, "surface", "renders", ValidationRenders), run.flip)
     count = 0 if frames is None else len(frames.names)
     names = () if frames is None else frames.names
     registered = np.ones(count, bool) if poses is None else poses.registered

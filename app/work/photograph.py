@@ -34,11 +34,11 @@ def look(content: Mapping[str, Any]) -> dict[str, Any]:
         pictures = _linear(radiance, int(content["edge_px"]))
     else:
         from engine.capture_checks.display_image import picture
-        from engine.capture_checks.shot_preview import glance, learn, read
+        from engine.capture_checks.shot_preview import learn, preview, read
 
         mosaics = read(shot.files)
         sensor = learn(mosaics)
-        seen = glance(shot.name, mosaics, sensor)
+        seen = preview(shot.name, mosaics, sensor)
         made = picture(mosaics, int(content["edge_px"]), sensor=sensor)
         clipped, dark, pictures = made.clipped, made.dark, (made.rgb, made.overlay)
     from engine.capture_checks.sharpness import blur_px

@@ -1,1 +1,1 @@
-"""Looks at each shot while a session is being captured; `checker.Watch` is the one object to feed."""
+"""Looks at each shot while a session is being captured; `checker.ShotChecker` is the one object to feed."""

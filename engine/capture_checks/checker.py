@@ -16,12 +16,12 @@ from engine.capture_checks import exposure, rough_mask
 from engine.capture_checks.finding import Finding, Severity
 from engine.capture_checks.planning import coverage, next_view
 from engine.capture_checks.planning.coverage import Coverage, Look, Sight
-from engine.capture_checks.planning.next_view import Next
-from engine.capture_checks.reference_shots import Stillness, tiny_by
+from engine.capture_checks.planning.next_view import NextView
+from engine.capture_checks.reference_shots import ReferenceShots, tiny_by
 from engine.capture_checks.rotation import focal_length
 from engine.capture_checks.rotation.camera_rotation import Bearings, Field
-from engine.capture_checks.rotation.rotation_averaging import Turned
-from engine.capture_checks.shot_preview import Glance, Sensor, glance, learn, read
+from engine.capture_checks.rotation.rotation_averaging import RotationGraph
+from engine.capture_checks.shot_preview import Sensor, ShotPreview, learn, preview, read
 from engine.color import luminance
 from engine.errors import RawError
 from engine.hdr.develop import averaged
@@ -34,7 +34,7 @@ CLIPPED_SHARE = 0.1  # of a direction's sites; with more it counts as clipped
 NOTED_AGAIN = 1.5  # times as much as what was noted before
 
 
-class Watch:
+class ShotChecker:
     """The session as seen so far."""
 
     def __init__(self, geometry: Geometry | None = None) -> None:
@@ -54,7 +54,7 @@ class Watch:
         self._names: tuple[str, ...] = ()
         self._histogram = np.zeros(1)
         self._noted = 0.0  # the largest share clipped that was noted, %
-        self._stillness = Stillness()
+        self._stillness = ReferenceShots()
         self._bearings = Bearings()
         self._looks: list[Look] = []
 
@@ -75,7 +75,7 @@ class Watch:
         return self._stillness.object_mask
 
     @property
-    def turned(self) -> Turned:
+    def turned(self) -> RotationGraph:
         """How the camera stood in every shot of `names`."""
         return self._bearings.turned
 
@@ -96,7 +96,7 @@ class Watch:
         level = coverage.upright(held)
         return coverage.panorama(covered, held[0] if level is None else level, height)
 
-    def next_by_hand(self) -> Next | None:
+    def next_by_hand(self) -> NextView | None:
         """Where a person should point next; None before the first shot."""
         covered, turns = self.coverage(), self._bearings.placed()[1]
         if covered is None:
@@ -110,16 +110,18 @@ class Watch:
             return None
         return next_view.order(self._sight(), self._bearings.logged, _logged(self._geometry, left))
 
-    def next_by_rig(self, left: Sequence[Angles]) -> Next | None:
+    def next_by_rig(self, left: Sequence[Angles]) -> NextView | None:
         """The most helpful of a rig's remaining poses; None without one, a shot, or the rig's geometry."""
         covered = self.coverage()
         if self._geometry is None or covered is None or not left:
             return None
-        return next_view.best_of(self._sight(), covered, self._bearings.logged, _logged(self._geometry, left))
+        return next_view.best_pose(
+            self._sight(), covered, self._bearings.logged, _logged(self._geometry, left)
+        )
 
     # ---- a new shot
 
-    def see(self, name: str, files: Sequence[Path], angles: Angles | None = None) -> tuple[Finding, ...]:
+    def add(self, name: str, files: Sequence[Path], angles: Angles | None = None) -> tuple[Finding, ...]:
         """Look at one shot's bracket; `angles` where the rig logged them."""
         try:
             mosaics = read(files)
@@ -133,7 +135,7 @@ class Watch:
             )
         if self._sensor is None:
             self._sensor = learn(mosaics)
-        now = glance(name, mosaics, self._sensor)
+        now = preview(name, mosaics, self._sensor)
         if self._size is None:
             self._size = (now.width, now.height)
             self._upright = rotation(now.facts[0].orientation)
@@ -156,7 +158,7 @@ class Watch:
         self._names = (*self._names, name)
         return tuple(found)
 
-    def _exposure(self, now: Glance, sensor: Sensor) -> list[Finding]:
+    def _exposure(self, now: ShotPreview, sensor: Sensor) -> list[Finding]:
         self._histogram = self._histogram + now.histogram
         mask = None if self.object_mask is None else rough_mask.on_grid(self.object_mask, now.clipped.shape)
         found = exposure.check(now, mask, self._histogram, sensor)

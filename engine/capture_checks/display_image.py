@@ -24,7 +24,7 @@ LOST_RGB, CLIPPED_RGB = (226, 48, 48), (240, 170, 40)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class DisplayImage:
     """What the page shows of one shot; shares are of all its Bayer cells."""
 
     rgb: UInt8[np.ndarray, "h w 3"]  # sRGB
@@ -43,12 +43,12 @@ class _Cells:
     light: Float32[np.ndarray, "h w 3"]  # shares of full
     saturated: Bool[np.ndarray, "h w 3"]
     lost: Float32[np.ndarray, "h w"]  # share of its cells with a saturated site
-    share_clipped: float  # of all sites, as `Glance.share_clipped` counts
+    share_clipped: float  # of all sites, as `ShotPreview.share_clipped` counts
 
 
 def picture(
     mosaics: Sequence[Mosaic], edge_px: int, exposure: int | None = None, sensor: Sensor | None = None
-) -> Picture:
+) -> DisplayImage:
     """A bracket of one shot, shortest exposure first; one photograph is a bracket too.
 
     Args:
@@ -69,7 +69,7 @@ def picture(
     coded = np.rint(255 * srgb(_developed(balanced, middle, sensor.white_share))).astype(np.uint8)
     full = middle.white[1] - middle.black[1]
     dark = cells[-1].light[..., 1] * full < DARK_SIGMAS * sensor.noise.read
-    return Picture(
+    return DisplayImage(
         coded, _overlay(cells[0].lost, cells[shown].lost, coded.shape[:2]), cells[0].share_clipped,
         cells[shown].share_clipped, float(dark.mean()), _histogram(mosaics, cells, shown),
         middle.facts.shutter_s,

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from engine.capture_checks.finding import Finding, Severity
-from engine.capture_checks.shot_preview import LEVELS_PER_EV, LOWEST_EV, SATURATION, Glance, Sensor
+from engine.capture_checks.shot_preview import LEVELS_PER_EV, LOWEST_EV, SATURATION, Sensor, ShotPreview
 
 HELD_SHARE = 0.999  # of the pixels a proposed bracket holds
 DARK_FLOORS = 4.0  # read noises that the darkest of them should reach in the longest exposure
@@ -40,7 +40,7 @@ class Proposal:
 
 
 def check(
-    glance: Glance,
+    glance: ShotPreview,
     object_mask: Bool[np.ndarray, "h w"] | None,
     histogram: Float64[np.ndarray, " b"],
     sensor: Sensor,

@@ -12,7 +12,7 @@ from engine.capture_checks import object_motion, rough_mask, sharpness
 from engine.capture_checks.finding import Finding
 from engine.capture_checks.object_motion import Motion, Reference
 from engine.capture_checks.sharpness import Edges, Sharpness
-from engine.capture_checks.shot_preview import Glance, log_light
+from engine.capture_checks.shot_preview import ShotPreview, log_light
 from engine.hdr.develop import averaged
 
 FEWEST_KEPT = 6  # shots, for a reference
@@ -20,7 +20,7 @@ KEEP_AT = (14, 18, 22, 28, 36, 46, 60, 80, 110, 150, 200)  # shots that take an 
 MOST_TINY = max(rough_mask.AGAIN)
 
 
-class Stillness:
+class ReferenceShots:
     """The object, as the shots so far show it."""
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class Stillness:
         """On a small grid over the picture; None while nobody knows."""
         return self._object
 
-    def see(self, now: Glance) -> list[Finding]:
+    def see(self, now: ShotPreview) -> list[Finding]:
         """Blur, and whether the object kept its place."""
         found = self._outlined(now)
         mask = None if self._object is None else rough_mask.on_grid(self._object, now.fine.shape)
@@ -50,7 +50,7 @@ class Stillness:
         self._count += 1
         return found + blurred + ([] if moved is None else [moved])
 
-    def _outlined(self, now: Glance) -> list[Finding]:
+    def _outlined(self, now: ShotPreview) -> list[Finding]:
         """Guess now and then where the object is, from the shots so far; what hangs on it is made anew."""
         if len(self._tiny) == MOST_TINY:
             return []
@@ -71,7 +71,7 @@ class Stillness:
         self._refer(mask)
         return self._look_back(now.pitch) if first else []
 
-    def _blur(self, now: Glance, mask: Bool[np.ndarray, "H W"] | None) -> list[Finding]:
+    def _blur(self, now: ShotPreview, mask: Bool[np.ndarray, "H W"] | None) -> list[Finding]:
         edges = sharpness.edges_of(now)
         if mask is None:
             self._edges.append(edges)
@@ -80,7 +80,7 @@ class Stillness:
         self._sharpness.append(sharp)
         return list(found)
 
-    def _place(self, now: Glance, log: Float32[np.ndarray, "H W"], blurred: bool) -> Finding | None:
+    def _place(self, now: ShotPreview, log: Float32[np.ndarray, "H W"], blurred: bool) -> Finding | None:
         if self._reference is None:
             return None
         motion = object_motion.register(log, self._reference, now.pitch, object_motion.usual(self._motions))
@@ -90,7 +90,7 @@ class Stillness:
         return moved
 
     def _keep(
-        self, now: Glance, log: Float32[np.ndarray, "H W"], mask: Bool[np.ndarray, "H W"] | None
+        self, now: ShotPreview, log: Float32[np.ndarray, "H W"], mask: Bool[np.ndarray, "H W"] | None
     ) -> None:
         """The first shots are kept to compare with; as the session grows later ones take turns with them."""
         entry = (now.name, log.astype(np.float16))
@@ -126,6 +126,6 @@ class Stillness:
         return [log.astype(np.float32) for _, log in self._kept]
 
 
-def tiny_by(now: Glance) -> int:
+def tiny_by(now: ShotPreview) -> int:
     """The whole factor that makes `small` into what the outline is guessed from."""
     return max(1, round(max(now.small.shape) / rough_mask.EDGE_PX))

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, UInt8
 
 from engine.capture_checks.finding import Finding, Severity
-from engine.capture_checks.shot_preview import Glance, log_light
+from engine.capture_checks.shot_preview import ShotPreview, log_light
 
 NARROW_PX, WIDE_PX = 0.7, 2.0  # the two smoothings
 SHARPEST = 25  # percentile of the widths: thin lines look sharper, shadows' rims wider, than a step
@@ -58,13 +58,13 @@ def measure(edges: Edges, object_mask: Bool[np.ndarray, "H W"] | None) -> Sharpn
     return Sharpness(_sharpest(edges, ours), _sharpest(edges, ~ours))
 
 
-def blur_px(glance: Glance) -> float:
+def blur_px(glance: ShotPreview) -> float:
     """Width of the picture's sharpest edges across the worst direction, in sites of the sensor; NaN where too few."""
     widths = measure(edges_of(glance), None).room
     return float("nan") if np.isnan(widths).all() else float(np.nanmax(widths)) * glance.pitch
 
 
-def check(glance: Glance, now: Sharpness, earlier: Sequence[Sharpness]) -> tuple[Finding, ...]:
+def check(glance: ShotPreview, now: Sharpness, earlier: Sequence[Sharpness]) -> tuple[Finding, ...]:
     """Findings of one shot against the session's earlier ones and against what any lens can do."""
     object_px, object_usual, object_blurred = _wider(
         now.object, [one.object for one in earlier], OBJECT_MOST_PX
@@ -112,7 +112,7 @@ def _wider(
     return worst, usual, worst > usual + max(WIDER_PX, SPREADS * spread) or worst > max(most_px, usual + 0.3)
 
 
-def edges_of(glance: Glance) -> Edges:
+def edges_of(glance: ShotPreview) -> Edges:
     """Ridges of the gradient that stand out from noise and shading, clear of what is clipped."""
     shot, floor = glance.noise
     log = log_light(glance)

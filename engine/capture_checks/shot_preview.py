@@ -40,7 +40,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Glance:
+class ShotPreview:
     """One shot, small."""
 
     name: str
@@ -83,14 +83,14 @@ def read(files: Sequence[Path]) -> list[Mosaic]:
     return sorted((read_mosaic(path) for path in files), key=lambda mosaic: mosaic.facts.exposure())
 
 
-def glance_linear(name: str, radiance: Float32[np.ndarray, "h w 3"]) -> Glance:
+def glance_linear(name: str, radiance: Float32[np.ndarray, "h w 3"]) -> ShotPreview:
     """The same of a linear image, which is one exposure of light as it is: full is what its format can hold."""
     height, width = radiance.shape[:2]
     lost = np.any(radiance >= HALF_MAX, axis=-1)
     by, small_by = (max(1, round(max(height, width) / edge)) for edge in (FINE_EDGE_PX, SMALL_EDGE_PX))
     fine, small = averaged(radiance, by), averaged(radiance, small_by)
     light = np.maximum(fine[..., 1], 0)
-    return Glance(
+    return ShotPreview(
         name, width, height, (), (1.0,), float(by), light, averaged(lost.astype(np.float32), by) > 0,
         linear_input.noise(fine[None]), small, averaged(lost.astype(np.float32), small_by), small[..., 1] <= 0,
         1.0, float(lost.mean()), float((radiance[..., 1] <= 0).mean()), _histogram(light),
@@ -111,7 +111,7 @@ class _Merge:
     floor: float
 
 
-def glance(name: str, mosaics: Sequence[Mosaic], sensor: Sensor) -> Glance:
+def preview(name: str, mosaics: Sequence[Mosaic], sensor: Sensor) -> ShotPreview:
     """Merge a bracket (shortest exposure first) and make it small."""
     facts = tuple(mosaic.facts for mosaic in mosaics)
     height, width = mosaics[0].counts.shape
@@ -123,7 +123,7 @@ def glance(name: str, mosaics: Sequence[Mosaic], sensor: Sensor) -> Glance:
         merge = _in_blocks(mosaics, stated, sensor, cells)
     dark = merge.small[..., 1] < DARK_SIGMAS * sensor.noise.read / stated[-1]
     light = np.maximum(merge.fine, 0) / np.float32(merge.full)
-    return Glance(
+    return ShotPreview(
         name, width, height, facts, tuple(stated.tolist()), float(max(1, 2 * cells)), light,
         merge.fine_clipped, (merge.shot / merge.full, merge.floor / merge.full),
         merge.small / np.float32(merge.full), merge.clipped, dark, merge.full, merge.share_clipped,
@@ -230,7 +230,7 @@ def _camera_from_rec709(mosaic: Mosaic) -> Float32[np.ndarray, "3 3"]:
     return back.astype(np.float32)
 
 
-def log_light(glance: Glance) -> Float32[np.ndarray, "H W"]:
+def log_light(glance: ShotPreview) -> Float32[np.ndarray, "H W"]:
     """Logarithm of `fine`, level where noise would rule."""
     shot, floor = glance.noise
     light = np.maximum(glance.fine, 0)

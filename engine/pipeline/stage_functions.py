@@ -33,8 +33,8 @@ from engine.types import (
     Masks,
     Panorama,
     Poses,
-    Renders,
     Surface,
+    ValidationRenders,
 )
 
 Records = Mapping[str, Any]
@@ -208,7 +208,7 @@ def reference(work: Work) -> Records:
     return _solved(work, solve)
 
 
-def _solved(work: Work, solve: Callable[..., tuple[Surface, Renders, Emitters, Any]]) -> Records:
+def _solved(work: Work, solve: Callable[..., tuple[Surface, ValidationRenders, Emitters, Any]]) -> Records:
     found, renders, emitters, report = solve(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),

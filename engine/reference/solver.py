@@ -33,7 +33,7 @@ from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import image
 from engine.surface.solve import held_out, rerendering_error
-from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface, ValidationRenders
 
 TILE = 4
 """Side of the tiles in which a part of the pixels is taken: each has neighbours for Eq. (15) and (16), and a few hundred
@@ -47,7 +47,7 @@ INSIDE = 0.01
 def solve(
     frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps, params: ReferenceParams,
     device: str, seed: int, progress: Progress, flip: int = 0,
-) -> tuple[Surface, Renders, Emitters, ReferenceReport]:  # fmt: skip
+) -> tuple[Surface, ValidationRenders, Emitters, ReferenceReport]:  # fmt: skip
     """The surface of the pixels solved (its mask), and the pictures of the views kept out.
 
     `gaussians` hold the lamps and are all the light, unless the paper's own is to be trained. Of its errors the paper's
@@ -115,7 +115,7 @@ def solve(
         unit, told, begun - clock, seconds,
     )  # fmt: skip
     as_given = Emitters(gaussians, lamps, 0)
-    return _surface(solved, unknowns, depth, told), Renders(kept_out, pictures), as_given, report
+    return _surface(solved, unknowns, depth, told), ValidationRenders(kept_out, pictures), as_given, report
 
 
 def _picture(

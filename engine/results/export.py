@@ -26,7 +26,17 @@ from engine.light.gaussians.gaussians import to_3dgs
 from engine.progress import Progress
 from engine.results import lamps_json, preview_images
 from engine.results.params import GREEN, ExportParams
-from engine.types import Camera, Gaussians, Grounds, Lamps, Panorama, Poses, Surface, material_of, part_of
+from engine.types import (
+    Camera,
+    Gaussians,
+    Lamps,
+    LightProvenance,
+    Panorama,
+    Poses,
+    Surface,
+    material_of,
+    part_of,
+)
 
 INDEX = "export.json"
 VIEWS = "images"  # the folder that COLMAP's and NeRF tools take pictures from unless told otherwise
@@ -41,7 +51,7 @@ def write(
     poses: Poses,
     names: Sequence[str],
     panorama: Panorama,
-    grounds: Grounds,
+    grounds: LightProvenance,
     photographs: Float[np.ndarray, "n h w 3"],
     params: ExportParams,
     progress: Progress,
@@ -148,7 +158,7 @@ def write_files(
     poses: Poses,
     names: Sequence[str],
     panorama: Panorama,
-    grounds: Grounds,
+    grounds: LightProvenance,
     photographs: Float[np.ndarray, "n h w 3"],
     params: ExportParams,
     progress: Progress,

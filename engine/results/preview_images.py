@@ -10,11 +10,11 @@ from jaxtyping import Float
 
 from engine.errors import ExportError
 from engine.io import png
-from engine.types import Grounds, Surface
+from engine.types import LightProvenance, Surface
 
 NORMALS = ("normal.png", "normal_16.png")
 GROUNDS = {
-    # sRGB of each `Grounds.kind`, in its order; told apart by the colour-blind too (Okabe and Ito 2008)
+    # sRGB of each `LightProvenance.kind`, in its order; told apart by the colour-blind too (Okabe and Ito 2008)
     "photographed": (0, 158, 115),
     "clipped": (240, 228, 66),
     "guessed": (213, 94, 0),
@@ -118,7 +118,7 @@ def _materials(surface: Surface) -> dict[str, bytes]:
     }
 
 
-def coverage(grounds: Grounds) -> bytes:
+def coverage(grounds: LightProvenance) -> bytes:
     """What the panorama's light rests on, in three plain colours, said in the file's text."""
     text = "; ".join(f"{kind}: sRGB {' '.join(map(str, colour))}" for kind, colour in GROUNDS.items())
     return png.encode(np.array(list(GROUNDS.values()), np.uint8)[grounds.kind], "srgb", {"Description": text})

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float64
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from engine.segmentation.temporal_stability import FEATURES, Steadiness
+from engine.segmentation.temporal_stability import FEATURES, TemporalStability
 
 REACH = 0.1  # of the longer side: over so many pixels that are alike the pull falls to 1/e
 UNSTEADY = 1.0  # cost of a step across which e times as much changes as under the stroke
@@ -21,7 +21,7 @@ FARTHEST = 4.0  # the pull beyond is nothing
 FAINT = 0.1  # a pull that is hardly worth hearing
 
 
-def pull(steadiness: Steadiness, painted: Bool[np.ndarray, "h w"]) -> Float64[np.ndarray, "h w"]:
+def pull(steadiness: TemporalStability, painted: Bool[np.ndarray, "h w"]) -> Float64[np.ndarray, "h w"]:
     """1 on what was painted, falling to 0 where it has nothing to say."""
     return np.exp(-_distance(steadiness, painted))
 
@@ -32,7 +32,7 @@ def reduced(painted: Bool[np.ndarray, "h w"], by: int) -> Bool[np.ndarray, "a b"
     return np.asarray(painted[: h * by, : w * by].reshape(h, by, w, by).any(axis=(1, 3)))
 
 
-def _distance(steadiness: Steadiness, painted: Bool[np.ndarray, "h w"]) -> Float64[np.ndarray, "h w"]:
+def _distance(steadiness: TemporalStability, painted: Bool[np.ndarray, "h w"]) -> Float64[np.ndarray, "h w"]:
     """Cost of the cheapest path to a painted pixel; infinite beyond FARTHEST."""
     if not painted.any():
         return np.full(painted.shape, np.inf)

@@ -20,7 +20,7 @@ from engine.hdr.develop import averaged
 from engine.progress import Progress
 from engine.segmentation import gmm_graph_cut, scribbles
 from engine.segmentation.params import SegmentParams
-from engine.segmentation.temporal_stability import FEATURES, Steadiness, measure, unexplained
+from engine.segmentation.temporal_stability import FEATURES, TemporalStability, measure, unexplained
 from engine.types import Frames, Masks
 
 SQUARE = np.ones((3, 3), np.uint8)
@@ -148,7 +148,7 @@ def _selected(frames: Frames, chosen: np.ndarray, by: int) -> Frames:
     return Frames(tuple(frames.names[n] for n in chosen), radiance, flags, flags, (shot / by**2, floor / by))
 
 
-def _first_guesses(steadiness: Steadiness) -> Iterator[Bool[np.ndarray, "h w"]]:
+def _first_guesses(steadiness: TemporalStability) -> Iterator[Bool[np.ndarray, "h w"]]:
     """Where pixels are steadier than, or in any way unlike, the border of the image, its rows or its columns.
 
     A turntable shows each row its own band of the room, a tilting head each column.
@@ -182,7 +182,7 @@ def _first_guesses(steadiness: Steadiness) -> Iterator[Bool[np.ndarray, "h w"]]:
 
 
 def _sharper(
-    found: Bool[np.ndarray, "h w"], full: Steadiness, begun: int, by: int
+    found: Bool[np.ndarray, "h w"], full: TemporalStability, begun: int, by: int
 ) -> Bool[np.ndarray, "h w"]:
     """An answer found on images smaller `by` a factor, without the gaps that the first guess it grew from has at full size.
 
@@ -205,7 +205,7 @@ def _above(evidence: Float32[np.ndarray, "h w"], least: float) -> Bool[np.ndarra
 
 
 def _grow(
-    steadiness: Steadiness,
+    steadiness: TemporalStability,
     guess: Bool[np.ndarray, "h w"],
     params: SegmentParams,
     rounds: int,
@@ -260,7 +260,7 @@ def _unless(spoken: Bool[np.ndarray, "h w"], where: Bool[np.ndarray, "h w"]) -> 
 
 
 def _contrast(
-    found: Bool[np.ndarray, "h w"], steadiness: Steadiness
+    found: Bool[np.ndarray, "h w"], steadiness: TemporalStability
 ) -> tuple[Float32[np.ndarray, " a"], Float32[np.ndarray, " b"], Float32[np.ndarray, " c"]]:
     """Log variances of the links across the outline, within the object, within the room."""
     pairs = ((found[:, 1:], found[:, :-1], steadiness.link_x), (found[1:], found[:-1], steadiness.link_y))
@@ -270,7 +270,7 @@ def _contrast(
     return across, within, outside
 
 
-def _strength(found: Bool[np.ndarray, "h w"], steadiness: Steadiness) -> tuple[float, float]:
+def _strength(found: Bool[np.ndarray, "h w"], steadiness: TemporalStability) -> tuple[float, float]:
     """How far the outline stands out from the object's own edges, and from the room's typical change."""
     across, within, outside = _contrast(found, steadiness)
     if min(len(across), len(within), len(outside)) < gmm_graph_cut.FEWEST:
@@ -281,7 +281,7 @@ def _strength(found: Bool[np.ndarray, "h w"], steadiness: Steadiness) -> tuple[f
     )
 
 
-def _score(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> float:
+def _score(found: Bool[np.ndarray, "h w"], steadiness: TemporalStability, params: SegmentParams) -> float:
     border = np.concatenate([found[0], found[-1], found[:, 0], found[:, -1]])
     return sum(_strength(found, steadiness)) - params.border_penalty * float(border.mean())
 
@@ -306,7 +306,7 @@ def _without_specks(found: Bool[np.ndarray, "h w"], params: SegmentParams) -> Bo
     return found
 
 
-def _check(found: Bool[np.ndarray, "h w"], steadiness: Steadiness, params: SegmentParams) -> None:
+def _check(found: Bool[np.ndarray, "h w"], steadiness: TemporalStability, params: SegmentParams) -> None:
     """Refuse an outline across which no more changes than elsewhere."""
     if _score(found, steadiness, params) < params.min_contrast:
         raise MaskError(_NOTHING)

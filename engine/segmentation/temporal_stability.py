@@ -20,7 +20,7 @@ FEATURES = ("mean", "spread", "red", "blue", "colour_spread", "steadiest_links")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Steadiness:
+class TemporalStability:
     """Statistics over the views of one session."""
 
     features: Float32[np.ndarray, "h w 6"]  # in the order of FEATURES
@@ -29,7 +29,7 @@ class Steadiness:
     relative: Float32[np.ndarray, "n h w"]  # luminance over the pixel's geometric mean
 
 
-def measure(frames: Frames) -> Steadiness:
+def measure(frames: Frames) -> TemporalStability:
     """One pass over the views."""
     n, h, w, _ = frames.radiance.shape
     shot, floor = frames.noise
@@ -74,11 +74,11 @@ def measure(frames: Frames) -> Steadiness:
         ],
         axis=-1,
     )
-    return Steadiness(features.astype(np.float32), link_x, link_y, relative)
+    return TemporalStability(features.astype(np.float32), link_x, link_y, relative)
 
 
 def unexplained(
-    steadiness: Steadiness, core: Bool[np.ndarray, "h w"], rank: int, rng: np.random.Generator
+    steadiness: TemporalStability, core: Bool[np.ndarray, "h w"], rank: int, rng: np.random.Generator
 ) -> Float32[np.ndarray, "h w"]:
     """Log of the part of each pixel's history that the histories of `core` do not explain.
 

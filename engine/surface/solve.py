@@ -29,7 +29,7 @@ from engine.surface.rendering.object_pixels import image, light_transport, photo
 from engine.surface.schedule import run, schedule
 from engine.surface.tiled_solve import SolvedMaps, evaluate_result, solve_tiles
 from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved_variance
-from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface, ValidationRenders
 
 VALIDATION_ONE_IN = 8
 """At most one of so many views is kept out of the fit."""
@@ -94,7 +94,7 @@ def solve(
     seed: int,
     progress: Progress,
     flip: int = 0,
-) -> tuple[Surface, Renders, Emitters, SurfaceReport]:
+) -> tuple[Surface, ValidationRenders, Emitters, SurfaceReport]:
     """Solve the surface; `seed` picks the pixels that calibrate the light, start maps are of the upright picture, turned
     by `flip`.
 
@@ -158,7 +158,7 @@ def solve(
     error = rerendering_error(frames, kept_out, pictures, mask)
     report = report_of(scene, found, maps, material, kept_out, error)
     report = replace(report, depth_parts=integrated.shares)
-    return surface, Renders(kept_out, pictures), emitters_of(found), report
+    return surface, ValidationRenders(kept_out, pictures), emitters_of(found), report
 
 
 def initial_state(scene: Scene, room: RoomLight) -> Estimate:

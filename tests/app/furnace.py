@@ -13,7 +13,7 @@ import numpy as np
 from engine.geometry import fibonacci_sphere
 from engine.light.gaussians.gaussians import Y00
 from engine.pipeline import artifacts
-from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Masks, Poses, Renders, Surface
+from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface, ValidationRenders
 from tests.engine.ball import ball
 
 CAMERA = Camera(40, 30, 44.0, 44.0, 19.5, 15.5)
@@ -98,7 +98,7 @@ def finished(
         10.0,
         finished_at,
         surface=shape,
-        renders=Renders(HELD_OUT, made),
+        renders=ValidationRenders(HELD_OUT, made),
         emitters=Emitters(gaussians, lamps, 0),
     )
     report = {

@@ -17,7 +17,7 @@ from app.inspect import runs
 from app.inspect.rerendering import Scene, open_run
 from engine.pipeline import artifacts
 from engine.progress import Progress
-from engine.types import Renders
+from engine.types import ValidationRenders
 from tests.end_to_end import bundled
 
 # A third of the pixels each way, a coarse sphere of directions, a small light: a minute on two cores.
@@ -123,7 +123,7 @@ def test_colmap_opens_its_model_with_every_view(exported: Path) -> None:
 
 def test_a_view_rendered_again_is_the_solvers_own_picture(session: Path) -> None:
     solved = open_run(runs.runs_of(session)[0])
-    own = artifacts.load(solved.run.folder("surface"), "renders", Renders)
+    own = artifacts.load(solved.run.folder("surface"), "renders", ValidationRenders)
     again = Scene(solved, Progress()).rendered(own.views, Progress())
     first = own.radiance[:, solved.surface.mask]
     # What is stored is rounded: of 360 000 rays that meet the object one or two fall on the other side of an edge.

@@ -12,7 +12,7 @@ from engine import conventions
 from engine.errors import RawError
 from engine.geometry import project, rays, transform
 from engine.orientation import back, turn_camera, turn_picture, turn_poses, turn_vectors, turned
-from engine.types import Camera, Frames, Gaussians, Masks, Poses, Renders
+from engine.types import Camera, Frames, Gaussians, Masks, Poses, ValidationRenders
 from tests.engine.ball import CENTRE, RADIUS, ball
 from tests.engine.results.test_metrics import ring
 
@@ -33,7 +33,7 @@ def records() -> tuple[Any, ...]:
         Poses(CAMERA, poses, np.array([True, False, True, True]), rng.normal(size=(5, 3)), "rig", 0.2),
         Frames(("a", "b"), radiance, flags, ~flags, (0.1, 0.2)),
         Masks(flags[0], flags),
-        Renders((0, 1), radiance),
+        ValidationRenders((0, 1), radiance),
         surface,
         replace(surface, material=rng.uniform(size=(32, 48, 2))),
     )

@@ -28,7 +28,7 @@ ROWS_DEG = 70.0  # up and down to which the tilted rows go that a plan is compar
 
 
 @dataclass(frozen=True, slots=True)
-class Next:
+class NextView:
     """The pose that would help most."""
 
     index: int  # of the poses offered; -1 for hands
@@ -72,9 +72,9 @@ def order(
     return chosen
 
 
-def best_of(
+def best_pose(
     sight: Sight, coverage: Coverage, done: Float[np.ndarray, "k 3 3"], left: Float[np.ndarray, "m 3 3"]
-) -> Next | None:
+) -> NextView | None:
     """The most helpful of a rig's poses; None without any."""
     if not len(left):
         return None
@@ -82,7 +82,7 @@ def best_of(
     shown = _shown(sight, left[index : index + 1], coverage.directions)[0]
     gain = float((shown & (coverage.state == UNSEEN)).mean())
     overlap = _overlap(shown, _shown(sight, done, coverage.directions))
-    return Next(index, gain, overlap, f"the next pose adds {gain:.0%} of the sphere")
+    return NextView(index, gain, overlap, f"the next pose adds {gain:.0%} of the sphere")
 
 
 def for_hands(
@@ -91,7 +91,7 @@ def for_hands(
     done: Float[np.ndarray, "k 3 3"],
     level_from_world: Float[np.ndarray, "3 3"] | None,
     upright_from_cam: Float[np.ndarray, "3 3"],
-) -> Next | None:
+) -> NextView | None:
     """Where a person should point next, from where the last shot pointed; None before the first.
 
     Without a level world, left and up are those of the upright picture as the camera was held.
@@ -113,10 +113,12 @@ def for_hands(
     pick = int(scores.argmax())
     gain = float((shown[pick] & unseen).mean())
     if gain < ENOUGH_GAIN:
-        return Next(-1, gain, float(overlap[pick]), "no pose would add 1 % of the sphere: the room is seen")
+        return NextView(
+            -1, gain, float(overlap[pick]), "no pose would add 1 % of the sphere: the room is seen"
+        )
     level = upright_from_cam @ last if level_from_world is None else level_from_world
     way = _way(level @ last[2], level @ gazes[pick], level_from_world is not None)
-    return Next(-1, gain, float(overlap[pick]), f"{way}: adds {gain:.0%} of the sphere")
+    return NextView(-1, gain, float(overlap[pick]), f"{way}: adds {gain:.0%} of the sphere")
 
 
 def one_axis(cam_from_world: Float[np.ndarray, "n 3 3"], sight: Sight) -> Finding | None:

@@ -22,7 +22,7 @@ LOBES = (0.8, 0.35)  # spread of the first and second order of the walls' light,
 
 
 @dataclass(frozen=True, slots=True)
-class Certainty:
+class PlanPrecision:
     """Of a plan, median over rooms and normals."""
 
     worst: float  # error of the normal along its worst tangent, radians per unit of relative noise
@@ -30,7 +30,7 @@ class Certainty:
     lamp_deg: float  # error of the normal when all lamps are told off by `LAMP_ERROR`
 
 
-def certainty(cam_from_world: Float[np.ndarray, "n 3 3"], seed: int = 0) -> Certainty:
+def certainty(cam_from_world: Float[np.ndarray, "n 3 3"], seed: int = 0) -> PlanPrecision:
     """What the turns of a plan can tell; at least three shots."""
     rng = np.random.default_rng(seed)
     normals = fibonacci_sphere(2 * NORMALS)
@@ -60,7 +60,7 @@ def certainty(cam_from_world: Float[np.ndarray, "n 3 3"], seed: int = 0) -> Cert
         best.append(np.median(spread[:, 0]))
         off.append(np.median(np.linalg.norm(answer[:, :2], axis=1)))
     # Beyond a right angle a linear answer means nothing but "lost".
-    return Certainty(
+    return PlanPrecision(
         float(np.median(worst)), float(np.median(best)), min(90.0, float(np.degrees(np.median(off))))
     )
 

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float64, Int
 
 from engine.capture_checks.finding import Finding
 from engine.capture_checks.rotation import focal_length, overlap, rig_consistency, rotation_averaging
-from engine.capture_checks.rotation.overlap import Link, Marks
-from engine.capture_checks.rotation.rotation_averaging import Turned
-from engine.capture_checks.shot_preview import Glance
+from engine.capture_checks.rotation.overlap import Features, ViewPair
+from engine.capture_checks.rotation.rotation_averaging import RotationGraph
+from engine.capture_checks.shot_preview import ShotPreview
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +35,8 @@ class Bearings:
         self._field = Field(focal_length.focal_of(focal_length.ASSUMED_DEG), "assumed")
         self._tally: list[Float64[np.ndarray, " g"]] = []
         self._names: list[str] = []
-        self._marks: list[Marks] = []
-        self._links: list[list[Link]] = []
+        self._marks: list[Features] = []
+        self._links: list[list[ViewPair]] = []
         self._logged: list[Float64[np.ndarray, "3 3"] | None] = []
         self._turned = rotation_averaging.NOTHING
 
@@ -45,7 +45,7 @@ class Bearings:
         return self._field
 
     @property
-    def turned(self) -> Turned:
+    def turned(self) -> RotationGraph:
         return self._turned
 
     @property
@@ -64,14 +64,17 @@ class Bearings:
         self._field = Field(focal, "Exif")
 
     def see(
-        self, now: Glance, mask: Bool[np.ndarray, "H W"] | None, logged: Float64[np.ndarray, "3 3"] | None
+        self,
+        now: ShotPreview,
+        mask: Bool[np.ndarray, "H W"] | None,
+        logged: Float64[np.ndarray, "3 3"] | None,
     ) -> list[Finding]:
         """Place a shot; `logged` is the rig's word on its cam_from_world."""
-        new = overlap.marks(now, mask)
+        new = overlap.detect_features(now, mask)
         partners = overlap.likely(new, self._marks)
         self._marks.append(new)
         number = len(self._names)
-        links = [overlap.link(one, number, self._marks, self._field.focal) for one in partners]
+        links = [overlap.match_pair(one, number, self._marks, self._field.focal) for one in partners]
         self._logged.append(logged)
         known = self._field.source != "assumed"
         found = [
@@ -86,7 +89,7 @@ class Bearings:
             self._ask_lens(links)
         return [one for one in found if one is not None]
 
-    def _ask_lens(self, links: Sequence[Link]) -> None:
+    def _ask_lens(self, links: Sequence[ViewPair]) -> None:
         """Add a pair to the tally of focal lengths; what hangs on it is made anew once they agree."""
         best = max(links, key=lambda one: one.inliers, default=None)
         if best is None or best.inliers < overlap.ENOUGH or len(self._tally) >= focal_length.MOST_PAIRS:
@@ -96,7 +99,7 @@ class Bearings:
         if focal is None:
             return
         self._field = Field(focal, "the shots")
-        turned, so_far = rotation_averaging.NOTHING, list[Link]()
+        turned, so_far = rotation_averaging.NOTHING, list[ViewPair]()
         for number, logged in enumerate(self._logged):
             self._links[number] = [overlap.with_focal(one, focal) for one in self._links[number]]
             so_far += self._links[number]

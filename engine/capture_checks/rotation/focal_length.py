@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from engine.capture_checks.rotation.overlap import Link
+from engine.capture_checks.rotation.overlap import ViewPair
 from engine.capture_checks.rotation.two_view import followed, motions
 from engine.io.formats.exif import number, read_tags
 
@@ -50,7 +50,7 @@ def told(path: Path, width: int, height: int) -> float | None:
     return focal
 
 
-def misfits(link: Link) -> Float64[np.ndarray, " g"]:
+def misfits(link: ViewPair) -> Float64[np.ndarray, " g"]:
     """Log misfit of one link at every focal length of `GRID`, above the best one's."""
     middle = len(GRID) // 2
     logs = np.zeros(len(GRID))

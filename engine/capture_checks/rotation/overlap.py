@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int, UInt8
 
 from engine.capture_checks.finding import Finding, Severity
-from engine.capture_checks.rotation.two_view import Turn, agreeing, followed, motions
-from engine.capture_checks.shot_preview import Glance
+from engine.capture_checks.rotation.two_view import RelativePose, agreeing, followed, motions
+from engine.capture_checks.shot_preview import ShotPreview
 from engine.hdr.develop import averaged
 from engine.sfm.features import mutual, tone_mapped
 from engine.sfm.incremental import best_of_both
@@ -36,7 +36,7 @@ FEWEST_FEATURES = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Marks:
+class Features:
     """Features of one shot's background."""
 
     points: Float64[np.ndarray, "n 2"]  # from the picture's centre, in widths; x right, y down
@@ -46,18 +46,18 @@ class Marks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Link:
+class ViewPair:
     """What two shots have in common."""
 
     earlier: int
     later: int
     inliers: int
-    turns: tuple[Turn, ...]  # best first; empty without a motion
+    turns: tuple[RelativePose, ...]  # best first; empty without a motion
     points: tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]]  # what was matched, as in `Marks`
     pixel: float
 
 
-def marks(glance: Glance, object_mask: Bool[np.ndarray, "H W"] | None) -> Marks:
+def detect_features(glance: ShotPreview, object_mask: Bool[np.ndarray, "H W"] | None) -> Features:
     """Features of the background; of everything while nobody knows where the object is."""
     by = max(1, int(np.ceil(max(glance.fine.shape) / EDGE_PX)))
     light = averaged(np.maximum(glance.fine, 0), by)
@@ -72,12 +72,12 @@ def marks(glance: Glance, object_mask: Bool[np.ndarray, "H W"] | None) -> Marks:
         free = (cv2.dilate(small.astype(np.uint8), kernel) == 0).astype(np.uint8) * 255
     found, raw = cv2.SIFT.create(nfeatures=MOST, contrastThreshold=PEAK).detectAndCompute(picture, free)
     if raw is None or not len(raw):
-        return Marks(np.zeros((0, 2)), np.zeros((0, 128), np.uint8), np.zeros(0, np.int64), 1 / EDGE_PX)
+        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.uint8), np.zeros(0, np.int64), 1 / EDGE_PX)
     h, w = picture.shape
     pixels = np.array([point.pt for point in found], np.float64) + 0.5  # OpenCV's first pixel lies on (0, 0)
     strength = np.array([point.response for point in found])
     root = np.sqrt(raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-9))
-    return Marks(
+    return Features(
         (pixels - [w / 2, h / 2]) / w,
         np.minimum(np.rint(512 * root), 255).astype(np.uint8),
         np.argsort(-strength, kind="stable")[:COARSE],
@@ -85,7 +85,7 @@ def marks(glance: Glance, object_mask: Bool[np.ndarray, "H W"] | None) -> Marks:
     )
 
 
-def likely(new: Marks, earlier: Sequence[Marks]) -> list[int]:
+def likely(new: Features, earlier: Sequence[Features]) -> list[int]:
     """Indices of the earlier shots worth matching in full: the last one, and those most alike."""
     if not earlier:
         return []
@@ -95,7 +95,9 @@ def likely(new: Marks, earlier: Sequence[Marks]) -> list[int]:
     return sorted({len(earlier) - 1, *best})
 
 
-def matched(earlier: Marks, later: Marks) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]]:
+def matched(
+    earlier: Features, later: Features
+) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]]:
     """Points of both that look alike and moved."""
     pairs = best_of_both(
         earlier.descriptors.astype(np.float32), later.descriptors.astype(np.float32), RATIO
@@ -105,14 +107,14 @@ def matched(earlier: Marks, later: Marks) -> tuple[Float64[np.ndarray, "n 2"], F
     return (a[~stood], b[~stood]) if len(stood) and stood.mean() < STOOD_SHARE else (a, b)
 
 
-def link(earlier: int, later: int, marks_of: Sequence[Marks], focal: float) -> Link:
+def match_pair(earlier: int, later: int, marks_of: Sequence[Features], focal: float) -> ViewPair:
     """Match two shots and find how the camera turned between them."""
     points = matched(marks_of[earlier], marks_of[later])
     pixel = marks_of[later].pixel
     return _told(earlier, later, points, pixel, motions(*points, focal, pixel), focal)
 
 
-def with_focal(before: Link, focal: float) -> Link:
+def with_focal(before: ViewPair, focal: float) -> ViewPair:
     """The same link through another lens."""
     turns = followed(before.turns, *before.points, focal, before.pixel)
     return _told(before.earlier, before.later, before.points, before.pixel, turns, focal)
@@ -123,10 +125,10 @@ def _told(
     later: int,
     points: tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]],
     pixel: float,
-    turns: Sequence[Turn],
+    turns: Sequence[RelativePose],
     focal: float,
-) -> Link:
-    kept: list[Turn] = []
+) -> ViewPair:
+    kept: list[RelativePose] = []
     for one in turns:
         known = any(
             angle_between(one.later_from_earlier, turn.later_from_earlier) < np.radians(ALIKE_DEG)
@@ -137,10 +139,10 @@ def _told(
     inliers = 0
     if kept:
         inliers = agreeing(kept[0], *points, focal, pixel)
-    return Link(earlier, later, inliers, tuple(kept), points, pixel)
+    return ViewPair(earlier, later, inliers, tuple(kept), points, pixel)
 
 
-def check(name: str, new: Marks, links: Sequence[Link], names: Sequence[str]) -> Finding | None:
+def check(name: str, new: Features, links: Sequence[ViewPair], names: Sequence[str]) -> Finding | None:
     """Whether a shot can be tied to the earlier ones; nothing for the first shot."""
     if not names:
         return None

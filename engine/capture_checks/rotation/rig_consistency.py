@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from engine.capture_checks.finding import Finding, Severity
-from engine.capture_checks.rotation.overlap import ENOUGH, STOOD_PX, Link
+from engine.capture_checks.rotation.overlap import ENOUGH, STOOD_PX, ViewPair
 from engine.sfm.rig_alignment import angle_between
 
 LEAST_DEG = 1.0  # a turn of less moves points too little to tell
@@ -29,7 +29,7 @@ Rotation = Float64[np.ndarray, "3 3"]
 
 def check(
     name: str,
-    links: Sequence[Link],
+    links: Sequence[ViewPair],
     logged: Sequence[Rotation | None],
     names: Sequence[str],
     lens_known: bool,
@@ -76,7 +76,7 @@ class _Pair:
         return not self.stood and self.off_deg < SLACK_DEG + share * self.rig_deg
 
 
-def _told(link: Link, logged: Sequence[Rotation | None], object_known: bool) -> _Pair | None:
+def _told(link: ViewPair, logged: Sequence[Rotation | None], object_known: bool) -> _Pair | None:
     """None where the pair tells nothing."""
     before, now = logged[link.earlier], logged[-1]
     if before is None or now is None:
@@ -98,13 +98,13 @@ def _degrees(turn: Rotation) -> float:
     return float(np.degrees(angle_between(turn, np.eye(3))))
 
 
-def _stood(link: Link) -> bool:
+def _stood(link: ViewPair) -> bool:
     """Most points are where they were: `overlap.matched` leaves them in only then."""
     earlier, later = link.points
     return float(np.median(np.linalg.norm(earlier - later, axis=1))) < STOOD_PX * link.pixel
 
 
-def _everywhere(link: Link) -> bool:
+def _everywhere(link: ViewPair) -> bool:
     """Points in nearly all of the picture: they are not the object's."""
     points = link.points[1]
     column = np.floor(COLUMNS * (points[:, 0] + 0.5))

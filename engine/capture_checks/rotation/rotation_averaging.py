@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from engine.capture_checks.rotation.overlap import ENOUGH, Link
+from engine.capture_checks.rotation.overlap import ENOUGH, ViewPair
 
 TOLERANCE_RAD = np.radians(4.0)  # by which a good link may contradict the others
 PATIENCE = 20.0  # misfit (of Turn) up to which a turn may win by fitting better with other links
@@ -23,7 +23,7 @@ ROUNDS, DONE_RAD = 20, np.radians(0.05)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turned:
+class RotationGraph:
     """The rotations so far."""
 
     cam_from_world: Float64[np.ndarray, "n 3 3"]
@@ -37,15 +37,15 @@ class Turned:
         return int(numbers[sizes.argmax()]) if len(numbers) else 0
 
 
-NOTHING = Turned(np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros(0, bool))
+NOTHING = RotationGraph(np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros(0, bool))
 
 
 def with_shot(
-    before: Turned,
-    links: Sequence[Link],
-    all_links: Sequence[Link],
+    before: RotationGraph,
+    links: Sequence[ViewPair],
+    all_links: Sequence[ViewPair],
     logged: Float64[np.ndarray, "3 3"] | None,
-) -> Turned:
+) -> RotationGraph:
     """One shot more, by its `links` to earlier ones; `all_links` hold those of every shot, these included."""
     number = len(before.group)
     good = sorted((one for one in links if one.inliers >= ENOUGH), key=lambda one: -one.inliers)
@@ -57,7 +57,7 @@ def with_shot(
         cam_from_world = _first_guess(before, [one for one in good if before.group[one.earlier] == group])
     else:
         cam_from_world, group = np.eye(3), fresh
-    turned = Turned(
+    turned = RotationGraph(
         np.concatenate([before.cam_from_world, cam_from_world[None]]),
         np.append(before.group, group),
         np.append(before.logged, logged is not None),
@@ -67,7 +67,7 @@ def with_shot(
     return _averaged(turned, [one for one in all_links if one.inliers >= ENOUGH])
 
 
-def _first_guess(before: Turned, links: Sequence[Link]) -> Float64[np.ndarray, "3 3"]:
+def _first_guess(before: RotationGraph, links: Sequence[ViewPair]) -> Float64[np.ndarray, "3 3"]:
     """Of all turns that the links offer a new shot the one that contradicts the fewest."""
     offers = [
         np.stack([turn.later_from_earlier @ before.cam_from_world[one.earlier] for turn in one.turns])
@@ -88,7 +88,7 @@ def _off(trace: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
     return np.square(np.arccos(np.clip((trace - 1) / 2, -1, 1)) / TOLERANCE_RAD)
 
 
-def _joined(turned: Turned, link: Link, number: int) -> Turned:
+def _joined(turned: RotationGraph, link: ViewPair, number: int) -> RotationGraph:
     """The two shots' groups as one: the world of the one without the rig, or of the smaller, is turned."""
     ours, theirs = int(turned.group[number]), int(turned.group[link.earlier])
     if ours == theirs:
@@ -104,10 +104,10 @@ def _joined(turned: Turned, link: Link, number: int) -> Turned:
     cam_from_world = np.where(
         moves[:, None, None], turned.cam_from_world @ old_from_new, turned.cam_from_world
     )
-    return Turned(cam_from_world, np.where(moves, stays, turned.group), turned.logged)
+    return RotationGraph(cam_from_world, np.where(moves, stays, turned.group), turned.logged)
 
 
-def _averaged(turned: Turned, links: Sequence[Link]) -> Turned:
+def _averaged(turned: RotationGraph, links: Sequence[ViewPair]) -> RotationGraph:
     """All rotations settled between their links."""
     if not links or turned.logged.all():
         return turned
@@ -139,4 +139,4 @@ def _averaged(turned: Turned, links: Sequence[Link]) -> Turned:
         now = new
         if moved < DONE_RAD:
             break
-    return Turned(now, turned.group, turned.logged)
+    return RotationGraph(now, turned.group, turned.logged)

@@ -30,7 +30,7 @@ NUDGES = np.eye(3) + SMALL * ACROSS.transpose(2, 0, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turn:
+class RelativePose:
     """One motion that explains a pair."""
 
     later_from_earlier: Float64[np.ndarray, "3 3"]
@@ -39,7 +39,11 @@ class Turn:
 
 
 def agreeing(
-    turn: Turn, a: Float64[np.ndarray, "n 2"], b: Float64[np.ndarray, "n 2"], focal: float, pixel: float
+    turn: RelativePose,
+    a: Float64[np.ndarray, "n 2"],
+    b: Float64[np.ndarray, "n 2"],
+    focal: float,
+    pixel: float,
 ) -> int:
     """How many points lie where the motion says."""
     essential = (ACROSS @ turn.way @ turn.later_from_earlier)[None]
@@ -49,34 +53,36 @@ def agreeing(
 
 def motions(
     a: Float64[np.ndarray, "n 2"], b: Float64[np.ndarray, "n 2"], focal: float, pixel: float
-) -> list[Turn]:
+) -> list[RelativePose]:
     """Each motion that may explain a pair of points, best first; none where there are too few."""
     if len(a) < FEWEST_MATCHES:
         return []
-    starts: list[Turn] = []
+    starts: list[RelativePose] = []
     lens = np.diag([focal, focal, 1.0])
     matrix, _ = cv2.findEssentialMat(
         a, b, lens, method=cv2.USAC_MAGSAC, prob=0.9999, threshold=ROBUST_PX * pixel
     )
     if matrix is not None and matrix.shape == (3, 3):
         first, second, way = cv2.decomposeEssentialMat(matrix)
-        starts += [Turn(turn, way.ravel(), 0.0) for turn in (first, second)]
+        starts += [RelativePose(turn, way.ravel(), 0.0) for turn in (first, second)]
     flat, _ = cv2.findHomography(a, b, cv2.USAC_MAGSAC, INLIER_PX * pixel)
     if flat is not None and np.isfinite(flat).all() and abs(np.linalg.det(flat)) > 1e-9:
         _, rotations, ways, _ = cv2.decomposeHomographyMat(flat, lens)
         for rotation, way in zip(rotations, ways, strict=True):
             size = float(np.linalg.norm(way))
-            starts.append(Turn(rotation, way.ravel() / size if size > 1e-9 else np.array([1.0, 0, 0]), 0.0))
+            starts.append(
+                RelativePose(rotation, way.ravel() / size if size > 1e-9 else np.array([1.0, 0, 0]), 0.0)
+            )
     return followed(starts, a, b, focal, pixel)
 
 
 def followed(
-    starts: Sequence[Turn],
+    starts: Sequence[RelativePose],
     a: Float64[np.ndarray, "n 2"],
     b: Float64[np.ndarray, "n 2"],
     focal: float,
     pixel: float,
-) -> list[Turn]:
+) -> list[RelativePose]:
     """Motions refined on points through a lens, best first."""
     if not starts:
         return []
@@ -116,7 +122,7 @@ def _loss(rest: np.ndarray) -> float:
     return float(np.log1p(np.square(rest / ROBUST_PX)).sum())
 
 
-def _refined(start: Turn, a: np.ndarray, b: np.ndarray, scale: float) -> Turn:
+def _refined(start: RelativePose, a: np.ndarray, b: np.ndarray, scale: float) -> RelativePose:
     """Levenberg-Marquardt on turn (3) and way (2)."""
     turn, way, damping = start.later_from_earlier, start.way, 1e-3
     rest = scale * _sampson((ACROSS @ way @ turn)[None], a, b)[0]
@@ -145,4 +151,4 @@ def _refined(start: Turn, a: np.ndarray, b: np.ndarray, scale: float) -> Turn:
             damping *= 10
             if damping > 1e3:
                 break
-    return Turn(turn, way, loss)
+    return RelativePose(turn, way, loss)

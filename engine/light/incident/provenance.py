@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from engine.color import luminance
 from engine.light.incident.coverage import coverage_of, covered
 from engine.light.incident.probes import Cube, panorama_directions
-from engine.types import Frames, Gaussians, Grounds, Masks, Panorama, Poses
+from engine.types import Frames, Gaussians, LightProvenance, Masks, Panorama, Poses
 
 PHOTOGRAPHED, CLIPPED, GUESSED = 0, 1, 2
 HALF = 0.5
@@ -48,7 +48,7 @@ def photographed(
 
 def provenance_of(
     panorama: Panorama, clipped: Bool[np.ndarray, "h w"], normals: Float[np.ndarray, "p 3"]
-) -> Grounds:
+) -> LightProvenance:
     """The classes, and the shares of the diffuse irradiance averaged over the object's normals.
 
     Luminance counts, and nothing that hides the room from the surface does. A direction counts whole for its
@@ -66,4 +66,4 @@ def provenance_of(
     irradiance = facing * area * luminance(panorama.radiance.astype(np.float64))
     total = max(float(irradiance.sum()), np.finfo(float).tiny)
     guessed, bound = (float(irradiance[kind == one].sum()) / total for one in (GUESSED, CLIPPED))
-    return Grounds(kind, guessed, bound)
+    return LightProvenance(kind, guessed, bound)

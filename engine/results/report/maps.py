@@ -10,7 +10,7 @@ from engine.color import relative_error
 from engine.geometry import angle_between
 from engine.io.ground_truth import Truth
 from engine.results.report import embedded_images, html_page
-from engine.types import Renders, Surface
+from engine.types import Surface, ValidationRenders
 
 FLAGS = (
     (1, "grazing"), (2, "shadowed in most views"), (4, "saturated"), (8, "ill-conditioned"),
@@ -121,7 +121,7 @@ def confidence(surface: Surface | None) -> str:
 
 def renders(
     surface: Surface | None,
-    made: Renders | None,
+    made: ValidationRenders | None,
     held_out: Float[np.ndarray, "k h w 3"] | None,
     names: Sequence[str],
 ) -> str:

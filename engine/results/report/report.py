@@ -16,7 +16,7 @@ from engine.hdr.merge import HdrReport
 from engine.io.ground_truth import Truth
 from engine.results.quality import quality
 from engine.results.report import distance, embedded_images, html_page, maps, path_drawing
-from engine.types import Gaussians, Grounds, Panorama, Poses, Renders, Surface
+from engine.types import Gaussians, LightProvenance, Panorama, Poses, Surface, ValidationRenders
 
 METRES = ("rig", "board")
 
@@ -41,10 +41,10 @@ class Contents:
     names: tuple[str, ...]  # of all views
     photograph: Float[np.ndarray, "h w 3"] | None = None  # radiance of one view
     surface: Surface | None = None
-    renders: Renders | None = None
+    renders: ValidationRenders | None = None
     held_out: Float[np.ndarray, "k h w 3"] | None = None  # photographs of the re-rendered views
     panorama: Panorama | None = None
-    grounds: Grounds | None = None  # of the panorama's light
+    grounds: LightProvenance | None = None  # of the panorama's light
     poses: Poses | None = None
     gaussians: Gaussians | None = None
     hdr: HdrReport | None = None

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.capture_checks.checker import Watch
+from engine.capture_checks.checker import ShotChecker
 from engine.capture_checks.finding import Finding, Severity
 from engine.capture_checks.planning.coverage import UNSEEN
 from engine.capture_checks.rough_mask import on_grid
@@ -26,10 +26,10 @@ class Seen:
     """A session as it was seen, whole and after some of its shots."""
 
     shots: tuple[sessions.Shot, ...]
-    whole: Watch
+    whole: ShotChecker
     findings: tuple[Finding, ...]
-    few: Watch
-    some: Watch
+    few: ShotChecker
+    some: ShotChecker
     mask: np.ndarray
     turns: np.ndarray
 
@@ -38,11 +38,11 @@ class Seen:
 def seen() -> Seen:
     shots = sessions.shots(sessions.open_session(CAPTURE / "session"))
     truth = read_truth(CAPTURE / "truth")
-    watch, stages, findings = Watch(), list[Watch](), list[Finding]()
+    watch, stages, findings = ShotChecker(), list[ShotChecker](), list[Finding]()
     for number, shot in enumerate(shots):
         if number in (FEW, BEFORE):
             stages.append(copy.deepcopy(watch))
-        findings += watch.see(shot.name, shot.files)
+        findings += watch.add(shot.name, shot.files)
     assert truth.cam_from_world is not None
     return Seen(shots, watch, tuple(findings), *stages, truth.mask, truth.cam_from_world[:, :, :3])
 
@@ -50,7 +50,7 @@ def seen() -> Seen:
 def next_shot(seen: Seen, tmp_path: Path, change: broken.Change, number: int = BEFORE) -> Sequence[Finding]:
     """What is found in shot `number`, changed, after the first `BEFORE`."""
     files = broken.rewritten(list(seen.shots[number].files), tmp_path / "broken", change)
-    return copy.deepcopy(seen.some).see("broken", files)
+    return copy.deepcopy(seen.some).add("broken", files)
 
 
 def of_kind(findings: Sequence[Finding], kind: str) -> list[Finding]:
@@ -139,12 +139,12 @@ def test_an_object_gone_stops_the_session(seen, tmp_path):
 
 
 def test_an_object_that_moved_before_it_was_known_is_found_in_hindsight(seen, tmp_path):
-    watch, found = Watch(), list[Finding]()
+    watch, found = ShotChecker(), list[Finding]()
     for number, shot in enumerate(seen.shots[:8]):
         files = list(shot.files)
         if number == 3:
             files = broken.rewritten(files, tmp_path / "moved", broken.moved(seen.mask, 3.0, 0.0))
-        found += watch.see(shot.name, files)
+        found += watch.add(shot.name, files)
     assert [one.shot for one in of_kind(found, "moved")] == [seen.shots[3].name]
 
 
@@ -246,7 +246,7 @@ def test_photographs_of_another_size_are_refused(seen, tmp_path):
 
 
 def test_nothing_is_known_before_the_first_shot():
-    watch = Watch()
+    watch = ShotChecker()
     assert watch.coverage() is None
     assert watch.panorama() is None
     assert watch.next_by_hand() is None
@@ -256,16 +256,16 @@ def test_nothing_is_known_before_the_first_shot():
 # ---- a camera held another way up
 
 
-def held(seen, tmp_path, tag: int) -> Watch:
+def held(seen, tmp_path, tag: int) -> ShotChecker:
     """Three shots of a session whose files say so."""
-    watch = Watch()
+    watch = ShotChecker()
     for number, shot in enumerate(seen.shots[:3]):
         place = tmp_path / f"{tag}-{number}"
         place.mkdir()
         files = [Path(shutil.copy(file, place)) for file in shot.files]
         if tag != 1:
             folders.tag(files, tag)
-        watch.see(shot.name, files)
+        watch.add(shot.name, files)
     return watch
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.capture_checks.display_image import CLIPPED_RGB, LOST_RGB, PER_EV, WHITE_BIN, picture
-from engine.capture_checks.shot_preview import glance, learn
+from engine.capture_checks.shot_preview import learn, preview
 from engine.io.raw import Facts, Mosaic
 
 BLACK, WHITE = 512.0, 16383.0
@@ -69,7 +69,7 @@ def test_the_share_clipped_is_that_which_the_checks_warn_of() -> None:
     shot = bracket(light, (1.0,))
     seen = picture(shot, 1024)
     assert seen.clipped == pytest.approx(1 / 8)
-    assert seen.clipped == pytest.approx(glance("a", shot, learn(shot)).share_clipped)
+    assert seen.clipped == pytest.approx(preview("a", shot, learn(shot)).share_clipped)
 
 
 def test_the_histogram_counts_light_beyond_the_white_of_the_one_shown() -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from engine.capture_checks import sharpness
-from engine.capture_checks.shot_preview import Glance, glance_linear
+from engine.capture_checks.shot_preview import ShotPreview, glance_linear
 
 H, W = 200, 260
 
 
-def picture(light: np.ndarray, pitch: float = 1.0) -> Glance:
+def picture(light: np.ndarray, pitch: float = 1.0) -> ShotPreview:
     noisy = light + 0.002 * np.random.default_rng(3).standard_normal(light.shape)
-    return Glance(
+    return ShotPreview(
         "shot", W, H, (), (1.0,), pitch, noisy.astype(np.float32), np.zeros(light.shape, bool), (1e-7, 0.002),
         np.zeros((4, 4, 3), np.float32), np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), 1e4, 0.0, 0.0,
         np.zeros(1),

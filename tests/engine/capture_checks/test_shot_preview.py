@@ -10,10 +10,10 @@ from tests.engine.brackets_on_disk import CAMERA, scene, write
 
 def seen(
     tmp_path: Path, width: int, height: int, shutter_s: float = 0.03, lamp: float = 0.0
-) -> shot_preview.Glance:
+) -> shot_preview.ShotPreview:
     bracket = write(tmp_path, "a", scene(height, width, 4, lamp), shutter_s)
     mosaics = shot_preview.read(bracket.exposures)
-    return shot_preview.glance("a", mosaics, shot_preview.learn(mosaics))
+    return shot_preview.preview("a", mosaics, shot_preview.learn(mosaics))
 
 
 @pytest.mark.parametrize(("width", "height", "pitch"), [(400, 300, 1), (960, 640, 2), (2600, 60, 4)])
@@ -53,7 +53,7 @@ def test_noise_is_what_the_picture_shows(tmp_path):
     mosaics = shot_preview.read(bracket.exposures)
     # A flat picture tells no noise: it is learnt from another one.
     other = shot_preview.read(write(tmp_path, "other", scene(640, 960, 4), 0.03).exposures)
-    now = shot_preview.glance("flat", mosaics, shot_preview.learn(other))
+    now = shot_preview.preview("flat", mosaics, shot_preview.learn(other))
     shot, floor = now.noise
     assert now.fine.var() == pytest.approx(shot * now.fine.mean() + floor**2, rel=0.3)
 

@@ -24,7 +24,7 @@ from engine.light.gaussians.gaussians import from_3dgs
 from engine.progress import Progress
 from engine.results import export
 from engine.results.params import ExportParams
-from engine.types import Gaussians, Grounds, Lamps, Panorama, Poses
+from engine.types import Gaussians, Lamps, LightProvenance, Panorama, Poses
 from tests.engine.ball import CAMERA, ball
 from tests.engine.results.test_metrics import ring
 
@@ -64,10 +64,10 @@ def panorama() -> Panorama:
     return Panorama("my view", radiance, np.repeat([[1.0], [0.0]], 4, 0) * np.ones((1, 16)))
 
 
-def grounds() -> Grounds:
+def grounds() -> LightProvenance:
     kind = np.zeros((8, 16), np.uint8)
     kind[2:4], kind[4:] = 1, 2
-    return Grounds(kind, 0.125, 0.0625)
+    return LightProvenance(kind, 0.125, 0.0625)
 
 
 def write(

@@ -3,20 +3,20 @@
 import numpy as np
 
 from engine.segmentation import scribbles
-from engine.segmentation.temporal_stability import Steadiness
+from engine.segmentation.temporal_stability import TemporalStability
 
 H, W = 24, 32
 STEADY, UNSTEADY = np.float32(1e-4), np.float32(1e-2)
 NONE = np.zeros((H, W), bool)
 
 
-def two_halves(change: np.float32 = STEADY, brighter: float = 0.0) -> Steadiness:
+def two_halves(change: np.float32 = STEADY, brighter: float = 0.0) -> TemporalStability:
     """Alike everywhere but for the border between columns 15 and 16."""
     features = np.zeros((H, W, 6), np.float32)
     features[:, 16:, 0] = brighter
     link_x, link_y = np.full((H, W - 1), STEADY), np.full((H - 1, W), STEADY)
     link_x[:, 15] = change
-    return Steadiness(features, link_x, link_y, np.ones((8, H, W), np.float32))
+    return TemporalStability(features, link_x, link_y, np.ones((8, H, W), np.float32))
 
 
 def dab(column: int) -> np.ndarray:
@@ -52,7 +52,7 @@ def test_a_stroke_over_a_textured_thing_takes_texture_as_usual() -> None:
     plain = two_halves()
     features = plain.features.copy()
     features[..., 0] = rng.choice([0.0, 0.5], (H, W))
-    textured = Steadiness(features, plain.link_x, plain.link_y, plain.relative)
+    textured = TemporalStability(features, plain.link_x, plain.link_y, plain.relative)
     painted = NONE.copy()
     painted[8:16, 4:12] = True
     np.testing.assert_allclose(scribbles.pull(textured, painted)[11], scribbles.pull(plain, painted)[11])

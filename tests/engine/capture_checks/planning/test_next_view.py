@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from engine.capture_checks.checker import Watch, plan_findings
+from engine.capture_checks.checker import ShotChecker, plan_findings
 from engine.capture_checks.finding import Severity
 from engine.capture_checks.planning import coverage, next_view
 from engine.capture_checks.planning.plan_precision import certainty
@@ -28,7 +28,7 @@ def test_a_rig_goes_where_most_is_unseen_and_enough_is_shared():
     order = next_view.order(OPEN, done, left)
     assert order[0] == 1  # 0 shows nothing new, 2 could not be tied to any
     assert sorted(order) == [0, 1, 2]
-    best = next_view.best_of(OPEN, seen(done), done, left)
+    best = next_view.best_pose(OPEN, seen(done), done, left)
     assert best.index == 1
     assert best.overlap > next_view.OVERLAP
     assert best.gain == pytest.approx(0.5 * seen(done[:1]).share, rel=0.3)
@@ -50,7 +50,7 @@ def test_an_order_shows_most_of_the_room_early():
 def test_poses_that_overlap_nothing_are_still_all_visited():
     done, left = facing(0)[None], np.stack([facing(180), facing(150)])
     assert next_view.order(OPEN, done, left)[0] == 1  # the nearer of the two
-    assert next_view.best_of(OPEN, seen(done), done, np.zeros((0, 3, 3))) is None
+    assert next_view.best_pose(OPEN, seen(done), done, np.zeros((0, 3, 3))) is None
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_four_times_the_shots_halve_the_error():
 
 
 def test_a_rig_without_shots_starts_with_its_plan():
-    watch = Watch(RIG)
+    watch = ShotChecker(RIG)
     order = watch.order(ROWS)
     assert order[0] == 0
     assert sorted(order) == list(range(len(ROWS)))

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from engine.capture_checks.rotation import focal_length
-from engine.capture_checks.rotation.overlap import Link
+from engine.capture_checks.rotation.overlap import ViewPair
 from tests.engine.capture_checks.broken import write
 from tests.engine.capture_checks.rotation.test_two_view import FOCAL, PIXEL, pair
 
 
-def link(seed: int) -> Link:
+def link(seed: int) -> ViewPair:
     a, b, _ = pair(seed, 25.0)
-    return Link(0, 1, len(a), (), (a, b), PIXEL)
+    return ViewPair(0, 1, len(a), (), (a, b), PIXEL)
 
 
 def test_pairs_of_shots_tell_the_focal_length():

@@ -1,13 +1,13 @@
 import numpy as np
 
 from engine.capture_checks.rotation import overlap
-from engine.capture_checks.rotation.overlap import Link, Marks
+from engine.capture_checks.rotation.overlap import Features, ViewPair
 
 PIXEL = 1 / 640
 
 
-def marks(points: np.ndarray, looks: np.ndarray) -> Marks:
-    return Marks(points, looks, np.arange(min(len(points), overlap.COARSE)), PIXEL)
+def marks(points: np.ndarray, looks: np.ndarray) -> Features:
+    return Features(points, looks, np.arange(min(len(points), overlap.COARSE)), PIXEL)
 
 
 def looks(count: int, seed: int) -> np.ndarray:
@@ -17,8 +17,8 @@ def looks(count: int, seed: int) -> np.ndarray:
     return np.minimum(np.rint(512 * np.sqrt(raw / raw.sum(1, keepdims=True))), 255).astype(np.uint8)
 
 
-def link(earlier: int, inliers: int) -> Link:
-    return Link(earlier, 9, inliers, (), (np.zeros((0, 2)), np.zeros((0, 2))), PIXEL)
+def link(earlier: int, inliers: int) -> ViewPair:
+    return ViewPair(earlier, 9, inliers, (), (np.zeros((0, 2)), np.zeros((0, 2))), PIXEL)
 
 
 def test_what_stands_still_in_the_picture_is_the_object_and_not_matched():

@@ -5,11 +5,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from engine.capture_checks.checker import Watch
+from engine.capture_checks.checker import ShotChecker
 from engine.capture_checks.finding import Finding, Severity
 from engine.capture_checks.rotation import rig_consistency
-from engine.capture_checks.rotation.overlap import Link
-from engine.capture_checks.rotation.two_view import Turn
+from engine.capture_checks.rotation.overlap import ViewPair
+from engine.capture_checks.rotation.two_view import RelativePose
 from hardware.interfaces import Angles, Bracket, Exposure
 from hardware.virtual.camera import VirtualCamera, VirtualCameraConfig
 from hardware.virtual.scenes import Card
@@ -25,16 +25,16 @@ def by(pan_deg: float) -> np.ndarray:
 
 def link(
     earlier: int, shown_deg: float, inliers: int = 40, spread: float = 1.0, shift_px: float = 30.0
-) -> Link:
+) -> ViewPair:
     """A pair whose picture turned by so much; `spread`: of its points over the picture."""
     x, y = np.meshgrid(np.linspace(-0.49, 0.49, 12), np.linspace(-0.37, 0.37, 9))
     points = spread * np.column_stack([x.ravel(), y.ravel()])
-    turn = Turn(by(shown_deg), np.array([1.0, 0.0, 0.0]), 1.0)
-    return Link(earlier, 9, inliers, (turn,), (points, points + [shift_px * PIXEL, 0.0]), PIXEL)
+    turn = RelativePose(by(shown_deg), np.array([1.0, 0.0, 0.0]), 1.0)
+    return ViewPair(earlier, 9, inliers, (turn,), (points, points + [shift_px * PIXEL, 0.0]), PIXEL)
 
 
 def check(
-    links: Sequence[Link], rig_deg: float, lens_known: bool = True, object_known: bool = True
+    links: Sequence[ViewPair], rig_deg: float, lens_known: bool = True, object_known: bool = True
 ) -> Finding | None:
     """All earlier shots at 0 degrees, as the rig says; the last one at `rig_deg`."""
     logged = [by(0.0)] * 9 + [by(rig_deg)]
@@ -100,13 +100,13 @@ def test_without_the_rigs_word_there_is_nothing_to_contradict():
 def test_a_motor_that_stalls_is_noticed_at_once_and_once():
     stands = [Angles(0.0)]
     camera = VirtualCamera(VirtualCameraConfig(SIZE), lambda: Card("turntable", SIZE), lambda: stands[0])
-    watch = Watch(asdict(motion.geometry_of("turntable")))
+    watch = ShotChecker(asdict(motion.geometry_of("turntable")))
     found: list[list[Finding]] = []
     for pose in range(4):
         said_deg = 12.0 * pose
         stands[0] = Angles(said_deg - (12.0 if pose >= 2 else 0.0))
         files = [camera.card / taken.handle for taken in camera.expose(Bracket(Exposure(None)))]
-        seen = watch.see(f"s{pose}", [Path(file) for file in files], (said_deg, 0.0))
+        seen = watch.add(f"s{pose}", [Path(file) for file in files], (said_deg, 0.0))
         found.append([one for one in seen if one.kind == "turn"])
     camera.close()
     assert [len(turns) for turns in found] == [0, 0, 1, 0]

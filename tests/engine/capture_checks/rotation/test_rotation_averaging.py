@@ -3,8 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from engine.capture_checks.rotation import rotation_averaging
-from engine.capture_checks.rotation.overlap import Link
-from engine.capture_checks.rotation.two_view import Turn
+from engine.capture_checks.rotation.overlap import ViewPair
+from engine.capture_checks.rotation.two_view import RelativePose
 from engine.sfm.rig_alignment import angle_between, mean_rotation
 
 NO_POINTS = (np.zeros((0, 2)), np.zeros((0, 2)))
@@ -20,20 +20,20 @@ def journey(count: int) -> np.ndarray:
 def link(
     truth: np.ndarray, earlier: int, later: int, rng: np.random.Generator, off_deg: float = 1.0,
     twin_deg: float = 0.0, inliers: int = 40,
-) -> Link:  # fmt: skip
+) -> ViewPair:  # fmt: skip
     """What a pair tells, off by about `off_deg`; with a twin `twin_deg` away that fits a little better."""
     noise = Rotation.from_rotvec(np.radians(off_deg) * rng.standard_normal(3) / np.sqrt(3)).as_matrix()
     turn = noise @ truth[later] @ truth[earlier].T
-    turns = [Turn(turn, WAY, 10.0)]
+    turns = [RelativePose(turn, WAY, 10.0)]
     if twin_deg:
         away = Rotation.from_rotvec([0, np.radians(twin_deg), 0]).as_matrix()
-        turns.insert(0, Turn(away @ turn, WAY, 8.0))
-    return Link(earlier, later, inliers, tuple(turns), NO_POINTS, 1 / 640)
+        turns.insert(0, RelativePose(away @ turn, WAY, 8.0))
+    return ViewPair(earlier, later, inliers, tuple(turns), NO_POINTS, 1 / 640)
 
 
 def walked(
-    truth: np.ndarray, links: list[Link], logged: dict[int, np.ndarray] | None = None
-) -> rotation_averaging.Turned:
+    truth: np.ndarray, links: list[ViewPair], logged: dict[int, np.ndarray] | None = None
+) -> rotation_averaging.RotationGraph:
     turned = rotation_averaging.NOTHING
     for number in range(len(truth)):
         so_far = [one for one in links if one.later <= number]
@@ -42,7 +42,7 @@ def walked(
     return turned
 
 
-def off_deg(turned: rotation_averaging.Turned, truth: np.ndarray) -> np.ndarray:
+def off_deg(turned: rotation_averaging.RotationGraph, truth: np.ndarray) -> np.ndarray:
     world = mean_rotation(truth.transpose(0, 2, 1) @ turned.cam_from_world)
     return np.degrees(angle_between(turned.cam_from_world, truth @ world))
 
@@ -92,7 +92,7 @@ def test_one_false_link_does_not_bend_the_rest():
     truth = journey(16)
     rng = np.random.default_rng(3)
     links = [link(truth, i, i + step, rng) for step in (1, 2) for i in range(16 - step)]
-    false = Link(2, 12, 20, (Turn(np.eye(3), WAY, 5.0),), NO_POINTS, 1 / 640)
+    false = ViewPair(2, 12, 20, (RelativePose(np.eye(3), WAY, 5.0),), NO_POINTS, 1 / 640)
     assert off_deg(walked(truth, [*links, false]), truth).max() < 3
 
 

@@ -14,7 +14,7 @@ from engine.pipeline.artifacts import plain
 from engine.results.report import report
 from engine.results.report.report import Contents, StageRun, cautions
 from engine.surface.lighting.distance_search import Distance
-from engine.types import Poses, Renders
+from engine.types import Poses, ValidationRenders
 from tests.engine.ball import CAMERA, ball
 from tests.engine.results.test_export import gaussians, grounds, panorama
 from tests.engine.results.test_metrics import ring
@@ -77,7 +77,7 @@ def full() -> Contents:
         names=tuple(f"v{k}" for k in range(8)),
         photograph=photographs[0],
         surface=surface,
-        renders=Renders((5,), (1.1 * photographs * surface.mask[..., None]).astype(np.float32)),
+        renders=ValidationRenders((5,), (1.1 * photographs * surface.mask[..., None]).astype(np.float32)),
         held_out=photographs,
         panorama=panorama(),
         grounds=grounds(),
