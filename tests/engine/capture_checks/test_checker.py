@@ -125,10 +125,10 @@ def test_an_object_that_stays_away_is_not_got_used_to(seen, tmp_path):
     for number in range(FEW, FEW + 3):
         files = list(seen.shots[number].files)
         files = broken.rewritten(files, tmp_path / f"{number}", broken.moved(seen.mask, 2.0, 0.0))
-        (found,) = of_kind(watch.see(f"{number}", files), "moved")
+        (found,) = of_kind(watch.add(f"{number}", files), "moved")
         assert found.value == pytest.approx(2.0, abs=0.3)
     back = seen.shots[FEW + 3]
-    assert watch.see(back.name, back.files) == ()
+    assert watch.add(back.name, back.files) == ()
 
 
 def test_an_object_gone_stops_the_session(seen, tmp_path):
@@ -216,7 +216,7 @@ def test_a_bare_wall_warns_of_overlap_and_not_of_blur(seen, tmp_path):
 def test_a_leap_is_warned_of_and_left_out_of_the_coverage(seen):
     watch = copy.deepcopy(seen.some)
     far = seen.shots[46]  # the ceiling, after twenty shots of the floor
-    (found,) = of_kind(watch.see(far.name, far.files), "overlap")
+    (found,) = of_kind(watch.add(far.name, far.files), "overlap")
     assert found.value < 15
     assert "half-way" in found.remedy
     assert watch.coverage().left_out == 1
@@ -229,18 +229,18 @@ def test_a_damaged_file_is_told_and_the_session_goes_on(seen, tmp_path):
     watch = copy.deepcopy(seen.some)
     half = tmp_path / "half.dng"
     half.write_bytes(seen.shots[BEFORE].files[0].read_bytes()[:50_000])
-    (found,) = watch.see("half", [half, *seen.shots[BEFORE].files[1:]])
+    (found,) = watch.add("half", [half, *seen.shots[BEFORE].files[1:]])
     assert (found.kind, found.severity) == ("unreadable", Severity.STOP)
     assert "cut off" in found.seen
     shot = seen.shots[BEFORE]
-    assert watch.see(shot.name, shot.files) == ()
+    assert watch.add(shot.name, shot.files) == ()
     assert len(watch.names) == BEFORE + 1
 
 
 def test_photographs_of_another_size_are_refused(seen, tmp_path):
     small = tmp_path / "small.dng"
     broken.write(small, np.full((64, 96), 2000, np.uint16), 0.01)
-    (found,) = copy.deepcopy(seen.some).see("small", [small])
+    (found,) = copy.deepcopy(seen.some).add("small", [small])
     assert (found.kind, found.severity) == ("unreadable", Severity.STOP)
     assert "96 x 64" in found.seen
 
