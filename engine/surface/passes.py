@@ -430,7 +430,7 @@ def render_validation(scene: Scene, now: Estimate) -> Float[np.ndarray, "p k 3"]
     """The validation views as the estimate has them; none before the light is settled."""
     if now.validation is None or now.picture is None:
         return np.zeros((len(now.object_pixels.rays), 0, 3), np.float32)
-    photographed = photographed_radiance(now.picture.frames, now.picture.mask, tuple(scene.validation))
+    photographed = photographed_radiance(now.picture.frames, now.picture.mask, scene.validation.tolist())
     there = light_transport(photographed, now.validation, now.geometry, scene.params, "cpu")
     return render_pixels(there, now.geometry, pixel_blocks(now.picture.mask), now.known_state)
 
