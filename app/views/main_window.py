@@ -21,6 +21,7 @@ from app.state import State, Trouble, called, place_of, trouble
 from app.views import pages, rail
 from app.views.bridge import Bridge
 from app.views.closing import Closing
+from app.views.demo import Demo
 from app.views.drop_mark import DropMark
 from app.views.menus import Menus
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
@@ -50,6 +51,7 @@ class MainWindow(QMainWindow):
         self._pages: dict[str, QWidget] = {}
         self._kept = False  # the queue file is final
         self.closing = Closing(self, self.shell.board)
+        self.demo = Demo(self)
         self.undo = QUndoGroup(self)
         self._no_edits = QUndoStack(self)  # of pages that edit nothing
         self.rail = rail.Rail(self, PAGES)
@@ -184,6 +186,7 @@ class MainWindow(QMainWindow):
         wishes.say.connect(self.status.say)
         wishes.trouble.connect(self.tell)
         wishes.new_capture.connect(self.new_capture)
+        wishes.open_demo.connect(self.demo.open)
         wishes.add_photographs.connect(self.add_photographs)
         wishes.simulate.connect(self.simulate)
         self.rail.chosen.connect(self.show_page)

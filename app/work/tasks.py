@@ -1,4 +1,4 @@
-"""What a worker child can be asked for besides answers: process, import, simulate, export, report.
+"""What a worker child can be asked for besides answers: process, import, simulate, the demo, export, report.
 
 Each function takes the request (plain JSON values) and the link to the window; engine rooms are imported inside,
 so that a child loads what its task needs and nothing else.
@@ -83,6 +83,21 @@ def simulate(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
     for note in notes:
         link.log(f"note: {note}")
     return {"session": str(asked.out / "session"), "truth": str(asked.out / "truth"), "notes": list(notes)}
+
+
+def demo(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Lay the bundled session out with its finished results. Request: session. What it returns asks for what is left to do.
+
+    Results of another version of the method are shown as they are: only the photographs are merged then.
+    """
+    from app import demo as demos
+    from app import results
+
+    link.emit("stage", name="demo", number=1, count=1)
+    folder = Path(request["session"])
+    demos.copy(demos.bundled(), folder, demos.RESULTS)
+    solved = [step.done for step in results.steps_of(folder) if step.stage.name == "surface"]
+    return {"session": str(folder), "until": None if all(solved) else "hdr"}
 
 
 def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:

@@ -25,6 +25,7 @@ TASKS = {
     "process": "app.work.tasks:process",
     "import": "app.work.tasks:import_photographs",
     "simulate": "app.work.tasks:simulate",
+    "demo": "app.work.tasks:demo",
     "export": "app.work.tasks:export",
     "report": "app.work.tasks:report",
     "desk": "app.capture.desk.serving:serve",
