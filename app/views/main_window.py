@@ -24,6 +24,7 @@ from app.views.closing import Closing
 from app.views.demo import Demo
 from app.views.drop_mark import DropMark
 from app.views.menus import Menus
+from app.views.notice import Notice
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
 from app.views.shortcuts import ShortcutsDialog, collect, mouse
 from app.views.status import StatusBar
@@ -35,7 +36,7 @@ from engine.errors import RoomlightError
 from engine.io.session import open_session
 
 SHOWS = {
-    "desk": "capture", "relight": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
+    "desk": "capture", "relight": "relight", "relit": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
     "export": "export", "report": "export",
 }  # fmt: skip
 """Task -> the page that shows it; the others are shown by the Process page."""
@@ -67,6 +68,7 @@ class MainWindow(QMainWindow):
         self.setStatusBar(self.status)
         self.setAcceptDrops(True)
         self.drop_mark = DropMark(self)
+        self.notice = Notice(self)
         self.setMinimumSize(900, 560)
         self.resize(1240, 780)
         self.menus = Menus(self)

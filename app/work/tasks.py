@@ -5,7 +5,7 @@ so that a child loads what its task needs and nothing else.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +40,15 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
         link.emit("stage_done", name=step.stage.name, seconds=seconds)
         link.log(f"{step.stage.name}: done in {seconds:.1f} s")
 
+    def views(step: stages.Step, make: Callable[[], Any]) -> None:
+        from app.work import made
+
+        to = opened.folder / "derived" / f"{step.stage.name}-so-far.png"
+        made.preview(make(), opened.orientation, to)
+        link.emit("data", kind="preview", stage=step.stage.name, file=str(to))
+
     watcher = run.Watcher(
-        begins, lambda step, fraction, note: link.move(fraction, note), ends, link.cancelled
+        begins, lambda step, fraction, note: link.move(fraction, note), ends, link.cancelled, views
     )
     steps = run.process(opened, rows, settings, request.get("device", "auto"), until, watcher)
     verdict = quality_of({step.stage.name: step.folder for step in steps})

@@ -6,6 +6,7 @@ phase then solves every pixel in all views under the light that they settled.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from engine.surface.passes import (
     split_light,
     trace_visibility,
 )
+from engine.surface.rendering.object_pixels import image
 
 FULL, HALF, SMALLEST = 0, 1, 2
 """Levels of the pictures (`Scene.at`)."""
@@ -80,13 +82,15 @@ def without(phases: Sequence[Phase], *names: str) -> tuple[Phase, ...]:
 
 
 def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress) -> Estimate:
-    """All phases, one after the other."""
+    """All phases, one after the other; a viewer sees the normals of each."""
     weights = [phase.repeat * 0.5 ** min(phase.level, scene.smallest) for phase in phases]
     ends = np.concatenate([[0], np.cumsum(weights)]) / sum(weights)
     for phase, begin, end in zip(phases, ends[:-1], ends[1:], strict=True):
         for span in progress.part(begin, end).parts(phase.repeat):
             before = now
             now = _iteration(scene, now, phase, span)
+            if now.state is not None:
+                progress.viewer(partial(image, now.object_pixels.mask, now.state.normals))
             if phase.still_deg and _turned_deg(before, now) < phase.still_deg:
                 break
     return now
