@@ -33,11 +33,12 @@ TASKS = {
     "rerender": "app.inspect.rerendering:serve",
     "coverage": "app.relight.coverage:serve",
     "relight": "app.relight.transfer:serve",
+    "relit": "app.relight.pictures:serve",
     "panorama": "app.relight.sources:serve_panorama",
 }
 
 # How far a task stands back for the window when both want the same core, a capture less than a solve.
-NICE = {"desk": 8, "process": 15, "import": 15, "simulate": 15, "report": 15}
+NICE = {"desk": 8, "process": 15, "import": 15, "simulate": 15, "report": 15, "relit": 5}
 
 GRACE_S = 10.0
 PROGRESS_EVERY_S = 0.05
