@@ -169,7 +169,7 @@ def _turn(
 
 def _video(to: Path, width: int, height: int) -> cv2.VideoWriter:
     for codec in CODECS:
-        video = cv2.VideoWriter(str(to), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*codec), FPS, (width, height))
+        video = cv2.VideoWriter(str(to), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), FPS, (width, height))
         if video.isOpened():
             return video
     raise SessionError(

@@ -53,7 +53,7 @@ def show(content: Mapping[str, Any]) -> dict[str, Any]:
 def preview(normals: Float[np.ndarray, "h w 3"], flip: int, to: Path) -> None:
     """The normals of a solve under way as a picture."""
     upright = turn_vectors(turn_picture(normals, flip), flip)
-    write(to, falsecolour.normals(upright, upright.any(-1), "opengl"))
+    write(to, falsecolour.normals(upright, np.asarray(upright.any(-1)), "opengl"))
 
 
 def write(to: Path, picture: Picture) -> None:

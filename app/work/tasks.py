@@ -98,13 +98,15 @@ def demo(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
     Results of another version of the method are shown as they are: only the photographs are merged then.
     """
     from app import demo as demos
-    from app import results
+    from app.changes import Changes, open_changed
+    from engine.pipeline import stages
 
     link.emit("stage", name="demo", number=1, count=1)
     folder = Path(request["session"])
     demos.copy(demos.bundled(), folder, demos.RESULTS)
-    solved = [step.done for step in results.steps_of(folder) if step.stage.name == "surface"]
-    return {"session": str(folder), "until": None if all(solved) else "hdr"}
+    asked = open_changed(folder, Changes())
+    steps = {step.stage.name: step for step in stages.plan(asked.session, asked.rows, asked.settings)}
+    return {"session": str(folder), "until": None if steps["surface"].done else "hdr"}
 
 
 def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:

@@ -32,6 +32,7 @@ from app.relight import relit as relighting
 from app.relight.relit import Light, Setting, Transfer
 from app.state import Trouble, called
 from app.views.background import Background
+from app.views.bridge import Bridge
 from app.views.errand import Errand
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
@@ -113,6 +114,7 @@ class RelightPage(QWidget):
     def use(self, shell: Shell) -> None:
         self._shell = shell
         self.errand.board = shell.board
+        shell.board.listen(Bridge(self).latest(self._look_again))
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's surface; returns at once."""
@@ -131,6 +133,17 @@ class RelightPage(QWidget):
             self._say_nothing(runs.nothing_yet(None))
         else:
             self._background.ask("runs", lambda: _found(folder), self._show_run, self._tell)
+
+    def _look_again(self) -> None:
+        """A surface that could not be prepared for want of merged brackets is, once they are there."""
+        folder = self._session
+        if folder is not None and self._transfer is None and self.isVisible() and not self.errand.busy:
+            self._background.ask("runs", lambda: _found(folder), self._show_grown, self._tell)
+
+    def _show_grown(self, answer: tuple[Run | None, Maps | None]) -> None:
+        run = answer[0]
+        if run is not None and (self._run is None or run.records.keys() != self._run.records.keys()):
+            self._show_run(answer)
 
     def showEvent(self, event) -> None:
         super().showEvent(event)

@@ -95,7 +95,7 @@ def _facts(room: Room) -> np.ndarray:
     panels = [[*p.corner, *p.right, *p.down, *p.albedo.mean((0, 1)), *_blocks(p)] for p in room.panels]
     globes = [[*globe.centre, globe.radius_m, *globe.radiance] for globe in room.globes]
     sheets = [[*s.corner, *s.right, *s.down, *s.radiance.mean((0, 1))] for s in room.sheets]
-    return np.float32(np.concatenate([np.ravel(part) for part in (panels, globes, sheets)]))
+    return np.concatenate([np.ravel(part) for part in (panels, globes, sheets)]).astype(np.float32)
 
 
 def digest(room: Room) -> str:
@@ -202,7 +202,7 @@ def _outgoing(irradiance: np.ndarray, panel: Panel) -> np.ndarray:
     def along(count: int, blocks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at = np.clip((np.arange(count) + 0.5) * blocks / count - 0.5, 0, blocks - 1)
         low = at.astype(int)
-        return low, np.minimum(low + 1, blocks - 1), np.float32(at - low)
+        return low, np.minimum(low + 1, blocks - 1), (at - low).astype(np.float32)
 
     (h, w), (rows, columns) = panel.albedo.shape[:2], irradiance.shape[:2]
     top, bottom, y = along(h, rows)

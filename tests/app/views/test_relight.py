@@ -329,6 +329,28 @@ def test_pictures_are_saved_as_shown_and_as_light(
             page.save(tmp_path / "no" / name)
 
 
+def test_what_waits_for_merged_brackets_is_prepared_once_they_are_there(
+    page: RelightPage, qtbot: QtBot, session: Path, shell: Shell, tmp_path: Path
+) -> None:
+    shutil.rmtree(session / "derived")
+    (session / "stages" / "hdr").rename(tmp_path / "hdr")
+    begun: list[str] = []
+
+    def make(name: str, task: str, request: dict):
+        begun.append(task)
+        return job('emit("failed", message="not merged yet; wait")', name, task, request)
+
+    page.errand._make_job = make
+    page.show_session(session)
+    until(qtbot, lambda: begun and not page.errand.busy and not page._background.busy)
+    shell.board.hold(True)  # anything that happens on the board, and nothing new
+    until(qtbot, lambda: not page._background.busy)
+    assert begun == ["relight"]
+    (tmp_path / "hdr").rename(session / "stages" / "hdr")
+    shell.board.hold(False)
+    until(qtbot, lambda: begun == ["relight"] * 2)
+
+
 def test_a_lamp_is_dragged_on_the_picture(page: RelightPage, qtbot: QtBot, session: Path) -> None:
     ready(page, session, qtbot)
     before, middle = picture(page, qtbot).copy(), page.canvas.rect().center()
