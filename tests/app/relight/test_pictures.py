@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from app.inspect import runs
 from app.relight import files, page, pictures, ready, sources
 from app.relight.pictures import Wish
 from app.relight.relit import Setting, Transfer, relit, spot_direction
+from app.relight.transfer import build, shrunk
 from engine.errors import SessionError
 from engine.io.gltf import surface_glb
 from engine.io.mesh import CutParams, from_depth
@@ -61,6 +63,19 @@ def test_a_still_is_clear_around_the_object(
     assert "none of .png" in refused(capsys, "relight", session, tmp_path / "a.gif")
     with pytest.raises(SessionError, match="no finished surface"):
         pictures.make(Wish(str(tmp_path), str(tmp_path / "a.png")), Progress())
+
+
+def test_a_still_has_the_photographs_own_size_where_the_preview_has_not(
+    session: Path, tmp_path: Path
+) -> None:
+    other = Path(shutil.copytree(session, tmp_path / "lion.session", symlinks=True))
+    run = runs.runs_of(other)[0]
+    half = shrunk(furnace.surface(), furnace.CAMERA, side=12)
+    files.keep(files.transfer_file(run), build(half, True, Progress()))
+    wish = Wish(str(other), str(tmp_path / "a.png"))
+    picture = cv2.imread(str(pictures.make(wish, Progress())), cv2.IMREAD_UNCHANGED)
+    assert half.mask.sum() < furnace.surface().mask.sum() / 2
+    assert (picture[..., 3] > 0).sum() == furnace.surface().mask.sum()
 
 
 def test_the_light_goes_round_in_a_video_or_a_folder(session: Path, tmp_path: Path) -> None:
