@@ -27,8 +27,9 @@ class MadePanel(QWidget):
         self._full = self._narrow = False  # there is something to show; there is no room for it
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 12, 16, 8)
-        column.addWidget(self.picture, 1)
+        column.addWidget(self.picture, 100)
         column.addWidget(self.said)
+        column.addStretch(1)
         self.hide()
 
     def clear(self) -> None:
@@ -91,6 +92,8 @@ class _Picture(QWidget):
 
     def show_image(self, image: QImage) -> None:
         self._image = image
+        wide = WIDTH - 16
+        self.setMaximumHeight(round(wide * image.height() / max(image.width(), 1)))  # the words follow at once
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:
