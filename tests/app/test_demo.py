@@ -7,7 +7,7 @@ import pytest
 
 from app import results
 from app.inspect import maps, runs
-from app.work import tasks
+from app.work import made, tasks
 from app.work.worker import Link
 from engine.errors import SessionError
 
@@ -42,6 +42,21 @@ def test_maps_show_at_once_without_frames(laid_out: tuple[Path, dict]) -> None:
     shown = maps.load(run)
     assert shown.frames is None
     assert shown.surface.mask.sum() > 10_000
+
+
+def test_what_finished_stages_made_is_pictured(
+    laid_out: tuple[Path, dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder, _ = laid_out
+    assert made.show({"session": str(folder), "stage": "hdr"}) == {"picture": None, "facts": {}}
+    done = [
+        step.stage.name for step in results.steps_of(folder) if step.done and step.stage.name != "segment"
+    ]
+    for stage in done:
+        answer = made.show({"session": str(folder), "stage": stage})
+        assert Path(answer["picture"]).stat().st_size > 1000, stage
+        assert answer["facts"], stage
 
 
 def test_a_copy_of_the_persons_is_never_laid_over(laid_out: tuple[Path, dict]) -> None:
