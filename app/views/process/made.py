@@ -93,7 +93,9 @@ class _Picture(QWidget):
     def show_image(self, image: QImage) -> None:
         self._image = image
         wide = WIDTH - 16
-        self.setMaximumHeight(round(wide * image.height() / max(image.width(), 1)))  # the words follow at once
+        self.setMaximumHeight(
+            round(wide * image.height() / max(image.width(), 1))
+        )  # the words follow at once
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:
