@@ -13,6 +13,7 @@ from typing import Any
 
 from app import commands, cores, exports, simulating
 from app.exit_codes import ExitCode, code_of
+from app.relight.ready import NAMES as LIGHTS
 from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import AUTO, PRESETS, SOLVERS
 from hardware.errors import HardwareError
@@ -144,6 +145,33 @@ def _parser() -> argparse.ArgumentParser:
         help="only what this program reads; all files if left out",
     )
     export.set_defaults(run=commands.run_export)
+
+    relight = add(
+        "relight", help="draw the surface under another light: a picture, a video, a page to give away"
+    )
+    _add_session(relight)
+    relight.add_argument(
+        "out", type=Path, help="OUT.png, .exr, .mp4, .html, or a folder for the video's frames as PNG"
+    )
+    relight.add_argument(
+        "--light", default="", metavar="NAME|FILE", help=f"{', '.join(LIGHTS)}, or a panorama; as recovered"
+    )
+    relight.add_argument("--turn", type=float, default=0.0, metavar="DEG", help="turn the light to the right")
+    relight.add_argument("--room", type=float, default=1.0, metavar="X", help="so many times as bright")
+    relight.add_argument(
+        "--lamp",
+        type=float,
+        nargs=2,
+        metavar=("RIGHT", "UP"),
+        help="a lamp on a half sphere before it; 1 is its rim",
+    )
+    relight.add_argument(
+        "--lamp-strength", type=float, default=1.0, metavar="X", help="1 lights white paint white"
+    )
+    relight.add_argument("--ev", type=float, default=0.0, help="exposure")
+    relight.add_argument("--behind", action="store_true", help="show the light behind the object")
+    relight.add_argument("--seconds", type=float, default=8.0, metavar="S", help="of a video")
+    relight.set_defaults(run=commands.run_relight)
 
     report = add("report", help="write one self-contained HTML page about the results")
     _add_sessions(report)

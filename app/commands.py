@@ -233,6 +233,27 @@ def run_export(args: Namespace) -> int:
     return ExitCode.DONE
 
 
+def run_relight(args: Namespace) -> int:
+    from app import terminal
+    from app.relight import pictures, ready
+
+    if args.seconds <= 0:
+        from engine.errors import SessionError
+
+        raise SessionError(
+            f"--seconds {args.seconds:g}: a video lasts longer than that; give a number above 0"
+        )
+    light = str(ready.file(args.light)) if args.light in ready.NAMES else args.light
+    lamp = args.lamp and tuple(args.lamp)
+    wish = pictures.Wish(
+        str(args.session), str(args.out), light, setting={"yaw_deg": args.turn, "room": args.room, "spot": lamp},
+        spot=args.lamp_strength, exposure_ev=args.ev, room=args.behind, seconds=args.seconds,
+    )  # fmt: skip
+    with terminal.job("relight") as progress:
+        print(pictures.make(wish, progress))
+    return ExitCode.DONE
+
+
 def run_report(args: Namespace) -> int:
     if not _is_one(args.sessions):
         from app.batch import command

@@ -1,14 +1,22 @@
-"""The demo: takes a copy of the bundled session through every stage, from RAW files to the report."""
+"""The demo: takes a copy of the bundled session through every stage, from RAW files to the report, or opens it finished.
+
+Finished results ship beside the photographs, but for what is large and made of them in seconds: frames and exports.
+`python -m app.demo SESSION` packs them anew, of a copy that was processed; `roomlight demo` makes one.
+"""
 
 import shutil
+import sys
+import zipfile
 from pathlib import Path
 
-from app import commands, results
+from app import places
 from app.changes import Changes
 from engine.errors import SessionError
 from engine.io import session as sessions
 
 BUNDLED = Path(__file__).parents[1] / "demo"
+RESULTS = BUNDLED / "results.zip"
+SHIPPED = ("params.toml", "stages/segment", "stages/poses", "stages/light", "stages/surface")
 
 
 def run(to: Path, preset: str | None, device: str) -> int:
@@ -17,11 +25,9 @@ def run(to: Path, preset: str | None, device: str) -> int:
     Raises:
         SessionError: this is an installation without the bundled session.
     """
-    source = BUNDLED / "session"
-    if not (source / "session.json").is_file():
-        raise SessionError(
-            f"{source}: the bundled session comes with the repository only; run ./roomlight demo from a clone"
-        )
+    from app import commands, results
+
+    source = bundled()
     folder = to / "session"
     if not (folder / "session.json").is_file():
         copy(source, folder)
@@ -35,8 +41,26 @@ def run(to: Path, preset: str | None, device: str) -> int:
     return 0
 
 
-def copy(source: Path, folder: Path) -> None:
-    """Only what a capture is; the copy appears whole or not at all.
+def bundled() -> Path:
+    """
+    Raises:
+        SessionError: this is an installation without the bundled session.
+    """
+    source = BUNDLED / "session"
+    if not (source / "session.json").is_file():
+        raise SessionError(
+            f"{source}: the bundled session comes with the repository only; run ./roomlight demo from a clone"
+        )
+    return source
+
+
+def place() -> Path:
+    """Where this person's own copy lies, that the window opens."""
+    return places.data() / "demo"
+
+
+def copy(source: Path, folder: Path, results: Path | None = None) -> None:
+    """Only what a capture is, and packed results of it; the copy appears whole or not at all.
 
     Raises:
         SessionError: something else is there, or the disk refuses.
@@ -53,6 +77,22 @@ def copy(source: Path, folder: Path) -> None:
             if (source / name).is_dir():
                 shutil.copytree(source / name, partial / name, copy_function=shutil.copyfile)
         shutil.copyfile(source / "session.json", partial / "session.json")
+        if results is not None:
+            shutil.unpack_archive(results, partial)
         if folder.exists():
             folder.rmdir()
         partial.rename(folder)
+
+
+def pack(folder: Path, to: Path = RESULTS) -> None:
+    """Write what ships of a finished copy of the bundled session; the same results give the same bytes."""
+    with zipfile.ZipFile(to, "w", zipfile.ZIP_LZMA) as archive:
+        for name in SHIPPED:
+            for path in sorted([folder / name, *(folder / name).rglob("*")]):
+                if path.is_file():
+                    entry = zipfile.ZipInfo(path.relative_to(folder).as_posix())
+                    archive.writestr(entry, path.read_bytes(), zipfile.ZIP_LZMA)
+
+
+if __name__ == "__main__":
+    pack(Path(sys.argv[1]))

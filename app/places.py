@@ -14,6 +14,11 @@ def state() -> Path:
     return _home("XDG_STATE_HOME", ".local/state")
 
 
+def data() -> Path:
+    """What was given to the person and is theirs to change: the demo."""
+    return _home("XDG_DATA_HOME", ".local/share")
+
+
 def cache() -> Path:
     """What can be made again."""
     return _home("XDG_CACHE_HOME", ".cache")

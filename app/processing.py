@@ -85,6 +85,15 @@ def left_s(cards: Sequence[Card]) -> float | None:
     return total
 
 
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What a stage has so far, as a picture that is written anew each time."""
+
+    stage: str
+    file: Path
+    number: int  # from 1
+
+
 class Processing:
     """One session after the other."""
 
@@ -106,6 +115,7 @@ class Processing:
             None
         )  # of this session's latest run since it was opened
         self.added: Watched[str] = Watched("")  # the latest line of the log
+        self.preview: Watched[Preview | None] = Watched(None)  # the newest of the stage that runs
         self._settings: Settings | None = None  # as last edited; the plan follows in a moment
         self._newest = 0
         self._logs: dict[Path, deque[str]] = {}
@@ -131,6 +141,7 @@ class Processing:
         self.folder, self._settings = folder, None
         self.plan.set(None)
         self.trouble.set(None)
+        self.preview.set(None)
         job = self._jobs.get(folder) if folder is not None else None
         self.job.set(job.status if job is not None else None)
         self.refresh()
@@ -226,6 +237,8 @@ class Processing:
         if folder != self.folder:
             return
         self.job.set(status)
+        if status.ended or (self.preview.value is not None and self.preview.value.stage != status.stage):
+            self.preview.set(None)
         stage_ended = before is not None and (
             status.fraction == 1 > before.fraction or status.stage != before.stage
         )
@@ -235,6 +248,10 @@ class Processing:
     def _hear(self, folder: Path, event: Event) -> None:
         if event["event"] == "log":
             self._write(folder, str(event["text"]))
+        elif event.get("kind") == "preview" and folder == self.folder:
+            before = self.preview.value
+            number = before.number + 1 if before is not None else 1
+            self.preview.set(Preview(str(event["stage"]), Path(event["file"]), number))
 
     def _write(self, folder: Path, text: str) -> None:
         line = f"{self._now():%H:%M:%S}  {text}"

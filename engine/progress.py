@@ -6,6 +6,7 @@ stop was asked for, so no stage needs a second channel.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from engine.errors import Cancelled
 
@@ -14,13 +15,15 @@ from engine.errors import Cancelled
 class Progress:
     """Reports a fraction in [0, 1] with a short note; silent unless given a listener.
 
-    `begin` and `span` map the stage's own 0..1 onto a part of a longer job.
+    `begin` and `span` map the stage's own 0..1 onto a part of a longer job. Who wants to see what is there so far gives a
+    `viewer`; it gets a function that makes it, and calls that at once or not at all.
     """
 
     listener: Callable[[float, str], None] = field(default=lambda fraction, note: None)
     cancelled: Callable[[], bool] = field(default=lambda: False)
     begin: float | int = 0.0
     span: float | int = 1.0
+    viewer: Callable[[Callable[[], Any]], None] = field(default=lambda make: None)
 
     def step(self, fraction: float | int, note: str = "") -> None:
         """Say that `fraction` of this job is done.
@@ -39,6 +42,7 @@ class Progress:
             self.cancelled,
             self.begin + self.span * begin,
             self.span * (end - begin),
+            self.viewer,
         )
 
     def parts(self, count: int) -> list["Progress"]:

@@ -28,7 +28,7 @@ RIGS = {
 CAMERAS = {
     "gphoto2": "gphoto2: or gphoto2:usb:001,004",
     "folder": "folder:/path/to/tethered",
-    "virtual": "virtual:?room=study&object=blob",
+    "virtual": "virtual:?room=parlour&object=blob",
 }
 
 # Settings of every rig, whatever its kind. Axes and points as `interfaces.Geometry` has them.

@@ -18,7 +18,7 @@ MOST_EV = 12.0  # of a bracket's exposures from its middle
 MOST_EXPOSURES = 15
 SUFFIX = ".session"
 MINUS = "\N{MINUS SIGN}"
-VIRTUAL_RIG, VIRTUAL_CAMERA = "virtual:", "virtual:?room=study&object=blob"
+VIRTUAL_RIG, VIRTUAL_CAMERA = "virtual:", "virtual:?room=parlour&object=blob"
 USUAL_PORT = "/dev/ttyUSB0"  # which example URLs of rigs name
 
 

@@ -132,6 +132,11 @@ def open_run(run: Run) -> Solved:
     overruled = (run.folder("surface") / "horizons.json").is_file()
     if overruled or not (run.folder("surface") / "emitters.json").is_file() or "probes" not in report:
         raise _older(run)
+    if "hdr" not in run.records:
+        raise SessionError(
+            f"{run.session}: its brackets are not merged yet, or their result was removed; wait until the run is over, or"
+            f" run `roomlight process {run.session}`"
+        )
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
     params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
     frames = artifacts.load(run.folder("hdr"), "frames", Frames)

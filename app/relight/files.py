@@ -20,8 +20,9 @@ def folder(run: Run) -> Path:
     return run.session / "derived" / "relight" / run.fingerprint
 
 
-def transfer_file(run: Run) -> Path:
-    return folder(run) / f"transfer-{FORMAT}.npz"
+def transfer_file(run: Run, full: bool = False) -> Path:
+    """What the surface answers, at the preview's size, or at the photographs' own where that is another."""
+    return folder(run) / f"transfer-{FORMAT}{'-full' * full}.npz"
 
 
 def light_file(run: Run, view: int) -> Path:

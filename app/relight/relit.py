@@ -76,6 +76,8 @@ class Setting:
     roll_deg: float = 0.0  # about the viewing axis, clockwise
     room: float = 1.0  # strength of everything but the named lamps
     lamps: tuple[float, ...] = ()  # of each named lamp; those missing are 1
+    spot: tuple[float, float] | None = None  # where the person's own lamp stands: see `spot_direction`
+    spot_energy: float = 0.0  # radiance times solid angle of that lamp, which does not turn with the room
 
     def turn(self) -> Float[np.ndarray, "3 3"]:
         """turned_from_given of directions, camera frame."""
@@ -91,11 +93,20 @@ def relit(transfer: Transfer, light: Light, setting: Setting) -> Float[np.ndarra
     """Radiance of the mask's pixels under a light, and thrown once from one part of the object to another."""
     turn = setting.turn()
     far = cell_energy(transfer, light.energy * np.float32(setting.room), turn)
+    if setting.spot is not None:
+        index, share = cells_around(transfer, spot_direction(setting.spot)[None])
+        far[index[0]] += share[0][:, None] * np.float32(setting.spot_energy)
     direct = _answer(transfer, transfer.basis[:, :CELLS] @ far, _lamps(transfer, light, setting, turn))
     count = np.bincount(transfer.tile)
     tiles = np.stack([np.bincount(transfer.tile, direct[:, c]) for c in range(3)], 1) / count[:, None]
     thrown = transfer.basis[:, CELLS:] @ (tiles * TILE_UNIT).astype(np.float32)
     return direct + _answer(transfer, thrown, None)
+
+
+def spot_direction(spot: tuple[float, float]) -> Float[np.ndarray, " 3"]:
+    """Towards a lamp on a half sphere before the object, camera frame: (right, up) as the viewer sees it, 1 at the rim."""
+    right, up = np.array(spot) / max(1.0, float(np.hypot(*spot)))
+    return np.array([right, -up, -np.sqrt(max(1 - right**2 - up**2, 0.0))], np.float32)
 
 
 def _answer(

@@ -35,13 +35,18 @@ def serve_panorama(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any
     link.progress().step(0.1, path.name)
     radiance = read_panorama(path)
     link.progress().step(0.6, path.name)
-    made = {
-        **as_light(radiance),
-        "name": np.array(path.name),
-        **_no_lamps(),
-    }
-    keep(to, made)
+    keep(to, {**as_light(radiance), "name": np.array(path.name), **_no_lamps()})
     return {"light": str(to)}
+
+
+def panorama(path: Path) -> relighting.Light:
+    """A picture as a light.
+
+    Raises:
+        LightError: no panorama (twice as wide as high), or unreadable.
+        RawError: an EXR or Radiance file that cannot be read.
+    """
+    return relighting.Light(**{**as_light(read_panorama(path)), "name": path.name, **_no_lamps()})  # pyright: ignore[reportArgumentType]
 
 
 def recovered(solved: Solved, view: int, middle: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:

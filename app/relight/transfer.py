@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from app.inspect.rerendering import POLITE, find, open_run, upright
+from app.inspect.runs import Run
 from app.relight import files as relighting_files
 from app.relight.files import keep
 from app.relight.relit import CELLS, TILE_UNIT
@@ -63,11 +64,14 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     """Task "relight": {session, fingerprint, view or None}; gives {view}."""
     os.nice(POLITE)
     run = find(Path(request["session"]), request["fingerprint"])
+    return {"view": prepare(run, request.get("view"), link.progress())}
+
+
+def prepare(run: Run, view: int | None, progress: "Progress") -> int:
+    """Keep what the surface answers and the light of a view, one in the middle for None, where they are not there yet; which view it is."""
     folder = relighting_files.folder(run)
-    progress = link.progress()
     progress.step(0.0, "reading the result")
     solved = upright(open_run(run))
-    view = request.get("view")
     if view is None or not solved.poses.registered[int(view)]:
         from engine.pipeline.stage_functions import middle_view
 
@@ -83,7 +87,14 @@ def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
         progress.step(0.8, "the light at the object")
         keep(light, recovered(solved, int(view), np.array(relighting_files.middle_of(transfer))))
     progress.step(1.0)
-    return {"view": int(view)}
+    return int(view)
+
+
+def prepare_full(run: Run, progress: "Progress") -> None:
+    """Keep what the surface answers at the photographs' own size."""
+    solved = upright(open_run(run))
+    whole = shrunk(solved.surface, solved.poses.camera, max(solved.surface.mask.shape))
+    keep(relighting_files.transfer_file(run, full=True), build(whole, solved.params.full_diffuse, progress))
 
 
 def shrunk(surface: Surface, camera: Camera, side: int = SIDE_PX) -> Small:

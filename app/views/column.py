@@ -20,6 +20,7 @@ class Column(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setWidget(controls)
+        self.verticalScrollBar().setAccessibleName(self.tr("More controls"))
         self.verticalScrollBar().installEventFilter(self)
         self._panel.setFixedWidth(least_px)
 

@@ -21,8 +21,10 @@ from app.state import State, Trouble, called, place_of, trouble
 from app.views import pages, rail
 from app.views.bridge import Bridge
 from app.views.closing import Closing
+from app.views.demo import Demo
 from app.views.drop_mark import DropMark
 from app.views.menus import Menus
+from app.views.notice import Notice
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
 from app.views.shortcuts import ShortcutsDialog, collect, mouse
 from app.views.status import StatusBar
@@ -34,7 +36,7 @@ from engine.errors import RoomlightError
 from engine.io.session import open_session
 
 SHOWS = {
-    "desk": "capture", "relight": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
+    "desk": "capture", "relight": "relight", "relit": "relight", "panorama": "relight", "rerender": "maps", "coverage": "charts",
     "export": "export", "report": "export",
 }  # fmt: skip
 """Task -> the page that shows it; the others are shown by the Process page."""
@@ -50,6 +52,7 @@ class MainWindow(QMainWindow):
         self._pages: dict[str, QWidget] = {}
         self._kept = False  # the queue file is final
         self.closing = Closing(self, self.shell.board)
+        self.demo = Demo(self)
         self.undo = QUndoGroup(self)
         self._no_edits = QUndoStack(self)  # of pages that edit nothing
         self.rail = rail.Rail(self, PAGES)
@@ -65,6 +68,7 @@ class MainWindow(QMainWindow):
         self.setStatusBar(self.status)
         self.setAcceptDrops(True)
         self.drop_mark = DropMark(self)
+        self.notice = Notice(self)
         self.setMinimumSize(900, 560)
         self.resize(1240, 780)
         self.menus = Menus(self)
@@ -184,6 +188,7 @@ class MainWindow(QMainWindow):
         wishes.say.connect(self.status.say)
         wishes.trouble.connect(self.tell)
         wishes.new_capture.connect(self.new_capture)
+        wishes.open_demo.connect(self.demo.open)
         wishes.add_photographs.connect(self.add_photographs)
         wishes.simulate.connect(self.simulate)
         self.rail.chosen.connect(self.show_page)

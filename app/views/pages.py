@@ -77,6 +77,7 @@ class Wishes(QObject):
     say = Signal(str)  # a line in the status bar, for some seconds
     trouble = Signal(object)  # a Trouble: tell it in a dialog
     new_capture = Signal()
+    open_demo = Signal()
     simulate = Signal()  # ask what to photograph in a virtual room
     add_photographs = Signal(object)  # a folder (Path) to import, or None to ask for one
 

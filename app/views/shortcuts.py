@@ -52,7 +52,12 @@ def mouse() -> tuple[Shortcut, ...]:
 
     rows = (
         (tr("Wheel"), tr("Zoom in pictures, maps and 3D; exposure on the relight page")),
-        (tr("Drag"), tr("Move a picture; turn the view in 3D, the poses' sphere, or the light")),
+        (
+            tr("Drag"),
+            tr(
+                "Move a picture; turn the view in 3D, the poses' sphere, or the light; move a lamp of your own"
+            ),
+        ),
         (tr("Right drag"), tr("Move the view in 3D")),
         (tr("Double click"), tr("Enlarge a map; centre a point in 3D; put a slider back to 0")),
         (tr("Right click"), tr("What else there is to do with a list's line")),

@@ -17,7 +17,16 @@ from app.work.worker import Link
 from engine.errors import Cancelled, RoomlightError
 
 # Lower comes first: a plan shows at once, pictures can wait, and torch takes seconds to load.
-URGENCY = {"plan": 0, "folder": 0, "look": 1, "photograph": 1, "preview": 1, "thumbnail": 1, "gpu": 2}
+URGENCY = {
+    "plan": 0,
+    "folder": 0,
+    "look": 1,
+    "photograph": 1,
+    "preview": 1,
+    "thumbnail": 1,
+    "made": 1,
+    "gpu": 2,
+}
 
 
 def serve(request: Mapping[str, Any], link: Link) -> None:
@@ -41,7 +50,7 @@ def answer_one(number: int, content: Mapping[str, Any], link: Link) -> None:
     """One question; whatever goes wrong is its answer, and the next is heard all the same."""
     answers = {
         "plan": plan, "folder": folder, "look": photograph.look, "photograph": photograph.show, "preview": preview,
-        "thumbnail": thumbnail, "gpu": gpu,
+        "thumbnail": thumbnail, "made": made, "gpu": gpu,
     }  # fmt: skip
     try:
         answer = answers[content["question"]](content)
@@ -155,6 +164,13 @@ def gpu(content: Mapping[str, Any]) -> dict[str, Any]:
     import torch
 
     return {"name": torch.cuda.get_device_name(0)}
+
+
+def made(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a stage made, as a picture and numbers. Question: session, stage."""
+    from app.work import made as drawn
+
+    return drawn.show(content)
 
 
 def folder(content: Mapping[str, Any]) -> dict[str, Any]:

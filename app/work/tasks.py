@@ -1,11 +1,11 @@
-"""What a worker child can be asked for besides answers: process, import, simulate, export, report.
+"""What a worker child can be asked for besides answers: process, import, simulate, the demo, export, report.
 
 Each function takes the request (plain JSON values) and the link to the window; engine rooms are imported inside,
 so that a child loads what its task needs and nothing else.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +45,15 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
         link.emit("stage_done", name=step.stage.name, seconds=seconds)
         link.log(f"{step.stage.name}: done in {seconds:.1f} s")
 
+    def views(step: stages.Step, make: Callable[[], Any]) -> None:
+        from app.work import made
+
+        to = opened.folder / "derived" / f"{step.stage.name}-so-far.png"
+        made.preview(make(), opened.orientation, to)
+        link.emit("data", kind="preview", stage=step.stage.name, file=str(to))
+
     watcher = run.Watcher(
-        begins, lambda step, fraction, note: link.move(fraction, note), ends, link.cancelled
+        begins, lambda step, fraction, note: link.move(fraction, note), ends, link.cancelled, views
     )
     steps = run.process(opened, rows, settings, request.get("device", "auto"), until, watcher)
     verdict = quality_of({step.stage.name: step.folder for step in steps})
@@ -88,6 +95,23 @@ def simulate(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
     for note in notes:
         link.log(f"note: {note}")
     return {"session": str(asked.out / "session"), "truth": str(asked.out / "truth"), "notes": list(notes)}
+
+
+def demo(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
+    """Lay the bundled session out with its finished results. Request: session. What it returns asks for what is left to do.
+
+    Results of another version of the method are shown as they are: only the photographs are merged then.
+    """
+    from app import demo as demos
+    from app.changes import Changes, open_changed
+    from engine.pipeline import stages
+
+    link.emit("stage", name="demo", number=1, count=1)
+    folder = Path(request["session"])
+    demos.copy(demos.bundled(), folder, demos.RESULTS)
+    asked = open_changed(folder, Changes())
+    steps = {step.stage.name: step for step in stages.plan(asked.session, asked.rows, asked.settings)}
+    return {"session": str(folder), "until": None if steps["surface"].done else "hdr"}
 
 
 def export(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:

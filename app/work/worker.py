@@ -25,6 +25,7 @@ TASKS = {
     "process": "app.work.tasks:process",
     "import": "app.work.tasks:import_photographs",
     "simulate": "app.work.tasks:simulate",
+    "demo": "app.work.tasks:demo",
     "export": "app.work.tasks:export",
     "report": "app.work.tasks:report",
     "desk": "app.capture.desk.serving:serve",
@@ -32,11 +33,12 @@ TASKS = {
     "rerender": "app.inspect.rerendering:serve",
     "coverage": "app.relight.coverage:serve",
     "relight": "app.relight.transfer:serve",
+    "relit": "app.relight.pictures:serve",
     "panorama": "app.relight.sources:serve_panorama",
 }
 
 # How far a task stands back for the window when both want the same core, a capture less than a solve.
-NICE = {"desk": 8, "process": 15, "import": 15, "simulate": 15, "report": 15}
+NICE = {"desk": 8, "process": 15, "import": 15, "simulate": 15, "report": 15, "relit": 5}
 
 GRACE_S = 10.0
 PROGRESS_EVERY_S = 0.05

@@ -29,12 +29,13 @@ DEVICES = ("auto", "cpu", "cuda")
 
 @dataclass(frozen=True, slots=True)
 class Watcher:
-    """Who is told what happens: a stage begins, moves on, ends after so many seconds."""
+    """Who is told what happens: a stage begins, moves on, ends after so many seconds, has something to look at meanwhile."""
 
     begins: Callable[[Step], None] = field(default=lambda step: None)
     moves: Callable[[Step, float, str], None] = field(default=lambda step, fraction, note: None)
     ends: Callable[[Step, float], None] = field(default=lambda step, seconds: None)
     cancelled: Callable[[], bool] = field(default=lambda: False)
+    views: Callable[[Step, Callable[[], Any]], None] = field(default=lambda step, make: None)
 
 
 def process(
@@ -79,7 +80,10 @@ def _run_stage(
         partial.mkdir(parents=True)
     start, cpu = time.perf_counter(), time.process_time()
     _reset_peak_memory()
-    progress = Progress(lambda fraction, note: watcher.moves(step, fraction, note), watcher.cancelled)
+    progress = Progress(
+        lambda fraction, note: watcher.moves(step, fraction, note), watcher.cancelled,
+        viewer=lambda make: watcher.views(step, make),
+    )  # fmt: skip
     work = Work(
         session, step.params, settings.seed, device, partial, step.given, loader(steps), progress
     )  # fmt: skip

@@ -6,6 +6,7 @@ phase then solves every pixel in all views under the light that they settled.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -37,6 +38,7 @@ from engine.surface.passes import (
     split_light,
     trace_visibility,
 )
+from engine.surface.rendering.object_pixels import image
 
 FULL, HALF, SMALLEST = 0, 1, 2
 """Levels of the pictures (`Scene.at`)."""
@@ -77,8 +79,11 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
 
 
 def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress) -> Estimate:
-    """All phases, one after the other. An iteration that renders the validation views worse is undone, and ends its phase; a
-    phase of one iteration is not judged so, for what smoothing gains they cannot tell (decision 70)."""
+    """All phases, one after the other; a viewer sees the normals of each.
+
+    An iteration that renders the validation views worse is undone, and ends its phase; a phase of one iteration is not judged
+    so, for what smoothing gains they cannot tell (decision 70).
+    """
     weights = [phase.repeat * 0.5 ** min(phase.level, scene.smallest) for phase in phases]
     ends = np.concatenate([[0], np.cumsum(weights)]) / sum(weights)
     error = validation_error(scene, now)
@@ -96,6 +101,8 @@ def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress
             if not kept:
                 now, error = before, error_before
             now = replace(now, history=(*now.history, made))
+            if now.state is not None:
+                progress.viewer(partial(image, now.object_pixels.mask, now.state.normals))
             if not kept or (phase.still_deg and turned < phase.still_deg):
                 break
     return now

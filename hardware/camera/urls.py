@@ -1,7 +1,7 @@
 """Open cameras by their device URL: which words each kind knows, and what they become.
 
 gphoto2:usb:001,004?to=ram    folder:/home/me/tethered?suffix=.cr3&bracket=3
-virtual:?room=study&object=blob&size=320x240&card=/tmp/card
+virtual:?room=parlour&object=blob&size=320x240&card=/tmp/card
 """
 
 import os
@@ -38,7 +38,7 @@ FOLDER_WORDS = {
     "wait": Word(number(1.0, 86400.0), "300 (seconds without a new file)"),
 }
 VIRTUAL_WORDS = {
-    "room": Word(str, "study or room=card (no room, but at once)"),
+    "room": Word(str, "parlour or room=card (no room, but at once)"),
     "object": Word(str, "blob"),
     "size": Word(size, "320x240"),
     "seed": Word(whole(0, 2**31), "1"),
@@ -94,7 +94,7 @@ def _virtual(url: DeviceUrl, where: Callable[[], Angles], progress: Progress, ki
     words = read_words("virtual", url.query, VIRTUAL_WORDS)
     if url.place:
         raise SettingsError(
-            f"virtual:{url.place}: nothing stands after the colon; write virtual:?room=study&object=blob"
+            f"virtual:{url.place}: nothing stands after the colon; write virtual:?room=parlour&object=blob"
         )
     from hardware.virtual.camera import VirtualCamera, VirtualCameraConfig
     from hardware.virtual.studio import objects, rooms
@@ -106,7 +106,7 @@ def _virtual(url: DeviceUrl, where: Callable[[], Angles], progress: Progress, ki
         _must_be_one_of("object", thing, objects.OBJECTS)
     elif "object" in words:
         raise SettingsError(
-            "virtual: an object stands in a room; say which, as in virtual:?room=study&object=blob"
+            "virtual: an object stands in a room; say which, as in virtual:?room=parlour&object=blob"
         )
     given: dict[str, Any] = {
         word: words[word] for word in ("size", "seed", "vignetting", "card") if word in words

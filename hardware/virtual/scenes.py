@@ -5,11 +5,12 @@ captures of hundreds of poses. World z up, metres; camera frame x right, y down,
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hardware.interfaces import Angles, Geometry
 from hardware.virtual.studio import bake, mirror, motion, objects, render, rooms, truth
@@ -41,7 +42,7 @@ class Studio:
 
     def __init__(self, room: str, thing: str, rig: str, size: tuple[int, int], samples: int, cache: Path,
                  progress: Progress, device: str = "cpu"):  # fmt: skip
-        """Furnishes and, the first time, bakes the room, which takes minutes.
+        """Furnishes and, the first time, bakes the room, which takes minutes; the one that ships baked is there in seconds.
 
         Raises:
             StudioError: no such room, object or rig.
@@ -49,11 +50,13 @@ class Studio:
         progress(0.0, f"furnishing room {room}")
         self._rig, self._size, self._samples = rig, size, samples
         self.geometry = motion.geometry_of(rig)
-        furnished, self.body = rooms.furnish(room), objects.model(thing)
+        with ThreadPoolExecutor(1) as beside:
+            made = beside.submit(_body, thing, size)
+            furnished = rooms.furnish(room)
+            self.body, self._touched = made.result()
         cache.mkdir(parents=True, exist_ok=True)
         furnished, atlas = mirror.reflected(furnished, bake.bake(furnished, cache, device, progress))
         self._centre = furnished.centre
-        self._touched = truth.touched(self.body, *size)
         self._back = render.Backdrop(furnished, atlas, device)
         self._front = render.Foreground(furnished, atlas, self.body, self._touched, device)
 
@@ -79,6 +82,12 @@ class Studio:
         return truth.Truth(
             **maps, camera=truth.camera(*self._size), cam_from_world=poses, panoramas=np.stack(panoramas)
         )
+
+
+def _body(thing: str, size: tuple[int, int]) -> tuple[objects.Body, Bool[np.ndarray, "h w"]]:
+    """An object, and the pixels of a picture that it touches."""
+    body = objects.model(thing)
+    return body, truth.touched(body, *size)
 
 
 class Card:

@@ -55,6 +55,7 @@ class Questions:
         self.asked: list[dict[str, Any]] = []
         self.open: list[tuple[dict[str, Any], Any]] = []
         self.done, self.at_once = done, at_once
+        self.made: dict[str, Any] = {"picture": None, "facts": {}}
         self.closed = False
 
     def ask(self, question: str, then: Any, **facts: Any) -> int:
@@ -73,6 +74,8 @@ class Questions:
             then(Answer(content(asked.get("settings"), self.done, asked["session"])))
         elif asked["question"] == "folder":
             then(Answer(self.folder))
+        elif asked["question"] == "made":
+            then(Answer(self.made))
         elif asked["question"] == "gpu":
             then(Answer({"name": self.gpu}))
         else:

@@ -40,7 +40,7 @@ def main() -> int:
     parser.add_argument("--session", type=Path, required=True, help="with results")
     parser.add_argument("--rig", default="virtual:grbl?speed=20")
     parser.add_argument(
-        "--camera", default=f"virtual:?room=study&object=blob&size=320x240&cache={STUDIO}",
+        "--camera", default=f"virtual:?room=parlour&object=blob&size=320x240&cache={STUDIO}",
         help="its room is baked the first time, which takes minutes",
     )  # fmt: skip
     parser.add_argument("--poses", type=int, default=48)

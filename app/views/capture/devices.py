@@ -46,7 +46,7 @@ class Devices(Section):
         self.rig_live, self.camera_live = _LiveLine(self.tr("Rig")), _LiveLine(self.tr("Camera"))
         self.hint = dim(
             self.tr(
-                "The virtual studio needs no hardware. Its room is built the first time, which takes some minutes."
+                "The virtual studio needs no hardware: an object stands in a furnished room that is photographed as it turns."
             )
         )
         self.note = Elided()
@@ -153,7 +153,9 @@ class Devices(Section):
 
     def _told(self, choice: Choice, rig: bool) -> str:
         words = {
-            "virtual": self.tr("Virtual studio") if rig else self.tr("Virtual camera: an object in a study"),
+            "virtual": self.tr("Virtual studio")
+            if rig
+            else self.tr("Virtual camera: an object in a parlour"),
             "manual": self.tr("A stand that I turn when asked"),
             "none": self.tr("No rig (handheld)"),
             "grbl": self.tr("GRBL controller"),

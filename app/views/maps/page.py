@@ -19,6 +19,7 @@ from app.inspect.readings import under
 from app.inspect.runs import Run
 from app.state import Trouble, called, place_of
 from app.views.background import Background
+from app.views.bridge import Bridge
 from app.views.empty import Empty
 from app.views.maps.bar import MapsBar
 from app.views.maps.compare import MapsCompare
@@ -92,6 +93,7 @@ class MapsPage(QWidget):
         self._shell = shell
         self.swipe.errand.board = shell.board
         shell.state.view.listen(self._turn_to)
+        shell.board.listen(Bridge(self).latest(self._look_again))
         self._turn_to(shell.state.view.value)
 
     def show_session(self, folder: Path | None) -> None:
@@ -114,7 +116,10 @@ class MapsPage(QWidget):
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
-        if self._session is not None:
+        self._look_again()
+
+    def _look_again(self) -> None:
+        if self._session is not None and self.isVisible():
             self.refresh()
 
     # Choices
@@ -164,7 +169,7 @@ class MapsPage(QWidget):
             self._show_empty(runs.nothing_yet(self._session))
             return
         now = self._maps.run.fingerprint if self._maps is not None else None
-        if [run.fingerprint for run in found] == [run.fingerprint for run in self._runs] and now is not None:
+        if [_parts(run) for run in found] == [_parts(run) for run in self._runs] and now is not None:
             self._runs = found
             return
         known = {run.fingerprint for run in self._runs}
@@ -291,3 +296,8 @@ class MapsPage(QWidget):
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)
+
+
+def _parts(run: Run) -> tuple[str, frozenset[str]]:
+    """A run and what of it is there."""
+    return run.fingerprint, frozenset(run.records)

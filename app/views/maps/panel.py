@@ -157,7 +157,7 @@ def missing(look: Look, showing: Showing | None) -> str:
     if showing is None or showing.maps.frames is None:
         return told(
             QT_TRANSLATE_NOOP(
-                "maps", "The photographs' radiance is not there any more; process the session again"
+                "maps", "The brackets are not merged yet, or their result was removed; process the session"
             )
         )
     if look.layer in ("rerendered", "difference"):

@@ -128,7 +128,9 @@ class MapsSwipe(QWidget):
         if photograph is None:
             self.view.show_picture(
                 None,
-                message=told(QT_TRANSLATE_NOOP("maps", "The photographs' radiance is not there any more")),
+                message=told(
+                    QT_TRANSLATE_NOOP("maps", "The brackets are not merged yet, or their result was removed")
+                ),
             )
         else:
             self.view.show_picture(photograph.levels, rendering.levels if rendering is not None else None)

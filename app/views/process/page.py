@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from PySide6.QtCore import QEvent, Qt, QTimer
-from PySide6.QtGui import QAction, QFontDatabase, QShowEvent, QUndoStack
+from PySide6.QtGui import QAction, QFontDatabase, QResizeEvent, QShowEvent, QUndoStack
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -22,6 +22,7 @@ from app.views.bridge import Bridge
 from app.views.editors import label
 from app.views.pages import Shell
 from app.views.process.bar import RunBar
+from app.views.process.made import MadePanel
 from app.views.process.parameters import ParameterPanel
 from app.views.process.queue import QueuePanel
 from app.views.process.settings_edit import SettingsEdit
@@ -45,7 +46,7 @@ class ProcessPage(QWidget):
         self._bridge = Bridge(self)
         self._shell: Shell | None = None
         self._folder: Path | None = None
-        self._stage = ""
+        self._stage = self._made = ""  # the stage that is chosen; the result that is shown
         self._failed: str | None = None  # the failure that was told, so that it is told once
         self.model: Processing | None = None
         self._build()
@@ -61,6 +62,7 @@ class ProcessPage(QWidget):
         self.model.job.listen(lambda status: self._show_job())
         self.model.trouble.listen(lambda trouble: self._show_trouble())
         self.model.added.listen(self._log_grew)
+        self.model.preview.listen(lambda preview: self._show_made())
         self.queue = QueuePanel(self, shell.board, lambda: shell.settings.value.last_folder)
         self.queue.added.connect(self._enqueue)
         self.queue.scheduler.setText(shell.settings.value.scheduler)
@@ -91,6 +93,10 @@ class ProcessPage(QWidget):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._plan_again()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.made.fit(self.width())
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
@@ -126,8 +132,14 @@ class ProcessPage(QWidget):
         self.tabs.setDocumentMode(True)
         self.tabs.setAccessibleName(self.tr("Log and queue"))
         self.tabs.addTab(self.log, self.tr("Log"))
+        self.made = MadePanel()
+        upper = QWidget()
+        row = QHBoxLayout(upper)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(self.parameters, 1)
+        row.addWidget(self.made)
         self.right = QSplitter(Qt.Orientation.Vertical)
-        self.right.addWidget(self.parameters)
+        self.right.addWidget(upper)
         self.right.addWidget(self.tabs)
         self.right.setSizes([420, 220])
         self.right.setStretchFactor(0, 1)
@@ -250,6 +262,29 @@ class ProcessPage(QWidget):
         plan = self.model.plan.value if self.model is not None else None
         row = next((row for row in plan.rows if row.name == self._stage), None) if plan is not None else None
         self.parameters.show_row(row)
+        self._show_made()
+
+    def _show_made(self) -> None:
+        """The running stage's picture so far, or else what the chosen stage made."""
+        if self.model is None or self._shell is None or self._folder is None:
+            self.made.clear()
+            return
+        plan, preview, stage = self.model.plan.value, self.model.preview.value, self._stage
+        row = next((row for row in plan.rows if row.name == stage), None) if plan is not None else None
+        result = row.folder if row is not None and row.done and preview is None else ""
+        if preview is not None:
+            self.made.show_preview(preview.file, preview.number)
+        elif not result:
+            self.made.clear()
+        elif result != self._made:
+            take = self._bridge.queued(lambda answer: self._take_made(result, stage, answer))
+            self._shell.enquiries.ask("made", take, session=str(self._folder), stage=stage)
+        self._made = result
+
+    def _take_made(self, result: str, stage: str, answer: Answer) -> None:
+        # What cannot be pictured is said where it is opened.
+        if result == self._made:
+            self.made.show_made(stage, answer.content or {})
 
     def _show_trouble(self) -> None:
         assert self.model is not None

@@ -143,7 +143,8 @@ class ParameterPanel(QWidget):
         font.setBold(parameter.changed)
         self._names[parameter.name].setFont(font)
         self._defaults[parameter.name].setText(self.tr("default {0}").format(told_default(parameter)))
-        self._backs[parameter.name].setVisible(parameter.changed)
+        for part in (self._defaults[parameter.name], self._backs[parameter.name]):
+            part.setVisible(parameter.changed)
 
     def _mark(self) -> None:
         row = self._row

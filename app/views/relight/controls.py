@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QCoreApplication, Qt, Signal
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.inspect.falsecolour import MINUS
+from app.relight.ready import NAMES as READY
 from app.relight.relit import Setting
 from app.views.boxes import box_of
 from app.views.column import Column
@@ -37,9 +38,11 @@ class RelightControls(Column):
     changed = Signal()
     view_picked = Signal(int)  # of the recovered light
     panorama_wanted = Signal()
-    saved = Signal(str)  # "png" or "exr"
+    ready_picked = Signal(str)  # a light that ships, by name; empty: the recovered one
+    saved = Signal(str)  # "png", "exr", "mp4" or "html"
     in_space = Signal()  # asks for the surface in this light on the 3D page
     playing = Signal(bool)
+    lamp_changed = Signal()  # the person's own: on, off, or moved
 
     def __init__(self, parent: QWidget | None = None) -> None:
         body = QFrame()
@@ -49,7 +52,7 @@ class RelightControls(Column):
         body.setObjectName("panel")
         self._column = QVBoxLayout(body)
         self._column.setContentsMargins(14, 12, 14, 12)
-        self._column.setSpacing(6)
+        self._column.setSpacing(5)
 
         self._heading(self.tr("Light"))
         self.picture = QLabel()
@@ -76,6 +79,17 @@ class RelightControls(Column):
         row.addWidget(label)
         row.addWidget(self.view, 1)
         row.addWidget(self.panorama)
+        self._column.addLayout(row)
+        self.ready = box_of(self.tr("Light"), 6)
+        self.ready.addItem(self.tr("Of the room, as recovered"), "")
+        for name, words in READY.items():
+            self.ready.addItem(QCoreApplication.translate("relight", words), name)
+        self.ready.activated.connect(lambda row: self.ready_picked.emit(self.ready.itemData(row)))
+        row = QHBoxLayout()
+        label = QLabel(self.tr("L&ight"))
+        label.setBuddy(self.ready)
+        row.addWidget(label)
+        row.addWidget(self.ready, 1)
         self._column.addLayout(row)
         self.source = QLabel()
         self.source.setObjectName("dim")
@@ -110,6 +124,19 @@ class RelightControls(Column):
         self.room = self._strength(0, self.tr("Room"), "")
         self.lamps: list[Named] = []
 
+        self.lamp_on = QCheckBox(self.tr("&Drag a lamp of your own on the picture"))
+        self.lamp_on.setAccessibleName(self.lamp_on.text().replace("&", ""))
+        self.lamp_on.setToolTip(
+            self.tr("Dragging and the arrow keys then move the lamp and leave the room as it is")
+        )
+        self.lamp_on.toggled.connect(self._switch_lamp)
+        self._column.addWidget(self.lamp_on)
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(8)
+        self.lamp_strength = self._strength(0, self.tr("&Own lamp"), "", grid)
+        self.lamp_strength.setEnabled(False)
+        self._column.addLayout(grid)
+
         self._heading(self.tr("Picture"))
         grid = QGridLayout()
         grid.setHorizontalSpacing(8)
@@ -125,13 +152,19 @@ class RelightControls(Column):
         for box in (self.behind, self.log):
             box.setAccessibleName(box.text().replace("&", ""))
             self._column.addWidget(box)
-        row = QHBoxLayout()
-        for text, kind in ((self.tr("Save PNG…"), "png"), (self.tr("Save EXR…"), "exr")):
+        saves = QGridLayout()
+        for place, (text, kind, tip) in enumerate((
+            (self.tr("Save PNG…"), "png", self.tr("At the photographs' own size; clear around the object, unless its light is shown")),
+            (self.tr("Save EXR…"), "exr", self.tr("Linear radiance, with the object's mask as alpha")),
+            (self.tr("Save video…"), "mp4", self.tr("The light, and the lamp, once round the object")),
+            (self.tr("Web page…"), "html", self.tr("One file to give away: turned and relit in any browser")),
+        )):  # fmt: skip
             button = QPushButton(text)
             button.setAccessibleName(text)
+            button.setToolTip(tip)
             button.clicked.connect(lambda checked, kind=kind: self.saved.emit(kind))
-            row.addWidget(button)
-        self._column.addLayout(row)
+            saves.addWidget(button, place // 2, place % 2)
+        self._column.addLayout(saves)
         self.space = QPushButton(self.tr("Show in &3D"))
         self.space.setAccessibleName(self.tr("Show the surface in this light on the 3D page"))
         self.space.clicked.connect(self.in_space)
@@ -143,8 +176,27 @@ class RelightControls(Column):
     def setting(self) -> Setting:
         return Setting(
             float(self.yaw.value()), float(self.pitch.value()), float(self.roll.value()), strength(self.room.value()),
-            tuple(strength(slider.value()) for slider in self.lamps),
+            tuple(strength(slider.value()) for slider in self.lamps), self.lamp,
         )  # fmt: skip
+
+    @property
+    def lamp(self) -> tuple[float, float] | None:
+        """Where the person's own lamp stands; None: it is off."""
+        return self._lamp if self.lamp_on.isChecked() else None
+
+    @property
+    def lamp_power(self) -> float:
+        return strength(self.lamp_strength.value())
+
+    def move_lamp(self, right: float, up: float) -> None:
+        self._lamp = (right, up)
+        self.lamp_changed.emit()
+        self.changed.emit()
+
+    def _switch_lamp(self, on: bool) -> None:
+        self.lamp_strength.setEnabled(on)
+        self.lamp_changed.emit()
+        self.changed.emit()
 
     @property
     def exposure_ev(self) -> float:
@@ -167,6 +219,7 @@ class RelightControls(Column):
     def as_photographed(self) -> None:
         """The light as it was: no turn, every strength 1."""
         self.play.setChecked(False)
+        self.lamp_on.setChecked(False)
         for slider in (self.yaw, self.pitch, self.roll, self.room, *self.lamps):
             slider.setValue(0)
 
@@ -204,6 +257,7 @@ class RelightControls(Column):
 
     _yaw = 0.0
     _pitch = 0.0
+    _lamp = (-0.5, 0.6)
 
     def _heading(self, text: str) -> None:
         label = QLabel(text)
@@ -232,7 +286,7 @@ class RelightControls(Column):
         slider.place(grid, row)
         return slider
 
-    def _strength(self, row: int, name: str, tip: str) -> "Named":
+    def _strength(self, row: int, name: str, tip: str, grid: QGridLayout | None = None) -> "Named":
         ends = STRENGTH_STOPS * STRENGTH_STEPS
         slider = Named(name, -ends, ends)
         slider.setPageStep(STRENGTH_STEPS)
@@ -247,7 +301,7 @@ class RelightControls(Column):
 
         slider.valueChanged.connect(tell)
         slider.told.setText(f"{TIMES} 1")
-        slider.place(self._strengths, row)
+        slider.place(grid or self._strengths, row)
         return slider
 
 

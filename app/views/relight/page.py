@@ -4,11 +4,13 @@ A child prepares the surface once (its result is kept with the session), whateve
 own, and only the newest wish is drawn.
 """
 
+import dataclasses
 import itertools
 import tempfile
 import time
 from collections import deque
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QTimer
@@ -25,10 +27,12 @@ from app.inspect import maps, runs
 from app.inspect.maps import Maps
 from app.inspect.runs import Run
 from app.relight import files as relighting_files
+from app.relight import ready
 from app.relight import relit as relighting
 from app.relight.relit import Light, Setting, Transfer
-from app.state import Trouble
+from app.state import Trouble, called
 from app.views.background import Background
+from app.views.bridge import Bridge
 from app.views.errand import Errand
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
@@ -56,6 +60,7 @@ class RelightPage(QWidget):
         self._grid = (0, 0)  # rows and columns of the maps
         self._numbers = itertools.count(1)
         self._white = 1.0
+        self._panorama: Path | None = None  # in place of the recovered light
         self._drawing = self._stale = False
         self._ends: deque[float] = deque(maxlen=FRAMES)
         self._lit: list[QAction] = []  # what needs a surface and its light
@@ -88,6 +93,9 @@ class RelightPage(QWidget):
         layout.addWidget(self.controls)
 
         self.canvas.turned.connect(self.controls.turn_by)
+        self.canvas.lamp_moved.connect(self.controls.move_lamp)
+        self.controls.lamp_changed.connect(self._show_lamp)
+        self.controls.ready_picked.connect(self._pick_ready)
         self.canvas.exposed.connect(lambda by: self.controls.ev.setValue(self.controls.ev.value() + by))
         self.controls.changed.connect(self.draw)
         self.controls.view_picked.connect(self._pick_view)
@@ -106,6 +114,7 @@ class RelightPage(QWidget):
     def use(self, shell: Shell) -> None:
         self._shell = shell
         self.errand.board = shell.board
+        shell.board.listen(Bridge(self).latest(self._look_again))
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's surface; returns at once."""
@@ -124,6 +133,17 @@ class RelightPage(QWidget):
             self._say_nothing(runs.nothing_yet(None))
         else:
             self._background.ask("runs", lambda: _found(folder), self._show_run, self._tell)
+
+    def _look_again(self) -> None:
+        """A surface that could not be prepared for want of merged brackets is, once they are there."""
+        folder = self._session
+        if folder is not None and self._transfer is None and self.isVisible() and not self.errand.busy:
+            self._background.ask("runs", lambda: _found(folder), self._show_grown, self._tell)
+
+    def _show_grown(self, answer: tuple[Run | None, Maps | None]) -> None:
+        run = answer[0]
+        if run is not None and (self._run is None or run.records.keys() != self._run.records.keys()):
+            self._show_run(answer)
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
@@ -147,7 +167,7 @@ class RelightPage(QWidget):
             self._stale = True
             return
         self._drawing, self._stale = True, False
-        setting, white, tone = self.controls.setting(), self._white, self.controls.tone
+        setting, white, tone = self._setting(), self._white, self.controls.tone
         ev, room = self.controls.exposure_ev, self.controls.behind.isChecked()
 
         def work():
@@ -155,6 +175,11 @@ class RelightPage(QWidget):
             return pixels, relighting.overview(light, transfer.middle, setting, 4 * white)
 
         self._background.ask("frame", work, self._show_frame, self._tell)
+
+    def _setting(self) -> Setting:
+        """As the controls have it; the person's own lamp lights white paint white."""
+        power = np.pi * self._white * self.controls.lamp_power
+        return dataclasses.replace(self.controls.setting(), spot_energy=float(power))
 
     def _show_frame(self, made) -> None:
         self._drawing = False
@@ -219,15 +244,31 @@ class RelightPage(QWidget):
             )
         self.errand.begin(self.tr("Prepare relighting"), "relight", request)
 
+    def _show_lamp(self) -> None:
+        self.canvas.show_lamp(self.controls.lamp)
+        self._show_state()
+
+    def _pick_ready(self, name: str) -> None:
+        if name:
+            self.load_panorama(ready.file(name))
+        elif self._run is not None:
+            known = relighting_files.lights_of(self._run)
+            if known:
+                self._load(self._run, known[0])
+
     def load_panorama(self, path: Path) -> None:
         """Light the object with a picture."""
         if self._transfer is None:
             return
+        self._panorama = path
         request = {"file": str(path), "to": str(self._scrap("panorama.npz"))}
         self.errand.begin(self.tr("Read panorama"), "panorama", request)
 
     def _take(self, task: str, result: dict) -> None:
-        if task == "panorama":
+        if task == "relit":
+            if self._shell is not None:
+                self._shell.wishes.say.emit(self.tr("Saved {0}").format(result["to"]))
+        elif task == "panorama":
             self._load_panorama(Path(result["light"]))
         elif self._run is not None:
             self._load(self._run, int(result["view"]))
@@ -261,7 +302,8 @@ class RelightPage(QWidget):
         self._background.ask("light", work, lambda made: self._use(*made, view), self._tell)
 
     def _use(self, transfer: Transfer, light: Light, white: float, view: int) -> None:
-        self._transfer, self._white = transfer, white
+        self._transfer, self._white, self._panorama = transfer, white, None
+        self.controls.ready.setCurrentIndex(0)
         self.controls.view.setCurrentIndex(self.controls.view.findData(view))
         self._show_light(
             light, self.tr("Recovered from the photographs, as in view {name}.").format(name=light.name)
@@ -280,6 +322,9 @@ class RelightPage(QWidget):
 
     def _use_panorama(self, light: Light, white: float) -> None:
         self.controls.view.setCurrentIndex(-1)
+        names = [ready.file(name) for name in ready.NAMES]
+        row = names.index(self._panorama) + 1 if self._panorama in names else -1
+        self.controls.ready.setCurrentIndex(row)
         self._white = white
         self._show_light(light, self.tr("Panorama {name}, exposed for the object.").format(name=light.name))
 
@@ -299,9 +344,12 @@ class RelightPage(QWidget):
         if self._transfer is None:
             return ""
         rows, columns = self._transfer.size
-        return self.tr("Preview of {w} x {h} pixels. Drag, or use the arrow keys, to turn the light.").format(
-            w=columns, h=rows
+        told = (
+            self.tr("Preview of {w} x {h} pixels. Drag, or use the arrow keys, to turn the light.")
+            if self.controls.lamp is None
+            else self.tr("Preview of {w} x {h} pixels. Drag, or use the arrow keys, to move the lamp.")
         )
+        return told.format(w=columns, h=rows)
 
     def _forget(self) -> None:
         self.controls.play.setChecked(False)
@@ -324,7 +372,7 @@ class RelightPage(QWidget):
         transfer, light, maps_grid = self._transfer, self._light, self._grid
         if transfer is None or light is None or self._shell is None:
             return
-        shell, setting = self._shell, self.controls.setting()
+        shell, setting = self._shell, self._setting()
         bright = 2.0**self.controls.exposure_ev / self._white
         # A name of its own each time: the 3D page reads it when it comes to it.
         to = self._scrap(f"relit-{next(self._numbers)}.npy")
@@ -358,20 +406,23 @@ class RelightPage(QWidget):
     def _ask_save(self, kind: str) -> None:
         if self._transfer is None or self._session is None:
             return
-        start = str(self._session.parent / f"relit.{kind}")
-        to, _ = QFileDialog.getSaveFileName(
-            self, self.tr("Save picture"), start, f"{kind.upper()} (*.{kind})"
-        )
+        start = str(self._session.parent / f"{called(self._session)}-relit.{kind}")
+        to, _ = QFileDialog.getSaveFileName(self, self.tr("Save"), start, f"{kind.upper()} (*.{kind})")
         if to:
             self.save(Path(to))
 
     def save(self, to: Path) -> None:
-        """Write the picture: PNG as it is shown, EXR as linear radiance with the object's mask as alpha."""
+        """Write a picture: PNG at the photographs' own size, EXR as linear radiance, both with the object's mask as alpha; a
+        video of the light going round, or a page to give away. What takes long a child does."""
         transfer, light = self._transfer, self._light
         if transfer is None or light is None:
             return
-        setting, room = self.controls.setting(), self.controls.behind.isChecked()
-        if to.suffix.lower() != ".exr":
+        setting, room, kind = self._setting(), self.controls.behind.isChecked(), to.suffix.lower()
+        reduced = transfer.mask.shape != self._grid
+        if kind in (".mp4", ".html") or (kind == ".png" and reduced):
+            self.errand.begin(self.tr("Save {0}").format(to.name), "relit", self._wish(to, setting))
+            return
+        if kind != ".exr":
             image = self.canvas.image
             if image is not None and not image.save(str(to)):
                 self._tell(
@@ -388,10 +439,20 @@ class RelightPage(QWidget):
 
         self._background.ask("save", work, lambda done: None, self._tell)
 
+    def _wish(self, to: Path, setting: Setting) -> dict[str, Any]:
+        """What the child draws."""
+        view = self.controls.view.currentData()
+        return {
+            "session": str(self._session), "to": str(to), "light": "" if self._panorama is None else str(self._panorama),
+            "view": view, "setting": dataclasses.asdict(setting), "spot": self.controls.lamp_power,
+            "exposure_ev": self.controls.exposure_ev, "tone": self.controls.tone, "room": self.controls.behind.isChecked(),
+        }  # fmt: skip
+
     def _make_actions(self) -> None:
         for text, keys, call in (
             (self.tr("Light as photographed"), "R", self.controls.as_photographed),
             (self.tr("Turn the light slowly"), "P", self.controls.play.toggle),
+            (self.tr("Drag a lamp on the picture"), "L", self.controls.lamp_on.toggle),
             (self.tr("Show the light behind the object"), "B", self.controls.behind.toggle),
             (self.tr("Load a panorama"), "Ctrl+L", self._ask_panorama),
             (self.tr("Save picture"), "Ctrl+Shift+S", lambda: self._ask_save("png")),

@@ -42,6 +42,9 @@ class StartPage(QWidget):
             self.tr("&New capture"), self.tr("Turn the rig and photograph. The virtual studio needs no hardware."),
             "capture", True,
         )  # fmt: skip
+        self.demo = _tile(
+            self.tr("Open &demo"), self.tr("Finished results of a virtual object, to look around in."), "maps"
+        )
         self.open = _tile(self.tr("&Open session…"), self.tr("A folder that Roomlight made."), "open")
         self.add = _tile(
             self.tr("&Import photographs…"), self.tr("RAW brackets, or linear EXR and HDR images."), "import"
@@ -54,6 +57,7 @@ class StartPage(QWidget):
             "view3d",
         )
         self.new_capture.clicked.connect(self._new_capture)
+        self.demo.clicked.connect(self._open_demo)
         self.open.clicked.connect(self._ask_session)
         self.add.clicked.connect(self._add_photographs)
         self.simulate.clicked.connect(self._simulate)
@@ -73,7 +77,7 @@ class StartPage(QWidget):
         left.addWidget(name)
         left.addWidget(about)
         left.addSpacing(14)
-        for tile in (self.new_capture, self.open, self.add, self.simulate):
+        for tile in (self.new_capture, self.demo, self.open, self.add, self.simulate):
             left.addWidget(tile)
         left.addStretch()
         left.addWidget(drop)
@@ -103,14 +107,17 @@ class StartPage(QWidget):
         forget.triggered.connect(self._forget)
         self.list.addAction(forget)
         self.empty = QLabel(
-            self.tr("Nothing here yet. A new capture with the virtual studio shows how everything works.")
+            self.tr(
+                "Nothing here yet. Open the demo to see results; a new capture in the virtual studio needs no hardware."
+            )
         )
         self.empty.setObjectName("dim")
+        self.empty.setIndent(7)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         right = QVBoxLayout()
         right.setSpacing(10)
         right.addWidget(heading)
-        right.addWidget(self.empty)
+        right.addWidget(self.empty, 1)
         right.addWidget(self.list, 1)
 
         layout = QHBoxLayout(self)
@@ -206,6 +213,10 @@ class StartPage(QWidget):
         if self._shell is not None:
             self._shell.wishes.new_capture.emit()
 
+    def _open_demo(self) -> None:
+        if self._shell is not None:
+            self._shell.wishes.open_demo.emit()
+
     def _ask_session(self) -> None:
         if self._shell is not None:
             self._shell.wishes.ask_session.emit()
@@ -235,7 +246,10 @@ class StartPage(QWidget):
 
     def _dress(self) -> None:
         ours = theme.colours(self)
-        names = {self.new_capture: "capture", self.open: "open", self.add: "import", self.simulate: "view3d"}
+        names = {
+            self.new_capture: "capture", self.demo: "maps", self.open: "open", self.add: "import",
+            self.simulate: "view3d",
+        }  # fmt: skip
         for tile, name in names.items():
             main = tile is self.new_capture
             tile.setIcon(icons.icon(name, ours.on_accent if main else ours.text, 28))

@@ -7,7 +7,7 @@ hold what is behind the names.
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOMS = ("study", "lamps", "window", "plain", "polished", "leafy", "chink", "booth")
+ROOMS = ("study", "lamps", "window", "plain", "polished", "leafy", "chink", "booth", "parlour")
 OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo", "gilded", "lacquered")
 MATERIALS = ("paint", "clay", "glaze", "metal", "textured", "from-file")
 MOTIONS = ("handheld", "random", "turntable", "gimbal")

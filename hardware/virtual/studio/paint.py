@@ -261,6 +261,7 @@ def leaves(
 ) -> None:
     """Lay ellipses, boxes and wedges on `canvas` until they would cover it `cover` times; sizes ~ size^-3."""
     h, w = canvas.shape[:2]
+    smallest_m = min(max(smallest_m, 1.6 * texel_m), largest_m)  # what is smaller no texel shows
     area, goal, sizes = 0.0, cover * h * w * texel_m**2, []
     while area < goal:
         u = rng.uniform(size=256)
@@ -281,7 +282,7 @@ def _leaf(canvas: Albedo, size: float, rng: np.random.Generator, hue: np.ndarray
     half_a, half_b = size * 0.5, size * 0.5 * rng.uniform(0.35, 1.0)
     y0, y1 = max(0, int(cy - size * 0.75)), min(h, int(cy + size * 0.75) + 2)
     x0, x1 = max(0, int(cx - size * 0.75)), min(w, int(cx + size * 0.75) + 2)
-    y, x = np.ogrid[y0:y1, x0:x1]
+    y, x = np.arange(y0, y1)[:, None], np.arange(x0, x1)
     a = ((x + 0.5 - cx) * np.cos(angle) + (y + 0.5 - cy) * np.sin(angle)) / half_a
     b = ((y + 0.5 - cy) * np.cos(angle) - (x + 0.5 - cx) * np.sin(angle)) / half_b
     kind = rng.integers(4)

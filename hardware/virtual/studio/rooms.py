@@ -73,8 +73,8 @@ X, Y, Z = np.eye(3)
 class _Builder:
     """Collects what stands in a room while it is being furnished."""
 
-    def __init__(self, size: Vector, seed: int):
-        self.size = np.array(size)
+    def __init__(self, size: Vector, seed: int, texel_m: float | None = None):
+        self.size, self.texel_m = np.array(size), texel_m or TEXEL_M
         self.rng = np.random.default_rng(seed)
         self.panels: list[Panel] = []
         self.globes: list[Globe] = []
@@ -85,7 +85,7 @@ class _Builder:
         """A panel around `middle`, upright along `up`, seen from where `normal` points."""
         right = np.cross(up, normal)
         corner = middle - right * width / 2 + up * height / 2
-        albedo = painter(height, width, TEXEL_M, self.rng)
+        albedo = painter(height, width, self.texel_m, self.rng)
         self.panels.append(Panel(corner, right * width, -up * height, albedo))
 
     def shell(self, walls: list[Painter], floor: Painter, ceiling: Painter) -> None:
@@ -396,6 +396,27 @@ def chink() -> Room:
     return build.room("chink")
 
 
+def parlour() -> Room:
+    """A living room by day: a window, a lamp and pictures, of coarse texels, so that it stands there in seconds.
+
+    Its light comes baked with the program (`bake.SHIPPED`).
+    """
+    build = _Builder((3.8, 3.2, 2.6), seed=83, texel_m=0.008)
+    walls = [paint.stones((0.55, 0.47, 0.4)), paint.planks((0.6, 0.58, 0.52), 0.18),
+             paint.stones((0.58, 0.52, 0.46), 0.24, 1.4), paint.stones((0.5, 0.56, 0.57), 0.1)]  # fmt: skip
+    build.shell(walls, paint.planks((0.42, 0.29, 0.18)), paint.planks((0.72, 0.64, 0.52), 0.2))
+    _beams(build, 2, paint.planks((0.45, 0.3, 0.2)))
+    build.window(2, 0.2, 0.9, 1.3, 1.2, sky=20.0)
+    for wall, count in ((0, 3), (1, 4), (3, 4)):
+        build.pictures(wall, count, 0.6, 2.3)
+    build.table((1.4, -0.6), (0.7, 1.0, 0.7), paint.planks((0.5, 0.34, 0.22)))
+    build.clutter((1.25, 1.6), (-0.95, -0.25), 0.7, 2, (0.1, 0.2))
+    build.box((0.0, -0.1, 0.0), (2.0, 1.6, 0.012), paint.rug(), 8.0, top=paint.rug())
+    build.clutter((-1.4, 1.1), (-1.2, 1.2), 0.012, 4, (0.12, 0.26))
+    build.standing_lamp((-0.7, -1.05, 1.6), 0.065, (30.0, 24.0, 16.0))
+    return build.room("parlour")
+
+
 def booth() -> Room:
     """Six mottled walls of few texels, a glowing sheet and a globe: built in seconds, for trials of the machinery."""
     rng, side = np.random.default_rng(61), 2.8
@@ -413,7 +434,7 @@ def booth() -> Room:
 
 ROOMS: dict[str, Callable[[], Room]] = {
     "study": study, "lamps": lamps, "window": window, "plain": plain, "polished": polished, "leafy": leafy,
-    "chink": chink, "booth": booth,
+    "chink": chink, "booth": booth, "parlour": parlour,
 }  # fmt: skip
 
 

@@ -75,16 +75,16 @@ def banner_buttons(page: CapturePage) -> list[str]:
 def test_a_newcomer_connects_the_virtual_studio_with_one_click(
     page: CapturePage, desk: PlayedDesk, qtbot: QtBot
 ) -> None:
-    assert "minutes" in page.setup.devices.hint.text()
+    assert "needs no hardware" in page.setup.devices.hint.text()
     assert page.setup.devices.hint.isVisible()
     at = page.setup.devices.toggle.y()
     page.setup.devices.choose("manual:", "gphoto2:")
     page.setup.devices.layout().activate()
     assert not page.setup.devices.hint.isVisible()
     assert page.setup.devices.toggle.y() == at
-    page.setup.devices.choose("virtual:", "virtual:?room=study&object=blob")
+    page.setup.devices.choose("virtual:", "virtual:?room=parlour&object=blob")
     qtbot.mouseClick(page.setup.devices.toggle, Qt.MouseButton.LeftButton)
-    assert desk.last("open") == {"rig": "virtual:", "camera": "virtual:?room=study&object=blob"}
+    assert desk.last("open") == {"rig": "virtual:", "camera": "virtual:?room=parlour&object=blob"}
 
 
 def test_what_was_found_is_listed_and_the_fields_stay_as_they_are(

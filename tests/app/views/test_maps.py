@@ -91,6 +91,18 @@ def test_results_that_arrive_later_appear(page: MapsPage, qtbot: QtBot, tmp_path
     assert page.body.isVisible()
 
 
+def test_photographs_appear_once_their_brackets_are_merged(
+    page: MapsPage, qtbot: QtBot, two_runs: Path, shell: Shell, tmp_path: Path
+) -> None:
+    hdr = two_runs / "stages" / "hdr"
+    hdr.rename(tmp_path / "hdr")
+    shown(page, two_runs, qtbot)
+    assert "not merged yet" in page.grid.panels[0].view.message
+    (tmp_path / "hdr").rename(hdr)
+    shell.board.hold(True)  # anything that happens on the board
+    until(qtbot, lambda: drawn(page.grid.panels[0]))
+
+
 def test_closing_the_session_empties_the_page(page: MapsPage, qtbot: QtBot, two_runs: Path) -> None:
     shown(page, two_runs, qtbot)
     page.show_session(None)

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from PySide6.QtCore import QCoreApplication, QEvent, Qt
+from PySide6.QtGui import QImage
 from pytestqt.qtbot import QtBot
 
 from app import processing
@@ -49,6 +50,7 @@ def page(
     made = ProcessPage()
     qtbot.addWidget(made)
     made.use(shell)
+    made.resize(1100, 640)
     made.show()
     until(qtbot, lambda: made.model is not None and made.model.plan.value is not None)
     return made
@@ -307,6 +309,48 @@ def test_the_verdict_of_the_result_stands_over_the_stages_and_goes_with_it(page:
     page.model.plan.set(replace(plan, quality=None))
     page._show_plan()
     assert page.verdict.isHidden()
+
+
+def picture(path: Path) -> Path:
+    image = QImage(40, 30, QImage.Format.Format_RGB32)
+    image.fill(Qt.GlobalColor.red)
+    assert image.save(str(path))
+    return path
+
+
+def test_a_done_stage_shows_what_it_made(
+    page: ProcessPage, questions: Questions, qtbot: QtBot, tmp_path: Path
+) -> None:
+    assert page.made.isHidden()  # of poses, which have not run
+    facts = {"views": 8, "width": 480, "height": 360}
+    questions.made = {"picture": str(picture(tmp_path / "made.png")), "facts": facts}
+    page.column.choose("hdr")
+    until(qtbot, page.made.isVisible)
+    assert page.made.said.text().startswith("8 photographs of 480")
+    assert page.made.picture.image.width() == 40
+    page._plan_again()  # the same result is not asked for again
+    qtbot.wait(20)
+    assert [asked["stage"] for asked in questions.asked if asked["question"] == "made"] == ["hdr"]
+    page.column.choose("poses")
+    assert page.made.isHidden()
+
+
+LOOKED_AT = """
+emit("stage", name="surface", number=1, count=2)
+for _ in range(2): emit("data", kind="preview", stage="surface", file=request["session"] + "/so-far.png")
+emit("progress", fraction=0.25, note="solving pixels")
+while hear() is not None: emit("done", result={}); break
+"""
+
+
+@pytest.mark.parametrize("script", [LOOKED_AT])
+def test_normals_show_while_the_surface_is_solved(page: ProcessPage, session: Path, qtbot: QtBot) -> None:
+    picture(session / "so-far.png")
+    page.start.trigger()
+    until(qtbot, page.made.isVisible)
+    until(qtbot, lambda: "2. look" in page.made.said.text())
+    page.stop.trigger()
+    until(qtbot, page.made.isHidden)
 
 
 def test_a_finished_run_leads_on_to_its_results(

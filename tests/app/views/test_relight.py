@@ -15,6 +15,7 @@ from app.inspect import runs
 from app.relight import files as relighting_files
 from app.relight import relit as relighting
 from app.relight import sources as light_sources
+from app.relight.pictures import Wish
 from app.relight.relit import Setting
 from app.views.pages import Shell
 from app.views.relight.controls import strength
@@ -326,6 +327,81 @@ def test_pictures_are_saved_as_shown_and_as_light(
     for name in ("a.png", "a.exr"):
         with qtbot.waitSignal(shell.wishes.trouble, timeout=5000):
             page.save(tmp_path / "no" / name)
+
+
+def test_what_waits_for_merged_brackets_is_prepared_once_they_are_there(
+    page: RelightPage, qtbot: QtBot, session: Path, shell: Shell, tmp_path: Path
+) -> None:
+    shutil.rmtree(session / "derived")
+    (session / "stages" / "hdr").rename(tmp_path / "hdr")
+    begun: list[str] = []
+
+    def make(name: str, task: str, request: dict):
+        begun.append(task)
+        return job('emit("failed", message="not merged yet; wait")', name, task, request)
+
+    page.errand._make_job = make
+    page.show_session(session)
+    until(qtbot, lambda: begun and not page.errand.busy and not page._background.busy)
+    shell.board.hold(True)  # anything that happens on the board, and nothing new
+    until(qtbot, lambda: not page._background.busy)
+    assert begun == ["relight"]
+    (tmp_path / "hdr").rename(session / "stages" / "hdr")
+    shell.board.hold(False)
+    until(qtbot, lambda: begun == ["relight"] * 2)
+
+
+def test_a_lamp_is_dragged_on_the_picture(page: RelightPage, qtbot: QtBot, session: Path) -> None:
+    ready(page, session, qtbot)
+    before, middle = picture(page, qtbot).copy(), page.canvas.rect().center()
+    page.controls.lamp_on.click()
+    assert "move the lamp" in page.said.text()
+    reach = round(page.canvas._reach())
+    qtbot.mousePress(page.canvas, Qt.MouseButton.LeftButton, pos=middle)
+    qtbot.mouseMove(page.canvas, middle + QPoint(reach // 2, -reach // 4))
+    qtbot.mouseRelease(page.canvas, Qt.MouseButton.LeftButton)
+    assert page.controls.lamp == pytest.approx((0.5, 0.25), abs=0.02)
+    assert page.controls.yaw.value() == 0  # the room stays where it is
+    qtbot.keyClick(page.canvas, Qt.Key.Key_Left)
+    assert page.controls.lamp == pytest.approx((0.42, 0.25), abs=0.02)
+    still(page, qtbot)
+    assert picture(page, qtbot) != before
+    page.controls.reset.click()
+    assert page.controls.lamp is None
+    still(page, qtbot)
+    assert picture(page, qtbot) == before
+
+
+def test_a_light_that_ships_is_one_choice_away_and_videos_and_pages_are_drawn_by_a_child(
+    page: RelightPage, qtbot: QtBot, session: Path, tmp_path: Path, shell: Shell
+) -> None:
+    asked: list[tuple[str, dict]] = []
+
+    def make(name: str, task: str, request: dict):
+        asked.append((task, request))
+        if task == "panorama":
+            keep_light(Path(request["to"]), Path(request["file"]).name)
+        return job('emit("done", result={"light": request["to"], **request})', name, task, request)
+
+    ready(page, session, qtbot)
+    page.errand._make_job = make
+    row = page.controls.ready.findData("sunset")
+    page.controls.ready.setCurrentIndex(row)
+    page.controls.ready.activated.emit(row)
+    until(qtbot, lambda: page._light is not None and page._light.name == "sunset.exr")
+    assert page.controls.ready.currentIndex() == row
+    page.controls.move_lamp(0.3, 0.4)
+    page.controls.lamp_on.click()
+    with qtbot.waitSignal(shell.wishes.say, timeout=30_000) as heard:
+        page.save(tmp_path / "turn.mp4")
+    assert "turn.mp4" in heard.args[0]
+    wish = Wish(**asked[-1][1])  # as the child takes it
+    assert asked[-1][0] == "relit"
+    assert (wish.to, Path(wish.light).name) == (str(tmp_path / "turn.mp4"), "sunset.exr")
+    assert tuple(wish.setting["spot"]) == (0.3, 0.4)
+    page.controls.ready.setCurrentIndex(0)
+    page.controls.ready.activated.emit(0)
+    until(qtbot, lambda: page._light is not None and page._light.name == "view04")
 
 
 def test_a_damaged_preparation_is_told(page: RelightPage, qtbot: QtBot, session: Path, shell: Shell) -> None:

@@ -55,12 +55,16 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     picture, fitted = Picture(frames, masks.object, poses.camera), np.arange(1, 16)
     seen = build_scene(picture, poses, fitted, (0,), params, "cpu", 0)
     phases = {phase.name: phase for phase in schedule(params, False)}
+    looks: list[np.ndarray] = []
     coarse = run(
         seen,
         initial_state(seen, room),
         [phases[name] for name in ("initialise", "coarse", "place", "full")],
-        Progress(),
+        Progress(viewer=lambda make: looks.append(make())),
     )
+    # Whoever looks sees normals from the first phase on.
+    assert len(looks) == 3
+    assert all(np.allclose(np.linalg.norm(look[look.any(-1)], axis=-1), 1, atol=1e-5) for look in looks)
     found = run(seen, coarse, [phases["relight"]], Progress())
     assert found.light is not None
     assert found.validation is not None

@@ -1,5 +1,7 @@
 """Rooms, bodies, motions and truth maps are what they say they are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ from hardware.virtual.studio import bodies as things
 
 CENTRE = np.array([0.0, 0.0, 1.35])
 SIZE = (160, 120)
-FURNISHED = ("study", "lamps", "window", "polished", "leafy", "chink")
+FURNISHED = ("study", "lamps", "window", "polished", "leafy", "chink", "parlour")
 
 
 def coarse(name: str) -> rooms.Room:
@@ -69,6 +71,38 @@ def test_a_room_is_built_the_same_every_time(furnished, name):
         assert panel.albedo.min() >= 0
         assert panel.albedo.max() < 1
     assert room.globes or room.sheets
+
+
+def test_the_room_that_ships_baked_needs_no_baking(monkeypatch, tmp_path):
+    def refuse(*args):
+        raise AssertionError("baked anew: `python -m hardware.virtual.studio.bake parlour` makes what ships")
+
+    monkeypatch.setattr(bake, "_irradiance", refuse)
+    room = rooms.furnish("parlour")
+    atlas = bake.bake(room, tmp_path, "cpu", lambda share, note: None)
+    assert not list(tmp_path.iterdir())
+    paint = bake.pack(room.panels, [panel.albedo for panel in room.panels]).picture
+    lit = atlas.picture[paint > 0] / paint[paint > 0]  # irradiance / pi
+    assert 0.05 < np.median(lit) < 2.0
+    # Another paint is another light.
+    panel = replace(room.panels[0], albedo=0.9 * room.panels[0].albedo)
+    with pytest.raises(AssertionError, match="baked anew"):
+        bake.bake(replace(room, panels=(panel, *room.panels[1:])), tmp_path, "cpu", lambda share, note: None)
+
+
+def test_baked_light_is_kept_and_laid_over_the_paint(tmp_path):
+    """Half a panel in light of 2, half in 4: what leaves it is that times its paint, with a ramp over one block."""
+    albedo = np.random.default_rng(3).uniform(0.2, 0.8, (8, 16, 3)).astype(np.float32)
+    panel = rooms.Panel(np.zeros(3), np.array([1.6, 0, 0]), np.array([0, 0.8, 0]), albedo)
+    room = rooms.Room("panel", (panel,), (), (), np.zeros(3))
+    light = np.ones((2, 4, 3)) * np.array([2.0, 2.0, 4.0, 4.0])[:, None]
+    bake.keep(tmp_path / f"panel-{bake.digest(room)}.npz", room, [light])
+    atlas = bake.bake(room, tmp_path, "cpu", lambda share, note: None)
+    top = bake.GUTTER
+    lit = atlas.picture[top : top + 8, top : top + 16] / albedo
+    np.testing.assert_allclose(lit[:, :6], 2.0, rtol=1e-6)
+    np.testing.assert_allclose(lit[:, 6:10, 0].mean(0), [2.25, 2.75, 3.25, 3.75], rtol=1e-6)
+    np.testing.assert_allclose(lit[:, 10:], 4.0, rtol=1e-6)
 
 
 def test_rooms_are_lit_as_promised(furnished):

@@ -1,0 +1,72 @@
+"""What each stage made, as a picture and numbers."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from app.inspect import runs
+from app.work import made
+from engine.pipeline import artifacts
+from tests.app import furnace
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return furnace.finished(tmp_path_factory.mktemp("made") / "lion.session")
+
+
+def drawn(session: Path, stage: str, step: object = None) -> made.Made:
+    run = runs.runs_of(session)[0]
+    loaded = [artifacts.load(run.folder(part), record, kind) for part, record, kind in made._parts(stage)]
+    return made.DRAW[stage](step, *loaded)  # type: ignore[arg-type]
+
+
+def test_photographs_become_a_contact_sheet(session: Path) -> None:
+    sheet, facts = drawn(session, "hdr")
+    assert facts == {"views": 9, "width": 40, "height": 30}
+    assert sheet.shape == (3 * 90, 4 * 120, 4)
+    assert sheet[:90].any()
+    assert not sheet[200:, 200:].any()  # nine of twelve places
+
+
+def test_the_mask_stands_out_of_a_photograph(session: Path) -> None:
+    picture, facts = drawn(session, "segment")
+    mask = furnace.surface().mask
+    assert facts["share"] == pytest.approx(mask.mean(), abs=0.05)
+    assert (picture == made.OUTLINE).all(-1).any() or picture.shape[1] != mask.shape[1]
+
+
+def test_poses_are_seen_from_above(session: Path) -> None:
+    picture, facts = drawn(session, "poses")
+    assert (facts["placed"], facts["views"]) == (9, 9)
+    assert (picture[..., :3] == made.DOT[:3]).all(-1).sum() > 20
+
+
+def test_the_surface_is_normals_beside_albedo(session: Path) -> None:
+    picture, facts = drawn(session, "surface")
+    assert facts["pixels"] == furnace.surface().mask.sum()
+    assert facts["stderr_deg"] > 0
+    left, right = np.split(picture[..., :3].astype(int), [picture.shape[1] // 2], 1)
+    assert np.ptp(left, -1).mean() > np.ptp(right, -1).mean()
+
+
+def test_an_export_is_counted(session: Path, tmp_path: Path) -> None:
+    (tmp_path / "export.json").write_text(json.dumps({"files": ["a.png", "b.png"]}))
+    _, facts = drawn(session, "export", SimpleNamespace(folder=tmp_path))
+    assert facts == {"files": 2}
+
+
+def test_a_preview_stands_upright(tmp_path: Path) -> None:
+    """A sensor on its side: what looks to its right looks down in the upright picture (flip 6)."""
+    normals = np.zeros((20, 10, 3), np.float32)
+    normals[2:6, 3:9] = [0.8, 0.0, -0.6]
+    made.preview(normals, 6, tmp_path / "so-far.png")
+    shown = cv2.imread(str(tmp_path / "so-far.png"), cv2.IMREAD_UNCHANGED)
+    assert shown.shape == (10, 20, 4)
+    blue, green, red = shown[shown[..., 3] > 0][0][:3]
+    assert (int(red), int(green)) == (128, round(255 * (0.5 - 0.5 * 0.8)))
+    assert blue == round(255 * 0.8)
