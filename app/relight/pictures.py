@@ -76,9 +76,10 @@ def make(wish: Wish, progress: "Progress") -> Path:
         return to
     still = to.suffix.lower() in STILLS
     surface, light = _prepared(run, wish, still, progress.part(0, 0.8 if still else 0.4))
-    given = {**wish.setting, "lamps": tuple(wish.setting.get("lamps", ()))}
+    given: dict[str, Any] = {**wish.setting, "lamps": tuple(wish.setting.get("lamps", ()))}
     spot = given.get("spot")
-    setting = Setting(**{**given, "spot": None if spot is None else tuple(spot)})
+    given["spot"] = None if spot is None else tuple(spot)
+    setting = Setting(**given)
     white = relighting.white_of(relighting.relit(surface, light, Setting()))
     setting = dataclasses.replace(setting, spot_energy=float(np.pi * white * wish.spot))
     with told(to):

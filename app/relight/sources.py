@@ -46,7 +46,8 @@ def panorama(path: Path) -> relighting.Light:
         LightError: no panorama (twice as wide as high), or unreadable.
         RawError: an EXR or Radiance file that cannot be read.
     """
-    return relighting.Light(**{**as_light(read_panorama(path)), "name": path.name, **_no_lamps()})  # pyright: ignore[reportArgumentType]
+    arrays: dict[str, Any] = {**as_light(read_panorama(path)), "name": path.name, **_no_lamps()}
+    return relighting.Light(**arrays)
 
 
 def recovered(solved: Solved, view: int, middle: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
