@@ -85,7 +85,13 @@ def copy(source: Path, folder: Path, results: Path | None = None) -> None:
 
 
 def pack(folder: Path, to: Path = RESULTS) -> None:
-    """Write what ships of a finished copy of the bundled session; the same results give the same bytes."""
+    """Write what ships of a finished copy of the bundled session; the same results give the same bytes.
+
+    Raises:
+        SessionError: something of it is not there; what shipped before stays.
+    """
+    if missing := [name for name in SHIPPED if not (folder / name).exists()]:
+        raise SessionError(f"{folder}: has no {missing[0]}; run `roomlight demo` and give its session")
     with zipfile.ZipFile(to, "w", zipfile.ZIP_LZMA) as archive:
         for name in SHIPPED:
             for path in sorted([folder / name, *(folder / name).rglob("*")]):

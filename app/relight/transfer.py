@@ -94,7 +94,10 @@ def prepare_full(run: Run, progress: "Progress") -> None:
     """Keep what the surface answers at the photographs' own size."""
     solved = upright(open_run(run))
     whole = shrunk(solved.surface, solved.poses.camera, max(solved.surface.mask.shape))
-    keep(relighting_files.transfer_file(run, full=True), build(whole, solved.params.diffuse == "disney", progress))
+    keep(
+        relighting_files.transfer_file(run, full=True),
+        build(whole, solved.params.diffuse == "disney", progress),
+    )
 
 
 def shrunk(surface: Surface, camera: Camera, side: int = SIDE_PX) -> Small:

@@ -62,3 +62,10 @@ def test_what_finished_stages_made_is_pictured(
 def test_a_copy_of_the_persons_is_never_laid_over(laid_out: tuple[Path, dict]) -> None:
     with pytest.raises(SessionError, match="holds something else"):
         lay_out(laid_out[0])
+
+
+def test_only_a_finished_session_is_packed(tmp_path: Path) -> None:
+    (tmp_path / "results.zip").write_bytes(b"of before")
+    with pytest.raises(SessionError, match=r"has no params\.toml; run `roomlight demo`"):
+        demo.pack(tmp_path / "nothing", tmp_path / "results.zip")
+    assert (tmp_path / "results.zip").read_bytes() == b"of before"
