@@ -136,12 +136,13 @@ def pose_of(contents: Contents, view: int) -> Float[np.ndarray, "3 4"] | None:
     return np.array(contents.poses[view]).reshape(3, 4)
 
 
-def pyramids(contents: Contents) -> tuple[Float[np.ndarray, "n 5 3"], np.ndarray]:
-    """The frusta of all views and which of them exist."""
+def pyramids(showing: Showing) -> tuple[Float[np.ndarray, "n 5 3"], np.ndarray]:
+    """The frusta of all views, as long as they are drawn, and which of them exist."""
+    contents, length = showing.contents, showing.contents.frustum * showing.style.frusta
     nowhere = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0)
     poses = np.array([pose or nowhere for pose in contents.poses]).reshape(-1, 3, 4)
     known = np.array([bool(pose) for pose in contents.poses], bool)
-    return frusta.corners(poses, contents.aspect, contents.fov, contents.frustum), known
+    return frusta.corners(poses, contents.aspect, contents.fov, length), known
 
 
 def length_text(length: float, unit: str) -> tuple[str, str]:

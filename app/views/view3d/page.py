@@ -233,6 +233,7 @@ class View3dPage(QWidget):
         panel.surface_chosen.connect(lambda name: self._restyle(showing.styled(self.state, surface=name)))
         panel.emitters_chosen.connect(lambda way: self._restyle(showing.styled(self.state, emitters=way)))
         panel.exposure_changed.connect(lambda ev: self._restyle(showing.styled(self.state, exposure_ev=ev)))
+        panel.frusta_changed.connect(lambda size: self._restyle(showing.styled(self.state, frusta=size)))
         panel.front_opened.connect(lambda on: self._restyle(showing.styled(self.state, open_front=on)))
         panel.view_chosen.connect(lambda view: self._restyle(showing.chose(self.state, view)))
         self.turn.passed.connect(self._pass)

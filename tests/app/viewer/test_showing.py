@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from app.viewer import orbit, showing
-from app.viewer.protocol import Contents
 from app.viewer.showing import Showing
 from tests.app.viewer.test_scene import whole
 
@@ -126,10 +125,10 @@ def test_layers_are_shown_and_hidden(opened: Showing) -> None:
 
 
 def test_pyramids_follow_the_registered_views() -> None:
-    points, known = showing.pyramids(CONTENTS)
+    points, known = showing.pyramids(Showing(CONTENTS))
     assert points.shape == (5, 5, 3)
     assert list(known) == [True, True, True, True, False]
-    assert showing.pyramids(Contents("", ""))[0].shape == (0, 5, 3)
+    assert showing.pyramids(Showing())[0].shape == (0, 5, 3)
 
 
 @pytest.mark.parametrize(

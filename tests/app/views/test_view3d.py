@@ -360,6 +360,16 @@ def test_clicking_a_camera_asks_for_its_photograph(qtbot, open_page: View3dPage)
     assert not open_page.photograph.isVisible()
 
 
+def test_cameras_are_drawn_and_clicked_as_large_as_the_slider_says(qtbot, open_page: View3dPage) -> None:
+    usual = open_page.canvas._pyramids
+    open_page.panel.frusta.setValue(open_page.panel.frusta.maximum())
+    assert shown(qtbot, open_page).look.style.frusta == 8.0
+    larger = open_page.canvas._pyramids
+    np.testing.assert_allclose(larger[0, 1] - larger[0, 0], 8 * (usual[0, 1] - usual[0, 0]))
+    other = showing.opened(open_page.state, fake_child.contents("another"), 1.5)
+    assert other.style.frusta == 8.0
+
+
 def test_the_photograph_is_offered_on_the_maps_page_too(qtbot, open_page: View3dPage, shell: Shell) -> None:
     open_page.use(shell)
     room_seen(qtbot, open_page)
