@@ -215,7 +215,11 @@ class ViewPanel(QFrame):
         for column in range(3):
             grid.setColumnStretch(column, 1)
         self._column.addLayout(grid)
-        self._column.addWidget(self._button("screenshot"))
+        row = QHBoxLayout()
+        row.setSpacing(4)
+        for key in ("screenshot", "turntable"):
+            row.addWidget(self._button(key), 1)
+        self._column.addLayout(row)
         self._column.addStretch(1)
 
     def _layer(self, name: str, text: str, bold: bool = False) -> None:
