@@ -351,11 +351,11 @@ class View3dPage(QWidget):
         )
         if not said:
             return
-        path = Path(said) if Path(said).suffix else Path(said).with_suffix(".png")
-        failed = self.take_screenshot(path)
+        path = self._ended(Path(said), ".png")
+        failed = None if path is None else self.take_screenshot(path)
         if failed is not None:
             show_trouble(self, failed)
-        elif self._shell is not None:
+        elif path is not None and self._shell is not None:
             self._shell.wishes.say.emit(self.tr("Screenshot saved: {0}").format(path))
 
     def _ask_turntable(self) -> None:
@@ -365,11 +365,23 @@ class View3dPage(QWidget):
         )
         if not said:
             return
-        path = Path(said)
-        path = path.with_suffix(VIDEO) if kind == video else path.with_suffix("")
-        failed = self.save_turntable(path)
+        path: Path | None = Path(said)
+        if kind == video:
+            path = self._ended(Path(said), VIDEO)
+        elif Path(said).suffix == VIDEO:
+            path = Path(said).with_suffix("")
+        failed = None if path is None else self.save_turntable(path)
         if failed is not None:
             show_trouble(self, failed)
+
+    def _ended(self, said: Path, ending: str) -> Path | None:
+        """The name with its ending; None, and told, where that is another file, which nobody agreed to lose."""
+        path = said if said.suffix.lower() == ending else said.with_name(said.name + ending)
+        if path != said and path.exists():
+            there = Trouble(self.tr("{0} is there already").format(path), self.tr("choose another name"))
+            show_trouble(self, there)
+            return None
+        return path
 
     def _turntable_ended(self, failed: Trouble | None) -> None:
         self._turntable = None

@@ -494,6 +494,35 @@ def test_a_turntable_replaces_no_folder_with_files(open_page: View3dPage, tmp_pa
     assert failed.remedy == "choose a new name"
 
 
+@pytest.mark.parametrize(
+    ("said", "kind", "path"),
+    [("lion", "Video", "lion.mp4"), ("lion.v2.mp4", "Video", "lion.v2.mp4"), ("lion.mp4", "PNG", "lion"),
+     ("lion.v2", "PNG", "lion.v2"), ("", "Video", None), ("mine", "Video", None)],
+)  # fmt: skip
+def test_a_turntable_gets_the_ending_of_its_kind_and_replaces_nothing_unasked(
+    open_page: View3dPage,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    said: str,
+    kind: str,
+    path: str | None,
+) -> None:
+    (tmp_path / "mine.mp4").touch()
+    saved: list[Path] = []
+    told: list[Trouble] = []
+
+    def choose(parent: QWidget, title: str, name: str, kinds: str) -> tuple[str, str]:
+        chosen = next(one for one in kinds.split(";;") if one.startswith(kind))
+        return (str(tmp_path / said), chosen) if said else ("", "")
+
+    monkeypatch.setattr("app.views.view3d.page.QFileDialog.getSaveFileName", choose)
+    monkeypatch.setattr("app.views.view3d.page.show_trouble", lambda parent, failed: told.append(failed))
+    monkeypatch.setattr(open_page, "save_turntable", saved.append)
+    open_page._actions["turntable"].trigger()
+    assert saved == ([] if path is None else [tmp_path / path])
+    assert [one.remedy for one in told] == (["choose another name"] if said == "mine" else [])
+
+
 def test_a_turntable_that_cannot_be_written_says_so(
     qtbot, open_page: View3dPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
