@@ -60,7 +60,12 @@ class Turntable(QProgressDialog):
         """Stop, and leave nothing behind."""
         if not self._over:
             self._over = True
-            self._background.ask("film", self._film.drop, lambda _: self._leave(trouble))
+            self._background.ask(
+                "film",
+                self._film.drop,
+                lambda _: self._leave(trouble),
+                lambda refused: self._leave(trouble or refused),
+            )
 
     def _added(self) -> None:
         self._done += 1
