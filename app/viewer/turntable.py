@@ -1,6 +1,7 @@
 """A turn about what the 3D view shows, kept as a video or as numbered PNG files.
 
-Either is written under another name beside its own, and gets its own once it is whole. A video is MPEG-4.
+Either is written under another name beside its own, and gets its own once it is whole. A video is MP4 with VP9, which
+browsers and players show, else MPEG-4.
 """
 
 import math
@@ -18,6 +19,7 @@ from engine.errors import ExportError
 PICTURES = 72
 A_SECOND = 24
 VIDEO = ".mp4"
+CODECS = ("vp09", "mp4v")
 _REMEDY = "choose another folder or free some space"
 
 
@@ -53,9 +55,11 @@ class Film:
         # Videos have even sizes.
         image = np.ascontiguousarray(rows[: picture.height // 2 * 2, : picture.width // 2 * 2, :3])
         if self._video:
-            if self._writer is None:
-                code = cv2.VideoWriter.fourcc(*"mp4v")
+            for codec in CODECS if self._writer is None else ():
+                code = cv2.VideoWriter.fourcc(*codec)
                 self._writer = cv2.VideoWriter(str(self._begun), code, A_SECOND, image.shape[1::-1])
+                if self._writer.isOpened():
+                    break
             written = self._writer.isOpened()
             self._writer.write(image)
         else:
