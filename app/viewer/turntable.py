@@ -55,19 +55,23 @@ class Film:
         # Videos have even sizes.
         image = np.ascontiguousarray(rows[: picture.height // 2 * 2, : picture.width // 2 * 2, :3])
         if self._video:
-            for codec in CODECS if self._writer is None else ():
-                code = cv2.VideoWriter.fourcc(*codec)
-                self._writer = cv2.VideoWriter(str(self._begun), code, A_SECOND, image.shape[1::-1])
-                if self._writer.isOpened():
-                    break
-            written = self._writer.isOpened()
+            self._writer = self._writer or self._opened(picture.width // 2 * 2, picture.height // 2 * 2)
             self._writer.write(image)
         else:
             self._begun.mkdir(exist_ok=True)
-            written = cv2.imwrite(str(self._begun / f"{self._count:04d}.png"), image)
-        if not written:
-            raise ExportError(f"{self.to}: cannot be written; {_REMEDY}")
+            if not cv2.imwrite(str(self._begun / f"{self._count:04d}.png"), image):
+                raise ExportError(f"{self.to}: cannot be written; {_REMEDY}")
         self._count += 1
+
+    def _opened(self, width: int, height: int) -> Any:
+        import cv2
+
+        for codec in CODECS:
+            code = cv2.VideoWriter.fourcc(*codec)
+            writer = cv2.VideoWriter(str(self._begun), code, A_SECOND, (width, height))
+            if writer.isOpened():
+                return writer
+        raise ExportError(f"{self.to}: cannot be written; {_REMEDY}")
 
     def finish(self) -> None:
         """
