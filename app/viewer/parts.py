@@ -90,7 +90,9 @@ class Parts:
         if "lamps" in shown and scene.lamps is not None and len(scene.lamps.radii):
             found["lamps"] = self._once("lamps", style.exposure_ev, lambda: self._lamps(style))
         if "cameras" in shown and scene.contents.poses:
-            found["cameras"] = self._once("cameras", (style.line, style.bottom), lambda: self._cameras(style))
+            found["cameras"] = self._once(
+                "cameras", (style.line, style.bottom, style.frusta), lambda: self._cameras(style)
+            )
         if "axes" in shown:
             found["axes"] = self._once("axes", None, self._axes)
         if "grid" in shown:
@@ -185,7 +187,7 @@ class Parts:
     def _cameras(self, style: Style) -> Lines:
         contents = self.scene.contents
         poses = np.array([pose for pose in contents.poses if pose]).reshape(-1, 3, 4)
-        points = frusta.corners(poses, contents.aspect, contents.fov, contents.frustum)
+        points = frusta.corners(poses, contents.aspect, contents.fov, contents.frustum * style.frusta)
         pairs = (np.array(frusta.EDGES) + 5 * np.arange(len(points))[:, None, None]).reshape(-1, 2)
         # Dozens of cameras around an object must not hide it.
         share = FAINT if self.scene.sheets else 1.0

@@ -110,6 +110,18 @@ def looking_through(showing: Showing) -> Showing:
     return moved(showing, orbit.through(showing.eye, pose, depth, contents.fov))
 
 
+def around(showing: Showing) -> Orbit:
+    """The eye as it is, which turns about the object's upright from now on: that of the photograph it stands in, as camera and
+    object move together; without a surface that of the room."""
+    pose = pose_of(showing.contents, standing(showing))
+    if pose is None or showing.contents.object_depth <= 0:
+        return showing.eye
+    x, y, z = (-float(value) for value in pose[1, :3])
+    ahead = tuple(float(value) for value in pose[2, :3])
+    upright = replace(showing.eye, up=(x, y, z), front=(ahead[0], ahead[1], ahead[2]))
+    return orbit.through(upright, orbit.cam_from_world(showing.eye), showing.eye.distance, showing.eye.fov)
+
+
 def with_layer(showing: Showing, layer: str, shown: bool) -> Showing:
     visible = [name for name in showing.style.visible if name != layer] + ([layer] if shown else [])
     return replace(showing, style=replace(showing.style, visible=tuple(visible)))
@@ -136,12 +148,13 @@ def pose_of(contents: Contents, view: int) -> Float[np.ndarray, "3 4"] | None:
     return np.array(contents.poses[view]).reshape(3, 4)
 
 
-def pyramids(contents: Contents) -> tuple[Float[np.ndarray, "n 5 3"], np.ndarray]:
-    """The frusta of all views and which of them exist."""
+def pyramids(showing: Showing) -> tuple[Float[np.ndarray, "n 5 3"], np.ndarray]:
+    """The frusta of all views, as long as they are drawn, and which of them exist."""
+    contents, length = showing.contents, showing.contents.frustum * showing.style.frusta
     nowhere = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0)
     poses = np.array([pose or nowhere for pose in contents.poses]).reshape(-1, 3, 4)
     known = np.array([bool(pose) for pose in contents.poses], bool)
-    return frusta.corners(poses, contents.aspect, contents.fov, contents.frustum), known
+    return frusta.corners(poses, contents.aspect, contents.fov, length), known
 
 
 def length_text(length: float, unit: str) -> tuple[str, str]:

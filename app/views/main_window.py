@@ -23,10 +23,11 @@ from app.views.bridge import Bridge
 from app.views.closing import Closing
 from app.views.demo import Demo
 from app.views.drop_mark import DropMark
+from app.views.manual.window import ManualWindow
 from app.views.menus import Menus
 from app.views.notice import Notice
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
-from app.views.shortcuts import ShortcutsDialog, collect, mouse
+from app.views.shortcuts import Shortcut, ShortcutsDialog, collect, mouse
 from app.views.status import StatusBar
 from app.views.trouble import show_trouble
 from app.work import queue_file
@@ -50,6 +51,7 @@ class MainWindow(QMainWindow):
         self.shell = Shell(State(), Board(), settings, enquiries or Enquiries(), Wishes(self))
         self._bridge = Bridge(self)
         self._pages: dict[str, QWidget] = {}
+        self._manual: ManualWindow | None = None
         self._kept = False  # the queue file is final
         self.closing = Closing(self, self.shell.board)
         self.demo = Demo(self)
@@ -210,6 +212,19 @@ class MainWindow(QMainWindow):
         found = collect([*groups, (everywhere, self)])
         keys = sorted(found, key=lambda shortcut: shortcut.group != everywhere)
         ShortcutsDialog(self, [*keys, *mouse()]).open()
+
+    def show_manual(self) -> None:
+        """The manual's page on the page that is shown."""
+        if self._manual is None:
+            self._manual = ManualWindow(self, self._keys_of)
+        shown = self.stack.currentWidget()
+        self._manual.show_key(next(key for key, page in self._pages.items() if page is shown))
+        self._manual.show()
+        self._manual.raise_()
+        self._manual.activateWindow()
+
+    def _keys_of(self, key: str) -> tuple[Shortcut, ...]:
+        return collect([(self.tr("Keys"), self.page(key))])
 
     # --- drag and drop
 

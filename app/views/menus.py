@@ -76,8 +76,8 @@ class Menus(QObject):
         self._add(menu, self.tr("&Full screen"), "F11", self._full_screen)
 
     def _help(self, menu: QMenu) -> None:
-        shortcuts = self._add(menu, self.tr("&Keyboard shortcuts"), None, self._window.show_shortcuts)
-        shortcuts.setShortcuts([QKeySequence("?"), QKeySequence("F1")])
+        self._add(menu, self.tr("&Manual"), Keys.HelpContents, self._window.show_manual)
+        self._add(menu, self.tr("&Keyboard shortcuts"), "?", self._window.show_shortcuts)
         self._add(menu, self.tr("&Crash reports"), None, self._show_crashes)
         self._add(menu, self.tr("&About Roomlight"), None, self._about)
 

@@ -76,7 +76,7 @@ class ShortcutsDialog(QDialog):
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Keyboard shortcuts"))
-        self.sheet = QLabel(_table(shortcuts, theme.colours(self)))
+        self.sheet = QLabel(table(shortcuts, theme.colours(self)))
         self.sheet.setTextFormat(Qt.TextFormat.RichText)
         self.sheet.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.sheet.setMargin(10)
@@ -96,7 +96,8 @@ class ShortcutsDialog(QDialog):
         self.resize(wide, min(640, self.sheet.sizeHint().height() + 90))
 
 
-def _table(shortcuts: Iterable[Shortcut], ours: theme.Palette) -> str:
+def table(shortcuts: Iterable[Shortcut], ours: theme.Palette) -> str:
+    """As HTML, a heading a group."""
     rows, group = [], None
     for shortcut in shortcuts:
         if shortcut.group != group:

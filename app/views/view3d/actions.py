@@ -31,6 +31,12 @@ def make(page: QWidget, calls: Mapping[str, Callable[[], None]]) -> dict[str, QA
         ("maps", tr("In Maps"), tr("Show this view in Maps"), ("M",)),
         ("through", tr("Look through"), tr("Look from where it was taken"), ("L",)),
         ("screenshot", tr("Screenshot…"), tr("Save a screenshot"), ("Ctrl+Shift+S",)),
+        (
+            "turntable",
+            tr("Save turntable…"),
+            tr("Save a turn about the object, as a video or as pictures"),
+            ("Ctrl+Shift+T",),
+        ),
         ("close", tr("Close photograph"), tr("Close the photograph"), ("Esc",)),
     )
     made = {}

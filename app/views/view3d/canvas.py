@@ -53,7 +53,7 @@ class ViewCanvas(QWidget):
         self.showing = Showing()
         self.picture: Picture | None = None
         self._image: QImage | None = None
-        self._pyramids, self._known = showing.pyramids(self.showing.contents)
+        self._pyramids, self._known = showing.pyramids(self.showing)
         self._pressed: QPointF | None = None
         self._held: QPointF | None = None
         self._hover = -1
@@ -74,10 +74,11 @@ class ViewCanvas(QWidget):
 
     def show_state(self, state: Showing) -> None:
         """What is on, and where the eye should be; the picture follows when it is drawn."""
-        if state.contents is not self.showing.contents:
-            self._pyramids, self._known = showing.pyramids(state.contents)
+        before, self.showing = self.showing, state
+        if state.contents is not before.contents:
             self._hover = -1
-        self.showing = state
+        if state.contents is not before.contents or state.style.frusta != before.style.frusta:
+            self._pyramids, self._known = showing.pyramids(state)
         self.update()
 
     def show_picture(self, picture: Picture | None) -> None:

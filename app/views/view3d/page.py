@@ -14,7 +14,7 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
 
-from app.state import Trouble
+from app.state import Trouble, trouble
 from app.viewer import orbit, showing
 from app.viewer.events import Event, Picture, Status
 from app.viewer.orbit import Orbit
@@ -22,6 +22,7 @@ from app.viewer.protocol import Colour, Contents, Probed
 from app.viewer.reading import stages_of
 from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
+from app.viewer.turntable import VIDEO, Film
 from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.pages import Shell
@@ -32,6 +33,8 @@ from app.views.view3d.canvas import ViewCanvas
 from app.views.view3d.cover import Banner, Cover, Photograph
 from app.views.view3d.panel import ViewPanel
 from app.views.view3d.turn import Turn
+from app.views.view3d.turntable import Turntable
+from engine.errors import ExportError
 
 RELIT = "relit"
 SETTLE_MS = 130  # without a move until the picture is drawn as well as possible
@@ -65,6 +68,7 @@ class View3dPage(QWidget):
         self._shell: Shell | None = None
         self._background = Background(self, "view3d")
         self._bridge = Bridge(self)
+        self._turntable: Turntable | None = None
         self._probe = -1
         self._homing = False  # the turn that is under way ends at home
         self._actions = self._make_actions()
@@ -133,6 +137,28 @@ class View3dPage(QWidget):
             )
         return None
 
+    def save_turntable(self, path: Path) -> Trouble | None:
+        """Begin to write a turn about the object, as the view shows it now: a video, or without `.mp4` a folder of PNG
+        files; the trouble where that cannot begin."""
+        supervisor, style = self._supervisor, self.state.style
+        if supervisor is None or self.canvas.picture is None or self.status.stuck:
+            return Trouble(self.tr("There is no picture yet"), self.tr("wait until the view shows one"))
+        try:
+            film = Film(path)
+        except (ExportError, OSError) as error:
+            return trouble(str(error))
+        self.turn.stop()
+        self._settle.stop()
+        size = self.canvas.device_size()
+        begun = Turntable(
+            self, film, showing.around(self.state), lambda eye: supervisor.look(eye, *size, False, style)
+        )
+        begun.saved.connect(lambda: self._say_saved(path))
+        begun.ended.connect(self._turntable_ended)
+        self._turntable = begun
+        begun.begin()
+        return None
+
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._unseen.stop()
@@ -149,6 +175,8 @@ class View3dPage(QWidget):
 
     def end(self) -> None:
         """Let the drawing process go; showing a session starts another one."""
+        if self._turntable is not None:
+            self._turntable.end()
         if self._supervisor is not None:
             self._supervisor.close()
             self._supervisor, self._loaded = None, None
@@ -180,6 +208,8 @@ class View3dPage(QWidget):
             return
         first = self.canvas.picture is None
         self.canvas.show_picture(picture)
+        if self._turntable is not None:
+            self._turntable.take(picture)
         if first:
             self._cover()
         self.panel.show_renderer(
@@ -211,6 +241,8 @@ class View3dPage(QWidget):
             self._quiet.start()
         if status.state != "showing":
             self.panel.show_renderer("")
+        if status.stuck and self._turntable is not None:
+            self._turntable.end(Trouble(status.message, status.remedy, status.details))
         self._cover()
 
     def _cover(self) -> None:
@@ -233,6 +265,7 @@ class View3dPage(QWidget):
         panel.surface_chosen.connect(lambda name: self._restyle(showing.styled(self.state, surface=name)))
         panel.emitters_chosen.connect(lambda way: self._restyle(showing.styled(self.state, emitters=way)))
         panel.exposure_changed.connect(lambda ev: self._restyle(showing.styled(self.state, exposure_ev=ev)))
+        panel.frusta_changed.connect(lambda size: self._restyle(showing.styled(self.state, frusta=size)))
         panel.front_opened.connect(lambda on: self._restyle(showing.styled(self.state, open_front=on)))
         panel.view_chosen.connect(lambda view: self._restyle(showing.chose(self.state, view)))
         self.turn.passed.connect(self._pass)
@@ -256,6 +289,7 @@ class View3dPage(QWidget):
                 "maps": self._go_to_maps,
                 "through": lambda: self._turn_to(showing.looking_through(self.state).eye),
                 "screenshot": self._ask_screenshot,
+                "turntable": self._ask_turntable,
                 "close": self._close_photograph,
             },
         )
@@ -312,19 +346,58 @@ class View3dPage(QWidget):
             self._probe = self._supervisor.probe(x, y)
 
     def _ask_screenshot(self) -> None:
-        name = f"{self._session.stem if self._session is not None else 'roomlight'}-3d.png"
-        folder = self._shell.settings.value.last_folder if self._shell is not None else ""
         said, _ = QFileDialog.getSaveFileName(
-            self, self.tr("Save a screenshot"), str(Path(folder) / name), self.tr("Pictures (*.png)")
+            self, self.tr("Save a screenshot"), self._beside("3d.png"), self.tr("Pictures (*.png)")
         )
         if not said:
             return
-        path = Path(said) if Path(said).suffix else Path(said).with_suffix(".png")
-        failed = self.take_screenshot(path)
+        path = self._ended(Path(said), ".png")
+        failed = None if path is None else self.take_screenshot(path)
         if failed is not None:
             show_trouble(self, failed)
-        elif self._shell is not None:
+        elif path is not None and self._shell is not None:
             self._shell.wishes.say.emit(self.tr("Screenshot saved: {0}").format(path))
+
+    def _ask_turntable(self) -> None:
+        video, pictures = self.tr("Video (*.mp4)"), self.tr("PNG files in a new folder (*)")
+        said, kind = QFileDialog.getSaveFileName(
+            self, self.tr("Save a turntable"), self._beside(f"turntable{VIDEO}"), f"{video};;{pictures}"
+        )
+        if not said:
+            return
+        path: Path | None = Path(said)
+        if kind == video:
+            path = self._ended(Path(said), VIDEO)
+        elif Path(said).suffix == VIDEO:
+            path = Path(said).with_suffix("")
+        failed = None if path is None else self.save_turntable(path)
+        if failed is not None:
+            show_trouble(self, failed)
+
+    def _ended(self, said: Path, ending: str) -> Path | None:
+        """The name with its ending; None, and told, where that is another file, which nobody agreed to lose."""
+        path = said if said.suffix.lower() == ending else said.with_name(said.name + ending)
+        if path != said and path.exists():
+            there = Trouble(self.tr("{0} is there already").format(path), self.tr("choose another name"))
+            show_trouble(self, there)
+            return None
+        return path
+
+    def _turntable_ended(self, failed: Trouble | None) -> None:
+        self._turntable = None
+        self._ask(moving=False)
+        if failed is not None:
+            show_trouble(self, failed)
+
+    def _say_saved(self, path: Path) -> None:
+        if self._shell is not None:
+            self._shell.wishes.say.emit(self.tr("Turntable saved: {0}").format(path))
+
+    def _beside(self, ending: str) -> str:
+        """A file's name to begin with, where the last one went."""
+        folder = self._shell.settings.value.last_folder if self._shell is not None else ""
+        name = self._session.stem if self._session is not None else "roomlight"
+        return str(Path(folder) / f"{name}-{ending}")
 
     # Moving the eye
 
@@ -363,7 +436,7 @@ class View3dPage(QWidget):
 
     def _ask(self, moving: bool) -> None:
         """Leave with the supervisor what should be drawn."""
-        if self._supervisor is not None and self._session is not None:
+        if self._supervisor is not None and self._session is not None and self._turntable is None:
             self._supervisor.look(self.state.eye, *self.canvas.device_size(), moving, self.state.style)
 
     @property

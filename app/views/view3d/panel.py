@@ -1,5 +1,7 @@
 """The panel beside the 3D view: layers with check boxes, how each is shown, where to look from. Emits what is wanted."""
 
+import math
+
 from PySide6.QtCore import QCoreApplication, QLocale, Qt, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
@@ -25,6 +27,8 @@ from app.views.legend import Legend
 WIDTH = 262
 EV_STEPS = 2  # of the slider, per stop
 EV_RANGE = 6
+SIZE_STEPS = 4  # of the slider, per doubling
+SIZE_RANGE = 3
 MINUS = "\N{MINUS SIGN}"
 SEGMENT = """QToolButton { padding: 3px 4px; border: 1px solid palette(mid); border-radius: 3px; }
 QToolButton:checked { background: palette(highlight); color: palette(highlighted-text); }
@@ -43,6 +47,7 @@ class ViewPanel(QFrame):
     surface_chosen = Signal(str)
     emitters_chosen = Signal(str)
     exposure_changed = Signal(float)
+    frusta_changed = Signal(float)
     front_opened = Signal(bool)
     view_chosen = Signal(int)
 
@@ -96,6 +101,10 @@ class ViewPanel(QFrame):
         self.exposure.blockSignals(False)
         self.exposure.setEnabled(contents.emitters + contents.lamps > 0)
         self.stops.setText(f"{style.exposure_ev:+.1f} EV".replace("-", MINUS))
+        self.frusta.blockSignals(True)
+        self.frusta.setValue(round(math.log2(style.frusta) * SIZE_STEPS))
+        self.frusta.blockSignals(False)
+        self.frusta.setEnabled(bool(showing.registered(contents)) and "cameras" in style.visible)
         self.front.blockSignals(True)
         self.front.setChecked(style.open_front)
         self.front.blockSignals(False)
@@ -164,6 +173,16 @@ class ViewPanel(QFrame):
         self._gap()
         self._layer("cameras", self.tr("Cameras"), bold=True)
         row = QHBoxLayout()
+        row.addWidget(QLabel(self.tr("Size")))
+        self.frusta = QSlider(Qt.Orientation.Horizontal)
+        self.frusta.setRange(-SIZE_RANGE * SIZE_STEPS, SIZE_RANGE * SIZE_STEPS)
+        self.frusta.setPageStep(SIZE_STEPS)
+        self.frusta.setAccessibleName(self.tr("Size of the cameras"))
+        self.frusta.setToolTip(self.tr("How large the cameras are drawn"))
+        self.frusta.valueChanged.connect(lambda value: self.frusta_changed.emit(2.0 ** (value / SIZE_STEPS)))
+        row.addWidget(self.frusta, 1)
+        self._inside(row)
+        row = QHBoxLayout()
         row.setSpacing(4)
         self.views = QComboBox()
         self.views.setAccessibleName(self.tr("View"))
@@ -196,7 +215,11 @@ class ViewPanel(QFrame):
         for column in range(3):
             grid.setColumnStretch(column, 1)
         self._column.addLayout(grid)
-        self._column.addWidget(self._button("screenshot"))
+        row = QHBoxLayout()
+        row.setSpacing(4)
+        for key in ("screenshot", "turntable"):
+            row.addWidget(self._button(key), 1)
+        self._column.addLayout(row)
         self._column.addStretch(1)
 
     def _layer(self, name: str, text: str, bold: bool = False) -> None:

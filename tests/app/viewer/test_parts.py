@@ -122,6 +122,10 @@ def test_each_registered_camera_is_drawn_once(parts: Parts) -> None:
     assert isinstance(cameras, Lines)
     assert len(cameras.pairs) == 8 * 4
     assert cameras.pairs.max() == len(cameras.points) - 1
+    larger = parts.solid(replace(ALL, frusta=2.0), 0)["cameras"]
+    np.testing.assert_allclose(
+        larger.points[1] - larger.points[0], 2 * (cameras.points[1] - cameras.points[0])
+    )
 
 
 def test_a_ball_is_closed_and_round() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from app.viewer import orbit, showing
-from app.viewer.protocol import Contents
 from app.viewer.showing import Showing
 from tests.app.viewer.test_scene import whole
 
@@ -104,6 +103,17 @@ def test_looking_through_is_the_photographs_pose(opened: Showing) -> None:
     assert not seen.home
 
 
+def test_a_turn_about_the_object_keeps_its_photograph_upright(opened: Showing) -> None:
+    pose = showing.pose_of(CONTENTS, showing.standing(opened))
+    assert pose is not None
+    for eye in (opened.eye, orbit.turned(opened.eye, 0.7, 0.2)):
+        begun = showing.around(replace(opened, eye=eye))
+        np.testing.assert_allclose(orbit.cam_from_world(begun), orbit.cam_from_world(eye), atol=1e-9)
+        across = [orbit.axes(replace(begun, azimuth=begun.azimuth + k))[2] @ pose[1, :3] for k in range(6)]
+        np.testing.assert_allclose(across, across[0], atol=1e-9)
+    assert showing.around(Showing()) == Showing().eye
+
+
 def test_the_object_is_framed_where_it_stands(opened: Showing) -> None:
     framed = showing.framed(showing.chose(opened, 2), showing.OBJECT, ASPECT)
     pose = np.reshape(CONTENTS.poses[2], (3, 4))
@@ -126,10 +136,10 @@ def test_layers_are_shown_and_hidden(opened: Showing) -> None:
 
 
 def test_pyramids_follow_the_registered_views() -> None:
-    points, known = showing.pyramids(CONTENTS)
+    points, known = showing.pyramids(Showing(CONTENTS))
     assert points.shape == (5, 5, 3)
     assert list(known) == [True, True, True, True, False]
-    assert showing.pyramids(Contents("", ""))[0].shape == (0, 5, 3)
+    assert showing.pyramids(Showing())[0].shape == (0, 5, 3)
 
 
 @pytest.mark.parametrize(

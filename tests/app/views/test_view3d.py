@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,11 +17,13 @@ from PySide6.QtCore import QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QAction, QImage, QKeySequence
 from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QApplication, QComboBox, QLabel, QWidget
 
+from app.state import Trouble
 from app.viewer import orbit, showing
 from app.viewer.events import Picture
 from app.viewer.protocol import LAYERS, Style
 from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
+from app.viewer.turntable import Film
 from app.viewer.watch import Patience
 from app.views.pages import Shell
 from app.views.view3d.page import View3dPage
@@ -360,6 +363,16 @@ def test_clicking_a_camera_asks_for_its_photograph(qtbot, open_page: View3dPage)
     assert not open_page.photograph.isVisible()
 
 
+def test_cameras_are_drawn_and_clicked_as_large_as_the_slider_says(qtbot, open_page: View3dPage) -> None:
+    usual = open_page.canvas._pyramids
+    open_page.panel.frusta.setValue(open_page.panel.frusta.maximum())
+    assert shown(qtbot, open_page).look.style.frusta == 8.0
+    larger = open_page.canvas._pyramids
+    np.testing.assert_allclose(larger[0, 1] - larger[0, 0], 8 * (usual[0, 1] - usual[0, 0]))
+    other = showing.opened(open_page.state, fake_child.contents("another"), 1.5)
+    assert other.style.frusta == 8.0
+
+
 def test_the_photograph_is_offered_on_the_maps_page_too(qtbot, open_page: View3dPage, shell: Shell) -> None:
     open_page.use(shell)
     room_seen(qtbot, open_page)
@@ -432,6 +445,93 @@ def test_a_screenshot_is_the_picture_with_axes_and_scale(open_page: View3dPage, 
     failed = open_page.take_screenshot(tmp_path / "nowhere" / "shot.png")
     assert failed is not None
     assert failed.remedy
+
+
+@pytest.mark.parametrize("name", ["turn.mp4", "turn"])
+def test_a_turntable_is_saved_whole(
+    qtbot, open_page: View3dPage, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    eye, looks, add = open_page.state.eye, [], Film.add
+    monkeypatch.setattr(Film, "add", lambda film, picture: (looks.append(picture.look), add(film, picture)))
+    assert open_page.save_turntable(tmp_path / name) is None
+    qtbot.waitUntil(lambda: open_page._turntable is None, timeout=BOUND_MS)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    step = 2 * np.pi / 72
+    assert [look.orbit.azimuth for look in looks] == pytest.approx(
+        [eye.azimuth + step * k for k in range(72)]
+    )
+    for look in looks:
+        assert (*look.orbit.target, look.orbit.elevation) == pytest.approx((*eye.target, eye.elevation))
+    film = cv2.VideoCapture(str(tmp_path / name if name.endswith(".mp4") else tmp_path / name / "%04d.png"))
+    pictures = [film.read()[1] for _ in range(72)]
+    assert film.read()[0] is False
+    assert pictures[0].shape[:2] == tuple(n // 2 * 2 for n in open_page.canvas.device_size())[::-1]
+    drawn = [look.number % 251 for look in looks]  # what the fake fills them with
+    assert [picture.mean() for picture in pictures] == pytest.approx(
+        drawn, abs=5 if name.endswith(".mp4") else 0
+    )
+    assert shown(qtbot, open_page).look.orbit == eye
+
+
+@pytest.mark.parametrize("name", ["turn.mp4", "turn"])
+def test_a_cancelled_turntable_leaves_nothing_and_the_view_as_it_was(
+    qtbot, open_page: View3dPage, tmp_path: Path, name: str
+) -> None:
+    assert open_page.save_turntable(tmp_path / name) is None
+    qtbot.waitUntil(lambda: any(tmp_path.iterdir()), timeout=BOUND_MS)
+    assert open_page._turntable is not None
+    open_page._turntable.findChild(QAbstractButton).click()
+    qtbot.waitUntil(lambda: open_page._turntable is None, timeout=BOUND_MS)
+    assert not any(tmp_path.iterdir())
+    shown(qtbot, open_page)
+
+
+def test_a_turntable_replaces_no_folder_with_files(open_page: View3dPage, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").touch()
+    failed = open_page.save_turntable(tmp_path)
+    assert failed is not None
+    assert "holds other files" in failed.what
+    assert failed.remedy == "choose a new name"
+
+
+@pytest.mark.parametrize(
+    ("said", "kind", "path"),
+    [("lion", "Video", "lion.mp4"), ("lion.v2.mp4", "Video", "lion.v2.mp4"), ("lion.mp4", "PNG", "lion"),
+     ("lion.v2", "PNG", "lion.v2"), ("", "Video", None), ("mine", "Video", None)],
+)  # fmt: skip
+def test_a_turntable_gets_the_ending_of_its_kind_and_replaces_nothing_unasked(
+    open_page: View3dPage,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    said: str,
+    kind: str,
+    path: str | None,
+) -> None:
+    (tmp_path / "mine.mp4").touch()
+    saved: list[Path] = []
+    told: list[Trouble] = []
+
+    def choose(parent: QWidget, title: str, name: str, kinds: str) -> tuple[str, str]:
+        chosen = next(one for one in kinds.split(";;") if one.startswith(kind))
+        return (str(tmp_path / said), chosen) if said else ("", "")
+
+    monkeypatch.setattr("app.views.view3d.page.QFileDialog.getSaveFileName", choose)
+    monkeypatch.setattr("app.views.view3d.page.show_trouble", lambda parent, failed: told.append(failed))
+    monkeypatch.setattr(open_page, "save_turntable", saved.append)
+    open_page._actions["turntable"].trigger()
+    assert saved == ([] if path is None else [tmp_path / path])
+    assert [one.remedy for one in told] == (["choose another name"] if said == "mine" else [])
+
+
+def test_a_turntable_that_cannot_be_written_says_so(
+    qtbot, open_page: View3dPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Trouble] = []
+    monkeypatch.setattr("app.views.view3d.page.show_trouble", lambda parent, failed: told.append(failed))
+    assert open_page.save_turntable(tmp_path / "nowhere" / "turn.mp4") is None
+    qtbot.waitUntil(lambda: bool(told), timeout=BOUND_MS)
+    assert "cannot be written" in told[0].what
+    assert told[0].remedy
 
 
 def test_the_eye_keeps_home_when_the_window_changes_its_shape(qtbot, open_page: View3dPage) -> None:
