@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app import results
+from app import demo, results
 from app.inspect import maps, runs
 from app.work import made, tasks
 from app.work.worker import Link
