@@ -21,6 +21,7 @@ from engine.errors import SessionError
 from engine.io.session import told
 from engine.orientation import turned
 from engine.pipeline import artifacts
+from engine.pipeline.settings import resolve
 from engine.surface.lighting.room_light import gather_incident_light
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
@@ -138,7 +139,8 @@ def open_run(run: Run) -> Solved:
             f" run `roomlight process {run.session}`"
         )
     known = {item.name for item in dataclasses.fields(SurfaceParams)}
-    params = SurfaceParams(**{name: value for name, value in record["params"].items() if name in known})
+    asked = {name: value for name, value in record["params"].items() if name in known}
+    params = resolve("surface", SurfaceParams(), {}, asked)
     frames = artifacts.load(run.folder("hdr"), "frames", Frames)
     poses = artifacts.load(run.folder("poses"), "poses", Poses)
     surface = artifacts.load(run.folder("surface"), "surface", Surface)

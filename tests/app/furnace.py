@@ -23,7 +23,7 @@ GLOW = 0.8  # radiance of the room
 ROOM = 3.0  # its radius, scene units
 PARAMS = {
     "directions": 600, "probe_grid_xy": 1, "probe_grid_z": 1, "probe_resolution": 24, "diffuse": "lambert",
-    "light_groups": 2, "seed": 0,
+    "light_groups": 2, "without": ["lamp_directions"], "seed": 0,
 }  # fmt: skip
 
 

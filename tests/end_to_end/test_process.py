@@ -155,7 +155,7 @@ def test_a_changed_surface_parameter_is_named_and_reruns_surface_and_export_only
     assert set(plan(session, capsys).values()) == {"done"}
     done = {path: path.stat().st_mtime_ns for path in session.glob("stages/*/*/record.json")}
     asked = plan(session, capsys, "surface.gauss_newton_steps=1")
-    assert asked["surface"] == "will run because params.passes 3 -> 1"
+    assert asked["surface"] == "will run because params.gauss_newton_steps 3 -> 1"
     assert asked["export"] == "will run because input surface changed"
     assert [asked[name] for name in ("hdr", "segment", "poses", "light")] == ["done"] * 4
     assert main(["process", str(session), "--device", "cpu", "--set", "surface.gauss_newton_steps=1"]) == 0

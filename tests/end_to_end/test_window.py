@@ -134,7 +134,7 @@ def test_processing_in_the_window_finishes_every_stage_with_the_parameters_of_th
     for stage in STAGES:
         assert len(list((captured / "stages" / stage).glob("*/record.json"))) == 1
     assert not list(captured.rglob("*.partial"))
-    assert "budget = 1500" in (captured / "params.toml").read_text()
+    assert "max_gaussians = 1500" in (captured / "params.toml").read_text()
     page = windowed.page(window, "process", ProcessPage)
     assert "export" in page.log.toPlainText()
     assert not windowed.is_blank(page.grab().toImage())
