@@ -292,9 +292,9 @@ def test_a_parameter_that_was_removed_is_left_out_of_a_kept_file_and_refused_on_
     session: sessions.Session, name: str
 ) -> None:
     stage, parameter = name.split(".")
-    (session.folder / "params.toml").write_text(f"[{stage}]\n{parameter} = 2\nwidth = 128\n")
+    (session.folder / "params.toml").write_text(f"[{stage}]\n{parameter} = 2\nviews = 128\n")
     opened = from_toml(sessions.read_params(session))
-    assert opened.overrides == {stage: {"width": 128}}
+    assert opened.overrides == {stage: {"views": 128}}
     (note,) = with_changes(opened, None, 3, ["light.validation_every=4"]).notes
     assert note == f"params.toml: {name} is left out, for it was removed: {REMOVED[name]}"
     with pytest.raises(
