@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from engine.conventions import NORMAL_FRAMES
 from engine.errors import SurfaceError
 from engine.surface.lighting.distance_search import Distance
-from engine.surface.params import DIFFUSE
+from engine.surface.params import Diffuse
 from engine.validation import MORE, check
 
 Emitter = Literal["ours", "two_stage", "one_stage"]
@@ -51,7 +51,7 @@ class ReferenceParams:
     )
     aim_unit: float = 0.0  # length that Eq. (12) takes for 1, scene units; 0: the object's distance
     pixels: int = 0  # object pixels solved, a random part in small tiles; 0: all
-    diffuse: str = "lambert"  # Lambert (10) as in the paper; or "disney": Disney's own diffuse lobe
+    diffuse: Diffuse = "lambert"  # Lambert (10) as in the paper; or "disney": Disney's own diffuse lobe
     validation_views: int = 4  # views kept out of the fit and re-rendered; one in eight at most
     object_distance: float = 0.0  # camera to object along z, scene units; 0: by the fast solver's first look
     initial_normals: str = (
@@ -66,7 +66,7 @@ class ReferenceParams:
     emitter_most: int = MOST  # Gaussians that it may end with
 
     def __post_init__(self) -> None:
-        choices = {"normals_frame": NORMAL_FRAMES, "emitter": get_args(Emitter), "diffuse": DIFFUSE}
+        choices = {"normals_frame": NORMAL_FRAMES, "emitter": get_args(Emitter), "diffuse": get_args(Diffuse)}
         check(self, "surface", SurfaceError, BOUNDS, choices)
 
 

@@ -1,29 +1,21 @@
 """What a person may ask of the surface solve, and between which bounds."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from engine.conventions import NORMAL_FRAMES
 from engine.errors import SurfaceError
 from engine.validation import MORE, check
 
 LEAST_VIEWS = 8
-DIFFUSE = ("disney", "lambert")
-"""Diffuse lobes: Disney's with retro-reflection, as renderers have it, and the paper's."""
-PARTS = {
-    "self_shadowing": "the object shadows itself",
-    "interreflections": "the object lights itself with what was photographed of it",
-    "hidden_surfaces": "and with what steps of the depth throw, which no photograph shows",
-    "mixed_pixels": "pixels of the rim hold a share of the background beside them",
-    "robust_loss": "views that fit a pixel badly count less",
-    "light_gains": "the object's shading corrects the brightness of groups of emitters",
-    "view_exposures": "and the light of each view by a factor",
-    "lamp_directions": "and the directions of lamps",
-    "detect_metal": "pass: pixels that are plainly metal",
-    "classify_material": "pass: metal, and the specular level of the rest",
-    "expect_roughness": "pass: pixels expect the roughness of those that look alike",
-    "regularize": "pass: neighbours agree",
-}
-"""What `SurfaceParams.without` can leave out: parts of the model, and passes of the schedule."""
+Diffuse = Literal["disney", "lambert"]
+"""Lobes: Disney's with retro-reflection, as renderers have it, and the paper's."""
+PARTS = (
+    "self_shadowing", "interreflections", "hidden_surfaces", "mixed_pixels", "robust_loss", "light_gains", "view_exposures",
+    "lamp_directions", "detect_metal", "classify_material", "expect_roughness", "regularize",
+)  # fmt: skip
+"""What `SurfaceParams.without` can leave out: parts of the model, the last four of them passes of the schedule. Hidden surfaces
+are steps of the depth, mixed pixels those of the rim; gains, exposures and directions are what the object's shading corrects."""
 
 BOUNDS = {
     "directions": (64, MORE), "views": (LEAST_VIEWS, MORE), "probe_grid_xy": (0, MORE), "probe_grid_z": (0, MORE),
@@ -33,8 +25,6 @@ BOUNDS = {
     "validation_views": (0, MORE), "object_distance": (0.0, MORE), "tile_above_pixels": (100, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
-
-
 OR_NONE = ("directions", "views")
 """Of these, those that may also be 0."""
 
@@ -58,7 +48,7 @@ class SurfaceParams:
     views: int = 0  # that serve afterwards, spread evenly; 0: all
     fine_iterations: int = 3  # at most, on all pixels until they stand still: solve, integrate, trace
     gauss_newton_steps: int = 4  # evaluations in each iteration
-    diffuse: str = "disney"  # lobe, of `DIFFUSE`
+    diffuse: Diffuse = "disney"
     without: tuple[str, ...] = ()  # of `PARTS`: what the model leaves out, for ablations
     light_groups: int = 12  # groups of emitters besides the lamps
     light_gain_sigma: float = 0.02  # how far a group's log brightness may be off before it has to be argued
@@ -76,7 +66,7 @@ class SurfaceParams:
     )
 
     def __post_init__(self) -> None:
-        choices = {"normals_frame": NORMAL_FRAMES, "diffuse": DIFFUSE, "without": tuple(PARTS)}
+        choices = {"normals_frame": NORMAL_FRAMES, "diffuse": get_args(Diffuse), "without": PARTS}
         check(self, "surface", SurfaceError, BOUNDS, choices, OR_NONE)
         if self.initial_roughness and not self.initial_normals:
             raise SurfaceError(

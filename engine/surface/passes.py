@@ -13,10 +13,7 @@ from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.scene import Scene
 from engine.surface.estimate import Estimate
-from engine.surface.lighting.distance_search import (
-    coarse_directions,
-    coarse_distance_search,
-)
+from engine.surface.lighting.distance_search import coarse_directions, coarse_distance_search
 from engine.surface.lighting.emitter_groups import CLIPPED, UNSEEN
 from engine.surface.lighting.exposure_offset import exposure_offset_of
 from engine.surface.lighting.light_calibration import (
@@ -25,7 +22,7 @@ from engine.surface.lighting.light_calibration import (
     light_variance,
     prior_light,
     split_groups,
-)
+)  # fmt: skip
 from engine.surface.lighting.probe_density import choose_direction_count, choose_probe_grid
 from engine.surface.lighting.room_light import gather_grouped_light, gather_incident_light
 from engine.surface.optimize import gauss_newton
@@ -36,20 +33,15 @@ from engine.surface.optimize.pixel_sample import (
     interior,
     random_subset,
     sample_pixels,
-)
+)  # fmt: skip
 from engine.surface.optimize.roughness_prior import apply_roughness_prior
 from engine.surface.optimize.spatial_regularization import regularize_spatially
-from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import (
-    ObjectPixels,
     depth_from_normals,
     geometry_with_visibility,
-    light_transport,
-    photographed_radiance,
-    render_pixels,
     search_initial_normals,
-)
-from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks, probe_grid_around
+)  # fmt: skip
+from engine.surface.rendering.transport import pixel_blocks, probe_grid_around
 from engine.surface.uncertainty.standard_errors import LightVariance
 from engine.types import Emitters
 
@@ -211,47 +203,8 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
     if turned.any():
         anew = _initial_state(scene, now, progress.part(0.3, 0.5))
         now = replace(now, state=gauss_newton.where(turned, anew, now.known_state))
-    state = solve_and_expect_roughness(
-        now.compensated_pixels,
-        now.known_state,
-        now.incident,
-        now.geometry,
-        scene.params,
-        scene.device,
-        progress.part(0.5, 1),
-    )
-    return replace(now, state=state)
-
-
-def solve_and_expect_roughness(
-    object_pixels: ObjectPixels,
-    state: gauss_newton.PixelEstimate,
-    light: IncidentLight,
-    geometry: SurfaceGeometry,
-    params: SurfaceParams,
-    device: str,
-    progress: Progress,
-) -> gauss_newton.PixelEstimate:
-    """`solve_pixels`, then `expect_roughness`, of some pixels."""
-    transport, parts, steps = (
-        object_pixels.light_transport(light, params, device, geometry),
-        pixel_blocks(object_pixels.mask),
-        params.gauss_newton_steps,
-    )
-    span = progress.part(0, 0.7)
-    state = gauss_newton.minimize(
-        state, transport, geometry, parts, object_pixels.observations, steps, span, reset_scale=True
-    )
-    return apply_roughness_prior(
-        state,
-        transport,
-        geometry,
-        parts,
-        object_pixels.observations,
-        object_pixels.mask,
-        steps,
-        progress.part(0.7, 1),
-    )
+    now = solve_pixels(scene, now, progress.part(0.5, 0.85))
+    return expect_roughness(scene, now, progress.part(0.85, 1))
 
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -424,15 +377,6 @@ def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estima
 def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Neighbours decide what a pixel's photographs leave open."""
     return replace(now, state=regularize_spatially(now.known_state, now.object_pixels.mask), regularized=True)
-
-
-def render_validation(scene: Scene, now: Estimate) -> Float[np.ndarray, "p k 3"]:
-    """The validation views as the estimate has them; none before the light is settled."""
-    if now.validation is None or now.picture is None:
-        return np.zeros((len(now.object_pixels.rays), 0, 3), np.float32)
-    photographed = photographed_radiance(now.picture.frames, now.picture.mask, scene.validation.tolist())
-    there = light_transport(photographed, now.validation, now.geometry, scene.params, "cpu")
-    return render_pixels(there, now.geometry, pixel_blocks(now.picture.mask), now.known_state)
 
 
 def emitters_of(now: Estimate) -> Emitters:

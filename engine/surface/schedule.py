@@ -31,14 +31,19 @@ from engine.surface.passes import (
     place_probes,
     refine_distance,
     regularize,
-    render_validation,
     search_distance,
     search_normals,
     solve_pixels,
     split_light,
     trace_visibility,
-)
-from engine.surface.rendering.object_pixels import image
+)  # fmt: skip
+from engine.surface.rendering.object_pixels import (
+    image,
+    light_transport,
+    photographed_radiance,
+    render_pixels,
+)  # fmt: skip
+from engine.surface.rendering.transport import pixel_blocks
 
 FULL, HALF, SMALLEST = 0, 1, 2
 """Levels of the pictures (`Scene.at`)."""
@@ -112,8 +117,11 @@ def validation_error(scene: Scene, now: Estimate) -> Float[np.ndarray, "k p"]:
     """Relative error of every validation view at every pixel; without views before the light is settled."""
     if now.validation is None or now.picture is None:
         return np.zeros((0, 0))
-    made = render_validation(scene, now).transpose(1, 0, 2)
-    return relative_error(made, now.picture.frames.radiance[scene.validation][:, now.picture.mask])
+    frames, mask = now.picture.frames, now.picture.mask
+    photographed = photographed_radiance(frames, mask, scene.validation.tolist())
+    there = light_transport(photographed, now.validation, now.geometry, scene.params, "cpu")
+    made = render_pixels(there, now.geometry, pixel_blocks(mask), now.known_state)
+    return relative_error(made.transpose(1, 0, 2), frames.radiance[scene.validation][:, mask])
 
 
 def relative_error(

@@ -18,16 +18,16 @@ from engine.progress import Progress
 from engine.surface.lighting.distance_search import coarse_distance_search
 from engine.surface.lighting.probe_density import choose_probe_grid
 from engine.surface.lighting.room_light import build_room_light, gather_incident_light
-from engine.surface.optimize.gauss_newton import PixelEstimate
-from engine.surface.params import SurfaceParams
-from engine.surface.passes import solve_and_expect_roughness
+from engine.surface.optimize.gauss_newton import PixelEstimate, minimize
+from engine.surface.optimize.roughness_prior import apply_roughness_prior
+from engine.surface.params import Diffuse, SurfaceParams
 from engine.surface.rendering.object_pixels import (
     ObjectPixels,
     depth_from_normals,
     geometry_with_visibility,
     search_initial_normals,
 )
-from engine.surface.rendering.transport import SurfaceGeometry
+from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks
 from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 DEPTH_MARGIN = 0.2
@@ -47,7 +47,7 @@ class KnownLightParams:
     visibility: bool = True  # let the object shadow and light itself; second order knows no shadows
     model_error: float = 0.02  # relative misfit expected of a good model
 
-    def ours(self, diffuse: str) -> SurfaceParams:
+    def ours(self, diffuse: Diffuse) -> SurfaceParams:
         """The same for the parts of our solver, with nothing refined of the light."""
         return SurfaceParams(
             directions=self.directions,
@@ -77,7 +77,7 @@ Solved = tuple[PixelEstimate, Float[np.ndarray, "h w"]]  # and its depth
 Method = Callable[[Scene, KnownLightParams, SurfaceParams, str, Progress], Surface]
 
 
-def on_stages(diffuse: str) -> Callable[[Method], Callable[..., Surface]]:
+def on_stages(diffuse: Diffuse) -> Callable[[Method], Callable[..., Surface]]:
     """Makes a method on a scene one on what the stages left: it takes what `surface/solve.py:solve` takes.
 
     Raises (the method): SurfaceError: too few views, an empty mask, or light gains of another light.
@@ -224,6 +224,37 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
         scene, state, solved, light.directions, ours, params.rounds, progress.part(0.3, 1)
     )
     return answered(object_pixels, state, geometry, depth, params.model_error)
+
+
+def solve_and_expect_roughness(
+    object_pixels: ObjectPixels,
+    state: PixelEstimate,
+    light: IncidentLight,
+    geometry: SurfaceGeometry,
+    params: SurfaceParams,
+    device: str,
+    progress: Progress,
+) -> PixelEstimate:
+    """The passes `solve_pixels` and `expect_roughness` of our solver, of pixels that no scene knows."""
+    transport, parts, steps = (
+        object_pixels.light_transport(light, params, device, geometry),
+        pixel_blocks(object_pixels.mask),
+        params.gauss_newton_steps,
+    )
+    span = progress.part(0, 0.7)
+    state = minimize(
+        state, transport, geometry, parts, object_pixels.observations, steps, span, reset_scale=True
+    )
+    return apply_roughness_prior(
+        state,
+        transport,
+        geometry,
+        parts,
+        object_pixels.observations,
+        object_pixels.mask,
+        steps,
+        progress.part(0.7, 1),
+    )
 
 
 def _in_turns(

@@ -138,9 +138,7 @@ def observe(
 
 
 def gather_radiance(
-    frames: Frames,
-    views: Int[np.ndarray, " n"],
-    place: tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]],
+    frames: Frames, views: Int[np.ndarray, " n"], place: tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]
 ) -> Float[np.ndarray, "p n 3"]:
     """Radiance (float32) at rows and columns, in some views, which may be none."""
     return np.ascontiguousarray(frames.radiance[views[:, None], *place].transpose(1, 0, 2), np.float32)

@@ -76,9 +76,4 @@ def upsample_estimate(
         behind = np.full(count, -1, np.int32)
         behind[take] = np.arange(len(take))
         hidden = geometry.visibility.part(take).told(count, behind, len(take))
-    return (
-        object_pixels,
-        state,
-        depth,
-        replace(object_pixels.geometry_of_depth(depth), visibility=hidden),
-    )
+    return (object_pixels, state, depth, replace(object_pixels.geometry_of_depth(depth), visibility=hidden))

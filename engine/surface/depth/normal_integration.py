@@ -200,11 +200,7 @@ def _image(
     return picture
 
 
-def _edges(
-    camera: Camera,
-    normals: Float[np.ndarray, "h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-) -> _Edges:
+def _edges(camera: Camera, normals: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> _Edges:
     focal = float(np.sqrt(camera.fx * camera.fy))
     v, u = np.nonzero(mask)
     xy = unproject(camera, np.stack([u + 0.5, v + 0.5], -1))

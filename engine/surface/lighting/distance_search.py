@@ -93,13 +93,7 @@ def coarse_distance_search(
     # Flat and shadowless, pixels misfit by more than any drift.
     parts = replace(parts, exposure_sigma=0.0, lamp_offset_sigma=0.0)
     _, sample = calibration_pixels(
-        object_pixels,
-        object_pixels.geometry_at_distance(1.0),
-        1.0,
-        config.pixels,
-        params,
-        seed,
-        every,
+        object_pixels, object_pixels.geometry_at_distance(1.0), 1.0, config.pixels, params, seed, every
     )
     found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1), config)
     return found, room.with_patches_split(parts.patches), tried, misfits

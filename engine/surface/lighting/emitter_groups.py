@@ -106,11 +106,7 @@ def group_emitters(
 
 
 def clipped_shares(
-    gaussians: Gaussians,
-    group: Int[np.ndarray, " k"],
-    frames: Frames,
-    masks: Masks,
-    poses: Poses,
+    gaussians: Gaussians, group: Int[np.ndarray, " k"], frames: Frames, masks: Masks, poses: Poses
 ) -> Float[np.ndarray, " g"]:
     """The share of every group's light that was photographed clipped, of which the background gives a lower bound only;
     in the views that look its way, for others may hide it."""

@@ -95,9 +95,7 @@ def where(first: Bool[np.ndarray, " p"], one: PixelEstimate, other: PixelEstimat
 
 
 def initial_estimate(
-    normals: Float[np.ndarray, "p 3"],
-    albedo: Float[np.ndarray, "p 3"],
-    roughness: Float[np.ndarray, " p"],
+    normals: Float[np.ndarray, "p 3"], albedo: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
 ) -> PixelEstimate:
     """A state with no misfit known yet."""
     count = len(normals)

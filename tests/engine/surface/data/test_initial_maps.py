@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from app.bench.baselines.known_light import solve_and_expect_roughness
 from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.pipeline import stage_table
@@ -16,7 +17,6 @@ from engine.surface import passes
 from engine.surface.data import initial_maps
 from engine.surface.data.pyramid import downsample
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import solve_and_expect_roughness
 from engine.surface.rendering.object_pixels import ObjectPixels, image, observe_object, search_initial_normals
 from engine.surface.solve import solve
 from tests.engine.reference.lit_room import lambert, scene

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.bench.baselines.known_light import solve_and_expect_roughness
 from engine.errors import SurfaceError
 from engine.geometry import rays
 from engine.progress import Progress
@@ -16,7 +17,6 @@ from engine.surface.data.observations import observe
 from engine.surface.data.pyramid import downsample, parent_index, upsample_estimate
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import BOUNDS, OR_NONE, SurfaceParams
-from engine.surface.passes import solve_and_expect_roughness
 from engine.surface.rendering.area_lights import AreaLights
 from engine.surface.rendering.object_pixels import (
     depth_from_normals,
