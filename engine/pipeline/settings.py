@@ -116,8 +116,11 @@ def renamed(stage: str, params: Mapping[str, Any]) -> dict[str, Any]:
                 value = "disney" if value else "lambert"
             now.setdefault(name, value)
     if switches:
+        # Given once more, as a batch does that goes on, they change nothing.
+        before, named = now.get("without", ()), {part for was in switches for part in SWITCHES[was]}
+        before = before.split(",") if isinstance(before, str) else before
         off = [part for was, parts in SWITCHES.items() if params.get(was) is False for part in parts]
-        now["without"] = [*now.get("without", ()), *off]
+        now["without"] = [part.strip() for part in before if part.strip() not in named] + off
     return now
 
 

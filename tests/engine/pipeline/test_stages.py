@@ -258,6 +258,18 @@ def test_names_of_the_last_release_are_taken_with_a_note():
     assert from_toml(NOW) == Settings(overrides=NOW)
 
 
+def test_an_old_switch_that_is_given_again_changes_nothing_and_one_that_is_on_puts_back():
+    words = ["surface.without=regularize, robust_loss", "surface.material=false", "surface.rim=false"]
+    once = with_changes(Settings(), None, None, words)
+    parts = ["regularize", "robust_loss", "mixed_pixels", "detect_metal", "classify_material"]
+    assert once.overrides["surface"]["without"] == parts
+    again = with_changes(once, None, None, words[1:])
+    assert again.overrides == once.overrides
+    assert with_changes(again, None, None, ["surface.robust=true"]).overrides["surface"]["without"] == [
+        "regularize", *parts[2:],
+    ]  # fmt: skip
+
+
 def test_every_old_name_leads_to_a_parameter_that_there_is():
     for stage in stage_table.stages():
         known = {item.name for item in dataclasses.fields(stage.defaults)}
