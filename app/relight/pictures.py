@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from app.frame_writer import VIDEO, FrameWriter
 from app.inspect import runs
 from app.relight import files, sources, transfer
 from app.relight import relit as relighting
@@ -27,10 +28,9 @@ if TYPE_CHECKING:
     from app.work.worker import Link
     from engine.progress import Progress
 
-STILLS, VIDEO, PAGE = (".png", ".exr"), ".mp4", ".html"
+STILLS, PAGE = (".png", ".exr"), ".html"
 FPS, SECONDS = 30, 8.0
 LEAST_PX = 720  # of a video's longer side, about: players show small ones small
-CODECS = ("vp09", "mp4v")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,7 @@ def make(wish: Wish, progress: "Progress") -> Path:
 
     Raises:
         SessionError: there is no finished surface, or the file cannot be written.
+        ExportError: a video cannot, or a folder for PNG files holds others.
         LightError: the panorama cannot be used.
         Cancelled: `progress` said so; nothing was written.
     """
@@ -142,8 +143,7 @@ def _turn(
     count = max(2, round(FPS * wish.seconds))
     by = max(1, round(LEAST_PX / max(surface.size)))
     height, width = (by * size // 2 * 2 for size in surface.size)
-    partial = to.with_name(f".{to.name}.partial{to.suffix}")
-    video = _video(partial, width, height) if to.suffix else None
+    writer = FrameWriter(to, FPS)
     try:
         for k in range(count):
             progress.step(k / count, f"frame {k + 1} of {count}")
@@ -152,27 +152,9 @@ def _turn(
                 angle, reach = 2 * np.pi * k / count, max(float(np.hypot(*setting.spot)), 0.5)
                 moved = dataclasses.replace(moved, spot=(reach * np.sin(angle), reach * np.cos(angle)))
             picture = relighting.drawn(surface, light, moved, white, wish.exposure_ev, wish.tone, wish.room)
-            if video is None:
-                with told(to):
-                    to.mkdir(parents=True, exist_ok=True)
-                _write_png(to / f"{k:04d}.png", picture)
-            else:
-                video.write(cv2.resize(picture[..., :3], (width, height), interpolation=cv2.INTER_CUBIC))
-        if video is not None:
-            video.release()
-            with told(to):
-                partial.replace(to)
+            if to.suffix:
+                picture = cv2.resize(picture[..., :3], (width, height), interpolation=cv2.INTER_CUBIC)
+            writer.write(picture)
+        writer.finish()
     finally:
-        if video is not None:
-            video.release()
-            partial.unlink(missing_ok=True)
-
-
-def _video(to: Path, width: int, height: int) -> cv2.VideoWriter:
-    for codec in CODECS:
-        video = cv2.VideoWriter(str(to), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), FPS, (width, height))
-        if video.isOpened():
-            return video
-    raise SessionError(
-        f"{to}: no video can be written there; choose another folder, or a name without .mp4 for PNG files"
-    )
+        writer.drop()

@@ -14,6 +14,7 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
 
+from app.frame_writer import VIDEO
 from app.state import Trouble, trouble
 from app.viewer import orbit, showing
 from app.viewer.events import Event, Picture, Status
@@ -22,7 +23,7 @@ from app.viewer.protocol import Colour, Contents, Probed
 from app.viewer.reading import stages_of
 from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
-from app.viewer.turntable import VIDEO, Film
+from app.viewer.turntable import Film
 from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.pages import Shell

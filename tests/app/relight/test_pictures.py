@@ -16,7 +16,7 @@ from app.relight import files, page, pictures, ready, sources
 from app.relight.pictures import Wish
 from app.relight.relit import Setting, Transfer, relit, spot_direction
 from app.relight.transfer import build, shrunk
-from engine.errors import SessionError
+from engine.errors import Cancelled, SessionError
 from engine.io.gltf import surface_glb
 from engine.io.mesh import CutParams, from_depth
 from engine.progress import Progress
@@ -92,6 +92,17 @@ def test_the_light_goes_round_in_a_video_or_a_folder(session: Path, tmp_path: Pa
     assert np.abs(frames[0].astype(int) - frames[3]).mean() > 2
     folder = pictures.make(Wish(str(session), str(tmp_path / "frames"), seconds=0.1), Progress())
     assert sorted(path.name for path in folder.iterdir()) == ["0000.png", "0001.png", "0002.png"]
+    assert cv2.imread(str(folder / "0000.png"), cv2.IMREAD_UNCHANGED).shape[2] == 4
+
+
+def test_a_folder_of_frames_that_is_stopped_leaves_nothing(session: Path, tmp_path: Path) -> None:
+    told: list[str] = []
+    progress = Progress(
+        lambda fraction, note: told.append(note), lambda: any("frame 3" in note for note in told)
+    )
+    with pytest.raises(Cancelled):
+        pictures.make(Wish(str(session), str(tmp_path / "frames"), seconds=0.2), progress)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ready.NAMES)
