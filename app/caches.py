@@ -11,6 +11,7 @@ from engine.io.session import told
 
 NAMES = {
     "studio": QT_TRANSLATE_NOOP("caches", "Light of virtual rooms"),
+    "made": QT_TRANSLATE_NOOP("caches", "Pictures of what stages made"),
     "photographs": QT_TRANSLATE_NOOP("caches", "Contact sheets"),
     "thumbnails": QT_TRANSLATE_NOOP("caches", "Pictures of recent sessions"),
     "bench": QT_TRANSLATE_NOOP("caches", "Sets of the benchmark"),

@@ -3,6 +3,8 @@
 Pictures are upright, kept in the person's cache by the result's fingerprint.
 """
 
+import contextlib
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -42,11 +44,16 @@ def show(content: Mapping[str, Any]) -> dict[str, Any]:
     if not step.done or not all(steps[part].done for part, _, _ in there):
         return {"picture": None, "facts": {}}
     to = places.cache() / "made" / f"{stage}-{step.fingerprint}.png"
+    told = to.with_suffix(".json")
+    with contextlib.suppress(OSError, ValueError):
+        facts = json.loads(told.read_bytes())
+        if to.is_file():
+            return {"picture": str(to), "facts": facts}
     flip = sessions.open_session(folder).orientation
     loaded = [turned(artifacts.load(steps[part].folder, record, kind), flip) for part, record, kind in there]
     picture, facts = DRAW[stage](step, *loaded)
-    if not to.is_file():
-        write(to, picture)
+    write(to, picture)
+    sessions.write_atomic(told, json.dumps(facts).encode())
     return {"picture": str(to), "facts": facts}
 
 

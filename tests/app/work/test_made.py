@@ -70,3 +70,24 @@ def test_a_preview_stands_upright(tmp_path: Path) -> None:
     blue, green, red = shown[shown[..., 3] > 0][0][:3]
     assert (int(red), int(green)) == (128, round(255 * (0.5 - 0.5 * 0.8)))
     assert blue == round(255 * 0.8)
+
+
+def test_what_was_drawn_is_drawn_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    step = SimpleNamespace(stage=SimpleNamespace(name="export"), done=True, fingerprint="f", folder=tmp_path)
+    surface = SimpleNamespace(stage=SimpleNamespace(name="surface"), done=True, folder=tmp_path)
+    drawn_of: list[object] = []
+
+    def draw(step: object, *records: object) -> made.Made:
+        drawn_of.append(step)
+        return np.zeros((2, 2, 4), np.uint8), {"files": 3}
+
+    monkeypatch.setattr(made.results, "steps_of", lambda folder: (surface, step))
+    monkeypatch.setattr(made.sessions, "open_session", lambda folder: SimpleNamespace(orientation=0))
+    monkeypatch.setattr(made.artifacts, "load", lambda folder, record, kind: furnace.surface())
+    monkeypatch.setattr(made, "DRAW", {"export": draw})
+    first, second = (made.show({"session": str(tmp_path), "stage": "export"}) for _ in range(2))
+    assert (
+        first == second == {"picture": str(tmp_path / "roomlight/made/export-f.png"), "facts": {"files": 3}}
+    )
+    assert drawn_of == [step]
