@@ -16,7 +16,7 @@ from jaxtyping import Float
 from engine.errors import SessionError
 
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
-WORTH = 0.1
+LEAST_EXPONENT = 0.1
 """Least exponent of error over time from which it is said what time would halve the error."""
 
 
@@ -123,7 +123,7 @@ def halving(lower: Rung, higher: Rung) -> str:
     """What time would halve the standard error, by the power law through two rungs."""
     error = math.log(lower.stderr_normal_deg / higher.stderr_normal_deg)
     longer = math.log(max(higher.seconds, 1e-3) / max(lower.seconds, 1e-3))
-    if longer <= 0 or error / longer < WORTH:
+    if longer <= 0 or error / longer < LEAST_EXPONENT:
         return "more time would not halve the error: more views would, about four times as many"
     return f"about {higher.seconds * 2 ** (longer / error):.0f} s of stage surface would halve the error"
 

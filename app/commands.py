@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from app.changes import Changes, changes_of, open_changed
 from app.exit_codes import ExitCode
-from engine.pipeline.settings import AUTO, PRESETS
+from engine.pipeline.settings import AUTO, PRESETS, SOLVERS
 
 if TYPE_CHECKING:
     from engine.pipeline.stages import Step
@@ -113,22 +113,18 @@ def process_auto(args: Namespace) -> "Quality | None":
     import os
 
     from app import auto, results
-    from app.costs import cost_of, megapixels_of
-    from engine.pipeline import stages
+    from app.batch import agenda
+    from engine.errors import SessionError
 
     goal = auto.goal_of(args.budget, args.until)
     asked, cores = changes_of(args), len(os.sched_getaffinity(0))
+    if (solver := open_changed(args.session, replace(asked, preset=None)).settings.solver) != SOLVERS[0]:
+        raise SessionError(
+            f"--preset auto climbs the presets of solver {SOLVERS[0]}; add --solver {SOLVERS[0]}, or name a preset of {solver}"
+        )
 
     def predict(preset: str) -> float:
-        opened = open_changed(args.session, replace(asked, preset=preset))
-        steps = stages.plan(opened.session, opened.rows, opened.settings)
-        (hdr,) = [step for step in steps if step.stage.name == "hdr"]
-        megapixels = megapixels_of(opened.session, hdr.params.long_edge_px)
-        return sum(
-            cost_of(opened.session, step, megapixels, preset, cores).seconds
-            for step in steps
-            if not step.done
-        )
+        return agenda.entry(args.session, "", replace(asked, preset=preset), None, cores).cost.seconds
 
     def reach(preset: str) -> auto.Rung:
         run_stages(args.session, replace(asked, preset=preset), "surface", args.device)

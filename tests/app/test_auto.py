@@ -108,6 +108,12 @@ def test_the_command_climbs_and_leaves_the_session_at_what_stays(
     assert "--preset auto" in refused(capsys, "process", session, "--budget", "90s")
 
 
+def test_only_presets_of_our_solver_are_climbed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    session = sessions.small(tmp_path)
+    said = refused(capsys, "process", session, "--preset", "auto", "--solver", "reference")
+    assert "add --solver transport" in said
+
+
 def test_a_preset_that_has_not_run_is_told_the_time_of_one_that_has(tmp_path: Path):
     """A draft of 10 s in the records foretells 25 s of standard."""
     (step,) = [one for one in steps_of(sessions.small(tmp_path)) if one.stage.name == "surface"]
