@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from app.views.main_window import MainWindow
 
 MOST_RECENT = 10
-THEMES: tuple[theme.Theme, ...] = ("system", "dark", "light")
 Keys = QKeySequence.StandardKey
 
 
@@ -67,12 +66,14 @@ class Menus(QObject):
             self._add(menu, rail.title(row), row.shortcut, lambda key=row.key: self._window.show_page(key))
         menu.addSeparator()
         themes, group = menu.addMenu(self.tr("&Theme")), QActionGroup(self)
-        words = {"system": self.tr("As the system"), "dark": self.tr("Dark"), "light": self.tr("Light")}
-        for name in THEMES:
-            action = self._add(themes, words[name], None, partial(self._choose_theme, name))
+        chosen = self._window.shell.settings.preferences
+        for name, text in theme.TITLES.items():
+            action = self._add(themes, theme.title(text), None, partial(self._choose_theme, name))
             action.setCheckable(True)
-            action.setChecked(self._window.shell.settings.value.theme == name)
+            action.setChecked(chosen.value.theme == name)
             group.addAction(action)
+            # It can be chosen among the preferences too.
+            chosen.listen(lambda now, action=action, name=name: action.setChecked(now.theme == name))
         self._add(menu, self.tr("&Full screen"), "F11", self._full_screen)
 
     def _help(self, menu: QMenu) -> None:

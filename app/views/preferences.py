@@ -37,7 +37,7 @@ class PreferencesDialog(QDialog):
         self.setWindowTitle(self.tr("Preferences"))
         self.setMinimumWidth(520)
         chosen = shell.settings.value
-        themes = {"system": self.tr("As the system"), "dark": self.tr("Dark"), "light": self.tr("Light")}
+        themes = {name: theme.title(text) for name, text in theme.TITLES.items()}
         devices = {"auto": self.tr("Automatic"), "cpu": self.tr("CPU"), "cuda": self.tr("GPU (CUDA)")}
         self.theme = self._box(themes, chosen.theme, self._choose_theme)
         self.device = self._box(devices, chosen.device, lambda name: shell.settings.change(device=name))
@@ -85,7 +85,7 @@ class PreferencesDialog(QDialog):
         whole.addWidget(buttons)
         self._measure()
 
-    def _box(self, words: Mapping[str, str], chosen: str, take: Callable[[Any], None]) -> QComboBox:
+    def _box(self, words: Mapping[Any, str], chosen: str, take: Callable[[Any], None]) -> QComboBox:
         box = QComboBox()
         for name, text in words.items():
             box.addItem(text, name)

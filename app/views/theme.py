@@ -8,13 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtGui import QColor, QPalette, QPen
 from PySide6.QtWidgets import QApplication, QWidget
+
+from app.words import QT_TRANSLATE_NOOP
 
 MARKS = (Path(__file__).parent / "marks").as_posix()
 CHOSEN = "roomlight theme"  # property of the application
 Theme = Literal["system", "dark", "light"]
+TITLES: dict[Theme, str] = {
+    "system": QT_TRANSLATE_NOOP("theme", "As the system"),
+    "dark": QT_TRANSLATE_NOOP("theme", "Dark"),
+    "light": QT_TRANSLATE_NOOP("theme", "Light"),
+}
 StyleOption = Any
 """A QStyleOptionViewItem: PySide's stubs do not know the types of what it holds."""
 
@@ -71,6 +78,11 @@ def colour(name: str, opacity: float = 1.0) -> QColor:
 
 def pen(name: str, width: float = 1.0) -> QPen:
     return QPen(QColor(name), width)
+
+
+def title(text: str) -> str:
+    """One of `TITLES` in the person's language."""
+    return QCoreApplication.translate("theme", text)
 
 
 def install(app: QApplication, theme: Theme = "system") -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
 from pytestqt.qtbot import QtBot
 
 from app import caches, places
@@ -44,6 +45,8 @@ def test_theme_and_device_hold_at_once_and_later(
     choose(dialog.theme, "light")
     choose(dialog.device, "cpu")
     assert chosen == ["light"]
+    themes = [action for action in window.findChildren(QAction) if action.text() in theme.TITLES.values()]
+    assert [action.text() for action in themes if action.isChecked()] == ["Light"]
     for settings in (window.shell.settings, Settings()):
         assert (settings.value.theme, settings.value.device) == ("light", "cpu")
 
