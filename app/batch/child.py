@@ -21,7 +21,7 @@ from app.work.jobs import Job, JobState, JobStatus, child_command
 
 TELL_EVERY_S = LOOK_EVERY_S = 0.5
 
-GOING = (Status.closing, Status.closed, Status.failed)
+LEAVING = (Status.closing, Status.closed, Status.failed)
 """A worker whose time is over, or whose scheduler went away: its order is done elsewhere."""
 
 _running: dict[str, set[Job]] = {}  # by batch
@@ -78,7 +78,7 @@ def run(batch: str, order: Mapping[str, Any], surroundings: Mapping[str, Any]) -
         if batch in _stopped:  # in the meantime
             job.cancel()
         while not (status := job.wait(LOOK_EVERY_S)).ended:
-            if worker.status in GOING:
+            if worker.status in LEAVING:
                 job.cancel()
     finally:
         _running[batch].discard(job)

@@ -35,7 +35,7 @@ ENDING_S = 90.0
 """How long a session may be held by the child of a worker that was lost: dask's half minute for its threads, and a child's patience."""
 
 
-class Told(Protocol):
+class OrderListener(Protocol):
     """Who is told of orders, `move` from any thread."""
 
     def expect(self, orders: Sequence[Order], threads: int) -> None: ...
@@ -50,7 +50,7 @@ class Told(Protocol):
 def carry_out(
     orders: Sequence[Order],
     wanted: Wanted,
-    display: Told,
+    display: OrderListener,
     cancelled: Callable[[], bool],
     ended: list[Ended],
     complain: Callable[[str], None],
@@ -117,7 +117,7 @@ def _choose(orders: Sequence[Order], crew: Crew, complain: Callable[[str], None]
 def run(
     orders: Sequence[Order],
     crew: Crew,
-    display: Told,
+    display: OrderListener,
     cancelled: Callable[[], bool],
     ended: list[Ended],
     wait_s: float = 0.0,

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from app.state import join
 from app.work.jobs import Job, JobState, JobStatus
 
-ELSEWHERE = 8
+CLUSTER_JOBS = 8
 """Jobs of the queue that are on a cluster at once: each costs this machine a child that watches."""
 
 
@@ -134,8 +134,12 @@ class Board:
     def _next(self) -> None:
         with self._lock:
             for job in self.waiting:
-                beside = [other for other in self._queue if other.status.active and away(other) == away(job)]
-                if not self._held and len(beside) < (ELSEWHERE if away(job) else 1):
+                beside = [
+                    other
+                    for other in self._queue
+                    if other.status.active and on_cluster(other) == on_cluster(job)
+                ]
+                if not self._held and len(beside) < (CLUSTER_JOBS if on_cluster(job) else 1):
                     job.start()
 
     def _tell(self) -> None:
@@ -143,6 +147,6 @@ class Board:
             listener()
 
 
-def away(job: Job) -> bool:
+def on_cluster(job: Job) -> bool:
     """Whether a cluster does it."""
     return bool(job.request.get("scheduler"))

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 
 from app.work.jobs import Job, JobState
-from app.work.queue import ELSEWHERE, Board
+from app.work.queue import CLUSTER_JOBS, Board
 from tests.app.work.children import QUICK, WILLING, Heard, job
 
 LONG_S = 30
@@ -42,7 +42,7 @@ def test_one_runs_after_the_other() -> None:
 
 def test_a_cluster_has_some_at_once_and_this_machine_one() -> None:
     board = Board()
-    away = [job(WILLING, name, request={"scheduler": "tcp://head:8786"}) for name in range(ELSEWHERE + 1)]
+    away = [job(WILLING, name, request={"scheduler": "tcp://head:8786"}) for name in range(CLUSTER_JOBS + 1)]
     here = [job(WILLING, name) for name in "ab"]
     for work in (here[0], *away, here[1]):
         board.enqueue(work)
