@@ -20,7 +20,7 @@ from engine.color import luminance
 from engine.io.images import tone_map
 from engine.pipeline import artifacts
 from engine.sfm.features import view_name
-from engine.sfm.incremental import placed
+from engine.sfm.mapping import placed
 from engine.types import Frames
 
 

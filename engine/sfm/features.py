@@ -1,26 +1,29 @@
 """Make photographs fit for feature detection, detect features in the room, choose which views to match.
 
-Source: SIFT (Lowe 2004) as in COLMAP, with RootSIFT descriptors. Radiance spans many stops: its logarithm,
-normalised by the local mean and spread, gives bright and dark parts of a room the same chance; the noise
-of the photographs bounds how far dark parts are stretched. Pixels of *features* count on the enlarged image.
+Source: SIFT (Lowe 2004) as in OpenCV, with RootSIFT descriptors (Arandjelovic and Zisserman 2012) as COLMAP stores them. Radiance
+spans many stops: its logarithm, normalised by the local mean and spread, gives bright and dark parts of a room the same chance;
+the noise of the photographs bounds how far dark parts are stretched. Pixels of *features* count on the enlarged image.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from engine.color import luminance
+from engine.parallel import abreast
 from engine.progress import Progress
 from engine.sfm.params import FeatureParams
 from engine.types import Frames, Masks
 
 _WINDOW = 1 / 16  # of the longer side: standard deviation of the local normalisation
 _CONTRAST = 0.05  # log radiance; fainter texture is left faint
-_BATCH = 8  # views between two looks at a cancel request
+_BLURRED_PX = 6  # standard deviation that a blur is left with in the smaller picture it is taken of
+_OCTAVE_LAYERS = 3
 _COARSE = 256  # features a view that vote on which pairs to match
 # Descriptors are whole numbers of length 512, so their products are exact in float32 whatever the order of
 # summation; this is a cosine of 0.85, above which two may show the same point.
@@ -48,10 +51,21 @@ def tone_mapped(
     log = np.log(np.maximum(luminance(radiance), 0) + np.float32(floor)).astype(np.float32)
     if factor > 1:
         log = cv2.resize(log, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-    sigma = max(log.shape) * _WINDOW
-    log = log - cv2.GaussianBlur(log, (0, 0), sigma)
-    spread = np.sqrt(cv2.GaussianBlur(log * log, (0, 0), sigma) + _CONTRAST**2)
+    log = log - _local_mean(log)
+    spread = np.sqrt(_local_mean(log * log) + _CONTRAST**2)
     return np.clip(127.5 + 40 * log / spread, 0, 255).astype(np.uint8)
+
+
+def _local_mean(picture: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Gaussian mean over `_WINDOW`, of a picture so small that it costs little: the mean is as smooth in the large one."""
+    height, width = picture.shape
+    sigma = max(height, width) * _WINDOW
+    by = max(1.0, sigma / _BLURRED_PX)
+    small = cv2.resize(
+        picture, (max(1, round(width / by)), max(1, round(height / by))), interpolation=cv2.INTER_AREA
+    )
+    blurred = cv2.GaussianBlur(small, (0, 0), sigma / by)
+    return cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR)
 
 
 def room_mask(
@@ -67,6 +81,45 @@ def room_mask(
     return cv2.resize(free, (width * factor, height * factor), interpolation=cv2.INTER_NEAREST)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sift:
+    """Features of one picture."""
+
+    keypoints: Float32[
+        np.ndarray, "n 4"
+    ]  # x, y, size, orientation; the first pixel's centre lies on (.5, .5); pixels, radians
+    response: Float32[np.ndarray, " n"]
+    descriptors: UInt8[np.ndarray, "n 128"]  # RootSIFT, of length 512
+
+
+def sift(
+    picture: UInt8[np.ndarray, "h w"],
+    free: UInt8[np.ndarray, "h w"] | None,
+    peak_threshold: float,
+    most: int,
+    best: Callable[[cv2.KeyPoint], float],
+) -> Sift:
+    """The `most` features where `free` is not 0 that are `best`; the first octave is of twice the picture's size.
+
+    `peak_threshold`: least contrast, of a picture from 0 to 1.
+    """
+    detector = cv2.SIFT.create(
+        0, _OCTAVE_LAYERS, _OCTAVE_LAYERS * peak_threshold, enable_precise_upscale=True
+    )
+    points = sorted(detector.detect(picture, free), key=best, reverse=True)[:most]
+    found, raw = detector.compute(picture, points)
+    if raw is None or not len(raw):
+        return Sift(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros((0, 128), np.uint8))
+    # OpenCV's first pixel lies on (0, 0), and its sizes are diameters.
+    rows = [(p.pt[0] + 0.5, p.pt[1] + 0.5, p.size / 2, np.radians(p.angle)) for p in found]
+    root = np.sqrt(raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-9))
+    return Sift(
+        np.array(rows, np.float32),
+        np.array([p.response for p in found], np.float32),
+        np.minimum(np.rint(512 * root), 255).astype(np.uint8),
+    )
+
+
 def detect(
     frames: Frames,
     masks: Masks,
@@ -75,40 +128,37 @@ def detect(
     folder: Path,
     progress: Progress,
 ) -> Path:
-    """Write the tone-mapped views and a COLMAP database with their features into `folder`; its path.
+    """Write a COLMAP database with the features of all views into `folder`; its path.
 
     Image i of the database (from 1) is view i - 1; `camera` has the size of the enlarged photographs.
     """
-    images, covers, database = folder / "images", folder / "masks", folder / "features.db"
-    images.mkdir(parents=True)
-    covers.mkdir()
+    database = folder / "features.db"
     count, height, width = frames.radiance.shape[:3]
-    factor = enlargement(width, height, params)
-    floor = log_floor(frames)
-    options = pycolmap.FeatureExtractionOptions()
-    options.use_gpu = False
-    options.sift.max_num_features = params.maximum
-    options.sift.peak_threshold = params.peak_threshold
-    options.sift.first_octave = -1 if factor * max(width, height) < params.doubled_below_px else 0
-    reader = pycolmap.ImageReaderOptions()
-    reader.mask_path = covers
+    factor, floor = enlargement(width, height, params), log_floor(frames)
+    # SIFT doubles what it is given.
+    by = 1 if factor * max(width, height) < params.doubled_below_px else 2
+
+    def find(i: int) -> Sift:
+        picture = tone_mapped(frames.radiance[i], floor, factor)
+        free = room_mask(masks.object, masks.background[i], factor, params.margin)
+        if by > 1:
+            picture = cv2.resize(picture, None, fx=1 / by, fy=1 / by, interpolation=cv2.INTER_AREA)
+            free = cv2.resize(free, picture.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        return sift(picture, free, params.peak_threshold, params.maximum, lambda point: point.size)
+
     with pycolmap.Database.open(database) as opened:
-        reader.existing_camera_id = _register(opened, camera, count)
-    for first in range(0, count, _BATCH):
-        progress.step(first / count, f"features of view {first + 1} of {count}")
-        names = [view_name(i) for i in range(first, min(first + _BATCH, count))]
-        for i, name in enumerate(names, start=first):
-            cv2.imwrite(str(images / name), tone_mapped(frames.radiance[i], floor, factor))
-            mask = room_mask(masks.object, masks.background[i], factor, params.margin)
-            cv2.imwrite(str(covers / f"{name}.png"), mask)
-        pycolmap.extract_features(
-            database, images, names, pycolmap.CameraMode.SINGLE, reader, options, pycolmap.Device.cpu
-        )
+        _register(opened, camera, count)
+        for i, found in enumerate(abreast(find, range(count))):
+            progress.step(i / count, f"features of view {i + 1} of {count}")
+            opened.write_keypoints(i + 1, found.keypoints * np.array([by, by, by, 1], np.float32))
+            opened.write_descriptors(
+                i + 1, pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, found.descriptors)
+            )
     return database
 
 
-def _register(database: pycolmap.Database, camera: pycolmap.Camera, count: int) -> int:
-    """Write every view before its features: COLMAP's threads would number them in the order they finish."""
+def _register(database: pycolmap.Database, camera: pycolmap.Camera, count: int) -> None:
+    """Write every view, before its features."""
     camera_id = database.write_camera(camera)
     sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera_id)
     rig = pycolmap.Rig()
@@ -120,7 +170,6 @@ def _register(database: pycolmap.Database, camera: pycolmap.Camera, count: int) 
         frame.rig_id = rig_id
         frame.add_data_id(pycolmap.data_t(sensor, image))
         database.write_frame(frame)
-    return camera_id
 
 
 def view_name(index: int) -> str:
@@ -139,7 +188,7 @@ def likely_pairs(
         for image in range(1, count + 1):
             keypoints = opened.read_keypoints(image)
             data = np.asarray(opened.read_descriptors(image).data, np.float32)
-            scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if len(keypoints) else np.zeros(0)
+            scales = keypoints[:, 2] if len(keypoints) else np.zeros(0)
             coarse.append(data[np.argsort(-scales, kind="stable")[:_COARSE]])
     votes = np.zeros((count, count), int)
     for i in range(count):

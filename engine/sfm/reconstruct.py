@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from engine.errors import PoseError
 from engine.geometry import inverse, resized
 from engine.progress import Progress
-from engine.sfm import epipolar, incremental
+from engine.sfm import epipolar, mapping
 from engine.sfm import rig_alignment as rigs
 from engine.sfm import scale_board as boards
 from engine.sfm.features import detect, enlargement, likely_pairs, log_floor, tone_mapped
@@ -94,9 +94,9 @@ def find_poses(
     guess = _first_guess(width * factor, height * factor, params.focal_px * factor)
     database = detect(frames, masks, guess, params.features, workdir, progress.part(0.0, 0.35))
     pairs = likely_pairs(database, count, params.features, progress.part(0.35, 0.37))
-    incremental.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
-    focal = params.focal_px * factor or incremental.calibrate(database, params.seed)
-    grown = incremental.best_grown(
+    mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.37, 0.7))
+    focal = params.focal_px * factor or mapping.calibrate(database, params.seed)
+    grown = mapping.best_grown(
         database, factor, count, focal, logged, params.mapping, params.seed, progress.part(0.7, 0.97)
     )
     if grown is None:
@@ -107,14 +107,14 @@ def find_poses(
 
     progress.step(0.97, "checking every view")
     camera = resized(_camera(model), width, height)
-    found = incremental.placed(model, count)
+    found = mapping.placed(model, count)
     rejected = grown.support < params.trusted_share
     found[rejected] = np.nan
     placed = _known(found)
     if not placed.any():
         raise PoseError(f"no pose of {count} views agrees with what pairs of views have in common; {_REMEDY}")
     points = np.array([model.points3D[i].xyz for i in sorted(model.point3D_ids())]).reshape(-1, 3)
-    lens = incremental.camera_of(model)
+    lens = mapping.camera_of(model)
     judgement = epipolar.judge(epipolar.verified(database, lens, found), found, lens.mean_focal_length())
 
     fitted = None if logged is None else rigs.fit(logged, found)
@@ -146,7 +146,7 @@ def find_poses(
         lens_doubtful=grown.lens_doubtful, k1=camera.k1, scale=world.scale, scale_stderr=world.stderr, scale_note=world.note,
         rig_rotation_deg=None if fitted is None else float(np.degrees(fitted.rotation_rad)),
         rig_position_m=None if fitted is None else fitted.position_m,
-        rig_doubtful=fitted is not None and fitted.position_share > incremental.LOG_OFF,
+        rig_doubtful=fitted is not None and fitted.position_share > mapping.LOG_OFF,
         rig_disagrees=() if fitted is None else names(placed & ~fitted.agree),
     )  # fmt: skip
     poses = Poses(camera, world.cam_from_world, registered, world.points, world.scale, reprojection)
@@ -170,7 +170,7 @@ def _first_guess(width: int, height: int, focal_px: float) -> pycolmap.Camera:
 
 
 def _camera(model: pycolmap.Reconstruction) -> Camera:
-    camera = incremental.camera_of(model)
+    camera = mapping.camera_of(model)
     focal, cx, cy, k1 = (float(value) for value in camera.params)
     return Camera(camera.width, camera.height, focal, focal, cx, cy, k1=k1)
 

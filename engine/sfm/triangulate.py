@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from engine.geometry import resized
 from engine.progress import Progress
-from engine.sfm import epipolar, incremental
+from engine.sfm import epipolar, mapping
 from engine.sfm.features import detect, enlargement, likely_pairs, view_name
 from engine.sfm.params import PoseParams
 from engine.types import Camera, Frames, Masks, Poses
@@ -50,17 +50,17 @@ def triangulate(
     lens = _lens(resized(poses.camera, width * factor, height * factor))
     database = detect(frames, masks, lens, params.features, workdir, progress.part(0.0, 0.45))
     pairs = likely_pairs(database, count, params.features, progress.part(0.45, 0.5))
-    incremental.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.5, 0.95))
+    mapping.match(database, pairs, factor, params.mapping, params.seed, progress.part(0.5, 0.95))
     progress.step(0.95, "points of the room")
     out = workdir / "triangulated"
     out.mkdir()
     model = pycolmap.triangulate_points(
-        _posed(database, poses), database, workdir / "images", out,
-        options=incremental.options_of(factor, params.mapping, params.seed),
+        _posed(database, poses), database, workdir, out,
+        options=mapping.options_of(factor, params.mapping, params.seed),
     )  # fmt: skip
     points = np.array([model.points3D[i].xyz for i in sorted(model.point3D_ids())]).reshape(-1, 3)
     off = float(model.compute_mean_reprojection_error()) / factor if len(points) else float("nan")
-    lens = incremental.camera_of(model)
+    lens = mapping.camera_of(model)
     shared = epipolar.verified(database, lens, poses.cam_from_world)
     judgement = epipolar.judge(shared, poses.cam_from_world, lens.mean_focal_length())
     matches, placed = sum(len(pair.a) for pair in shared), int(poses.registered.sum())

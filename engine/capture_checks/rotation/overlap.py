@@ -15,13 +15,13 @@ from engine.capture_checks.finding import Finding, Severity
 from engine.capture_checks.rotation.two_view import RelativePose, agreeing, followed, motions
 from engine.capture_checks.shot_preview import ShotPreview
 from engine.hdr.develop import averaged
-from engine.sfm.features import mutual, tone_mapped
-from engine.sfm.incremental import best_of_both
+from engine.sfm.features import mutual, sift, tone_mapped
+from engine.sfm.mapping import best_of_both
 from engine.sfm.rig_alignment import angle_between
 
 EDGE_PX = 640
 MOST = 800  # features of a shot
-PEAK = 0.01  # of the tone-mapped picture: least contrast of a feature
+PEAK = 0.0033  # of the tone-mapped picture, from 0 to 1: least contrast of a feature
 MARGIN = 0.015  # of the longer side, kept free of features around the object
 COARSE = 192  # features of each shot that vote on which to match
 SIMILAR = 0.85 * 512**2  # of descriptors of length 512: may show the same point
@@ -70,17 +70,12 @@ def detect_features(glance: ShotPreview, object_mask: Bool[np.ndarray, "H W"] | 
         small = averaged(object_mask.astype(np.float32), by) > 0
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
         free = (cv2.dilate(small.astype(np.uint8), kernel) == 0).astype(np.uint8) * 255
-    found, raw = cv2.SIFT.create(nfeatures=MOST, contrastThreshold=PEAK).detectAndCompute(picture, free)
-    if raw is None or not len(raw):
-        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.uint8), np.zeros(0, np.int64), 1 / EDGE_PX)
+    found = sift(picture, free, PEAK, MOST, lambda point: point.response)
     h, w = picture.shape
-    pixels = np.array([point.pt for point in found], np.float64) + 0.5  # OpenCV's first pixel lies on (0, 0)
-    strength = np.array([point.response for point in found])
-    root = np.sqrt(raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-9))
     return Features(
-        (pixels - [w / 2, h / 2]) / w,
-        np.minimum(np.rint(512 * root), 255).astype(np.uint8),
-        np.argsort(-strength, kind="stable")[:COARSE],
+        (found.keypoints[:, :2].astype(np.float64) - [w / 2, h / 2]) / w,
+        found.descriptors,
+        np.argsort(-found.response, kind="stable")[:COARSE],
         1 / w,
     )
 

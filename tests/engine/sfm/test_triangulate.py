@@ -16,7 +16,7 @@ from tests.engine import box_room
 from tests.engine.sfm.test_reconstruct import as_frames
 
 CAMERA = Camera(320, 240, 250.0, 250.0, 160.0, 120.0, k1=-0.04)
-PARAMS = PoseParams(features=FeatureParams(maximum=800, enlarge_most=1))
+PARAMS = PoseParams(features=FeatureParams(maximum=1000, enlarge_most=1))
 
 
 @pytest.fixture(scope="module")

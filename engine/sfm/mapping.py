@@ -1,14 +1,17 @@
 """Compare views, and grow a model of cameras and points from what they have in common.
 
-Source: incremental structure from motion as in COLMAP (Schoenberger and Frahm 2016). Pixels here are those of
-the images in the database. The world frame and its unit are COLMAP's, arbitrary.
+Source: global structure from motion as in GLOMAP (Pan, Barath, Pollefeys, Schoenberger 2024), which places all views at once, and
+incremental structure from motion as in COLMAP (Schoenberger and Frahm 2016), which places one after the other, both by pycolmap.
+Pixels here are those of the images in the database. The world frame and its unit are COLMAP's, arbitrary.
 """
 
 import shutil
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pycolmap
@@ -22,10 +25,14 @@ from engine.sfm import rig_alignment as rigs
 from engine.sfm.features import view_name
 from engine.sfm.params import MapParams
 
+Mapper = Literal["global", "incremental", "straight"]
+"""All views at once; one after the other; the same under a lens that bends as much as to begin with until all are placed."""
 _BATCHES = 16  # looks at a cancel request while matches are checked
 ATTEMPTS = 3  # models grown at most
 _BEYOND = 1.3  # times a focal length: where a lens that slid starts anew
 _SPANS = (0.0, 0.8, 0.9, 1.0)  # of the progress: most often the first is good
+_TRACKS = 150  # of points that a view shows, from which all views are placed at once; four times as many take three times as long
+_POLL_S = 0.2
 AGREED = (
     0.97  # share of the verified matches that a right model agrees with: 0.99 and more, a wrong one's 0.92
 )
@@ -167,6 +174,7 @@ def best_grown(
     """The model that the matches agree with best; None when no two views fit. `focal`: what is expected, in pixels; `logged`:
     where a rig says the camera was.
 
+    All views are placed at once first, where their lens is about known: that is quicker, and no unlucky beginning leads it astray.
     A model grown from an unlucky pair of views under a wrong lens may hold together and yet be wrong by a tenth of the
     path; its matches know. It is grown anew then, from the lens that was found and with other chances.
     Or its lens slides off, the path and the points with it, and all matches still agree: a wide lens that bends stands
@@ -177,10 +185,11 @@ def best_grown(
     """
     best: Grown | None = None
     ends: list[tuple[float, float]] = []  # focal length and reprojection error of every model
-    straight = False
+    mapper: Mapper = "incremental" if focal is None else "global"
     for attempt in range(ATTEMPTS):
         span = progress.part(_SPANS[attempt], _SPANS[attempt + 1])
-        grown = grow(database, factor, params, seed + attempt, span, straight)
+        grown = grow(database, factor, params, seed + attempt, span, mapper)
+        tried, mapper = mapper, "incremental"
         if grown is None:
             continue
         model, sizes = grown
@@ -197,14 +206,14 @@ def best_grown(
             best = found
         # Two ways to one lens are proof enough that it is the log's geometry that is off.
         vouched = found_anew or (focal is not None if log_off is None else log_off <= LOG_OFF)
-        if agreement >= AGREED and vouched and not slid:
+        whole = tried != "global" or model.num_reg_images() == count
+        if agreement >= AGREED and vouched and not slid and whole:
             break
-        elsewhere = slid or not vouched
-        straight = elsewhere and attempt == 0
-        if elsewhere:
+        if slid or not vouched:
+            mapper = "straight" if attempt == 0 else "incremental"
             expected = focal or ends[0][0]
             beyond = _BEYOND if expected >= ends[0][0] else 1 / _BEYOND
-            _begin_with(database, (expected if straight else expected * beyond, *_straight(lens)))
+            _begin_with(database, (expected if attempt == 0 else expected * beyond, *_straight(lens)))
         else:
             _begin_with(database, camera_of(best.model).params)
     if best is None:
@@ -247,16 +256,16 @@ def _begin_with(database: Path, lens: Iterable[float], known: bool = True) -> No
 
 
 def grow(
-    database: Path, factor: int, params: MapParams, seed: int, progress: Progress, straight: bool = False
+    database: Path, factor: int, params: MapParams, seed: int, progress: Progress, mapper: Mapper
 ) -> tuple[pycolmap.Reconstruction, tuple[int, ...]] | None:
-    """The largest model, refined, and the sizes of all that were found; None when no two views fit.
-
-    `straight`: its lens bends as much as it does to begin with until all views are placed, and is set free only then.
-    """
+    """The largest model, refined, and the sizes of all that were found; None when no two views fit."""
     folder = Path(tempfile.mkdtemp(prefix="models-", dir=database.parent))
     options = options_of(factor, params, seed)
-    options.ba_refine_extra_params = not straight
-    models = _run(database, folder, options, None, progress.part(0.0, 0.8))
+    options.ba_refine_extra_params = mapper != "straight"
+    if mapper == "global":
+        models = _place_all(database, seed, progress.part(0.0, 0.8))
+    else:
+        models = _place_each(database, folder, options, None, progress.part(0.0, 0.8))
     if not models:
         return None
     sizes = tuple(sorted((model.num_reg_images() for model in models), reverse=True))
@@ -270,7 +279,9 @@ def grow(
     options.mapper.abs_pose_min_inlier_ratio = 0.15
     again = folder / "again"
     again.mkdir()
-    grown = _run(database, again, options, start, progress.part(0.8, 0.95))
+    with pycolmap.Database.open(database) as opened:
+        complete = best.num_reg_images() == opened.num_images()
+    grown = [] if complete else _place_each(database, again, options, start, progress.part(0.8, 0.95))
     best = max([best, *grown], key=lambda model: model.num_reg_images())
     progress.step(0.95, "refining all views together")
     refine(best, factor, params)
@@ -284,6 +295,10 @@ def options_of(factor: int, params: MapParams, seed: int) -> pycolmap.Incrementa
     options.num_threads = options.mapper.num_threads = 1
     options.random_seed = seed
     options.extract_colors = False
+    # COLMAP's own adjustments go on while they gain anything, at every tenth view more; what all views end at is the same.
+    options.ba_local_function_tolerance, options.ba_global_function_tolerance = 1e-4, 1e-5
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
+    options.ba_global_max_refinements = 2
     options.ba_refine_principal_point = False
     options.mapper.init_min_tri_angle = params.first_angle_deg
     options.mapper.init_min_num_inliers = 2 * params.placed_inliers
@@ -297,7 +312,34 @@ def options_of(factor: int, params: MapParams, seed: int) -> pycolmap.Incrementa
     return options
 
 
-def _run(
+def _place_all(database: Path, seed: int, progress: Progress) -> list[pycolmap.Reconstruction]:
+    """COLMAP's global mapper: it can't be told to stop, and is left behind."""
+    options = pycolmap.GlobalPipelineOptions()
+    # One thread, as in `options_of`.
+    options.num_threads = options.mapper.num_threads = 1
+    options.random_seed = options.mapper.random_seed = seed
+    options.mapper.track_required_tracks_per_view = _TRACKS
+    options.mapper.global_positioning.use_gpu = options.mapper.bundle_adjustment.ceres.use_gpu = False
+    found, failed = pycolmap.ReconstructionManager(), list[Exception]()
+
+    def run() -> None:
+        try:
+            with pycolmap.Database.open(database) as opened:
+                pycolmap.GlobalPipeline(options, opened, found).run()
+        except Exception as error:
+            failed.append(error)
+
+    running = threading.Thread(target=run, daemon=True)
+    running.start()
+    while running.is_alive():
+        progress.step(0.0, "placing all views at once")
+        running.join(_POLL_S)
+    if failed:
+        raise failed[0]
+    return [found.get(index) for index in range(found.size())]
+
+
+def _place_each(
     database: Path,
     folder: Path,
     options: pycolmap.IncrementalPipelineOptions,
@@ -323,7 +365,7 @@ def _run(
     callback: Callable[[], None] = report
     try:
         models = pycolmap.incremental_mapping(
-            database, database.parent / "images", folder, options, str(start) if start else "",
+            database, database.parent, folder, options, str(start) if start else "",
             lambda: None, callback, token,
         )  # fmt: skip
     except InterruptedError:

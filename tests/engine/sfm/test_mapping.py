@@ -1,6 +1,6 @@
 import numpy as np
 
-from engine.sfm.incremental import best_of_both
+from engine.sfm.mapping import best_of_both
 
 
 def descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
