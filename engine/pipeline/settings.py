@@ -7,6 +7,7 @@ belongs is refused before any work starts.
 import copy
 import dataclasses
 import difflib
+import re
 import tomllib
 import types
 import typing
@@ -176,11 +177,11 @@ def with_changes(
 
 
 def _parse(text: str) -> Any:
-    """A TOML value, or the bare word itself."""
+    """A TOML value, a number as people write it (.5, 1.), or the bare word itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        return text
+        return float(text) if re.fullmatch(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?", text) else text
 
 
 def _absolute(file: Any) -> Any:

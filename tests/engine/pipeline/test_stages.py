@@ -219,7 +219,7 @@ def test_whole_numbers_do_for_real_ones_and_count_as_the_same(session: sessions.
         stages.plan(session, tiny.table(), with_changes(Settings(), None, None, [f"count.gain={text}"]))[
             0
         ].fingerprint
-        for text in ("2", "2.0", "2e0")
+        for text in ("2", "2.0", "2e0", "2.", "+2.", ".2e1")
     }
     assert len(prints) == 1
 
