@@ -135,6 +135,53 @@ def _pull_rows(begins, counts, columns, values, residual, chunks, chunk_sums, pa
                 chunk_sums[c, k, 2] += w * b
 
 
+@njit(**_FLAGS)
+@no_type_check
+def _count_free(begins, counts, columns, free, found, part, parts):
+    """How many of a row's columns are free."""
+    for p in range(part, begins.shape[0], parts):
+        for e in range(begins[p], begins[p] + counts[p]):
+            found[p] += free[columns[e]]
+
+
+@njit(**_FLAGS)
+@no_type_check
+def _take_free(begins, counts, columns, values, free, to, out_columns, out_values, part, parts):
+    """The free columns of every row, from `to` on."""
+    for p in range(part, begins.shape[0], parts):
+        at = to[p]
+        for e in range(begins[p], begins[p] + counts[p]):
+            if free[columns[e]]:
+                out_columns[at], out_values[at] = columns[e], values[e]
+                at += 1
+
+
+def rows_of_free(
+    rows: LinearRenders, free: Bool[np.ndarray, " k"], run: ThreadPool
+) -> tuple[LinearRenders, Bool[np.ndarray, " p"]]:
+    """What the free colours decide: their columns of the rows that have any, and which rows these are."""
+    found = np.zeros(len(rows.begins), np.int64)
+    run(_count_free, (rows.begins, rows.counts, rows.columns, free, found))
+    touched = found > 0
+    counts = found[touched]
+    begins = np.cumsum(counts) - counts
+    columns, values = np.empty(counts.sum(), rows.columns.dtype), np.empty(counts.sum(), rows.values.dtype)
+    args = (
+        rows.begins[touched],
+        rows.counts[touched],
+        rows.columns,
+        rows.values,
+        free,
+        begins,
+        columns,
+        values,
+    )
+    run(_take_free, args)
+    return LinearRenders(
+        begins, counts, columns, values, rows.photographed[touched], rows.trust[touched], rows.lower_bound[touched]
+    ), touched  # fmt: skip
+
+
 def epsilon_of(rows: LinearRenders) -> float:
     """The epsilon of Eq. (6), which the paper only calls small: a hundredth of the mean radiance."""
     return 1e-2 * float(rows.photographed.mean())
@@ -176,10 +223,16 @@ def solve_colours(
     rendered = np.empty((len(rows.begins), 3))
     render_rows(rows, np.ones((count, 3)), rendered, run)
     whole = rendered[:, :1].copy()
+    render_rows(rows, np.where(free[:, None], 0, colours), rendered, run)
+    # The others' light stays as it is, and most pixels show no free Gaussian: a tenth of the work is left.
+    rows, touched = rows_of_free(rows, free, run)
+    whole, fixed = whole[touched], rendered[touched]
+    rendered = np.empty_like(fixed)
     # Arrays of every pixel are large: each is computed in place.
     weights, field = np.empty_like(rendered), np.empty_like(rendered)
     for turn in range(reweightings):
         render_rows(rows, colours, rendered, run)
+        rendered += fixed
         np.add(rendered, epsilon, out=field)
         np.divide(rows.trust[:, None], field, out=weights)
         if objective == "relative":
@@ -194,6 +247,7 @@ def solve_colours(
         for i in range(_STEPS):
             step((turn + i / _STEPS) / reweightings)
             render_rows(rows, ahead, rendered, run)
+            rendered += fixed
             gap = np.subtract(rows.photographed, rendered, out=field)
             gap[rows.lower_bound] = np.maximum(gap[rows.lower_bound], 0)
             pull = backproject_rows(rows, np.multiply(weights, gap, out=field), count, run)

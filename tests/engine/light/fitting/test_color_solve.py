@@ -8,6 +8,8 @@ from engine.light.fitting.color_solve import (
     is_bright,
     linear_renders,
     otsu_threshold,
+    render_rows,
+    rows_of_free,
     solve_colours,
 )
 from engine.light.fitting.training_views import Photographs
@@ -111,3 +113,17 @@ def test_what_is_not_free_stays_and_nothing_turns_negative() -> None:
     )
     assert found[1] == 1.0
     assert 0 <= found[0] < 0.05
+
+
+def test_what_is_fixed_needs_no_rows_of_its_own() -> None:
+    rng = np.random.default_rng(3)
+    matrix = rng.uniform(0, 0.4, (50, 6)) * (rng.uniform(size=(50, 6)) < 0.4)
+    matrix[matrix.sum(1) == 0, 0] = 0.2
+    free = np.array([False, True, False, False, True, False])
+    with thread_pool() as run:
+        left, touched = rows_of_free(rows(matrix, np.ones(50)), free, run)
+        out = np.empty((len(left.begins), 3))
+        colours = rng.uniform(1, 2, (6, 3))
+        render_rows(left, colours, out, run)
+    np.testing.assert_array_equal(touched, matrix[:, free].any(1))
+    np.testing.assert_allclose(out, (matrix[:, free] @ colours[free])[touched], rtol=1e-6)
