@@ -272,14 +272,12 @@ def test_what_hides_the_room_throws_its_own_light(tmp_path: Path) -> None:
     assert corner > 0.02
     assert corner > 3 * max(far, 1e-3)
     # No more comes back than an even room would have given with nothing in the way.
-    everything = np.ones((32 * 32, CELLS), np.uint8)
     views = -rays(camera).reshape(-1, 3)
     diffuse, specular = rows(
         normal.reshape(-1, 3),
         np.ones(32 * 32),
         views,
         fibonacci_sphere(CELLS),
-        everything,
         False,
         lobe_floor(CELLS),
     )
