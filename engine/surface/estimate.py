@@ -43,9 +43,7 @@ class Iteration:
     pixels: int
     residual: float | None  # median spread of the weighted residuals afterwards, where the pixels were solved
     turned_deg: float | None  # mean turn of the normals
-    validation_error: (
-        float | None
-    )  # median relative, of the validation views, as soon as the light is settled
+    validation_error: float | None  # median relative, of the validation views, once the light is settled
     kept: bool = True  # or undone, for the validation views were rendered worse
 
 

@@ -77,7 +77,7 @@ def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress
             error, turned = validation_error(scene, now), _turned_deg(before, now)
             kept = phase.repeat == 1 or not is_worse(error_before, error)
             made = Iteration(
-                phase.name, tuple(one.__name__ for one in phase.passes), len(now.object_pixels.rays),
+                phase.name, tuple(one.__name__ for one in phase.passes), int(now.object_pixels.mask.sum()),
                 float(np.median(known(now.state).residual_scale)) if passes.solve_pixels in phase.passes else None,
                 turned if np.isfinite(turned) else None, float(np.median(error)) if error.size else None, kept,
             )  # fmt: skip
@@ -127,8 +127,8 @@ def _iteration(scene: Scene, now: Estimate, phase: Phase, progress: Progress) ->
 def half_suffices(now: Estimate) -> bool:
     """Whether these are the pixels of half the size, and enough: the object is known to hide next to nothing of the room from
     itself."""
-    hidden, many = now.geometry.visibility, len(now.object_pixels.rays) >= HALF_SUFFICES_PIXELS
-    return now.level == HALF and hidden is not None and many and hidden.is_nearly_convex
+    hidden, many = now.geometry.visibility, now.object_pixels.mask.sum() >= HALF_SUFFICES_PIXELS
+    return bool(now.level == HALF and many and hidden is not None and hidden.is_nearly_convex)
 
 
 def _turned_deg(before: Estimate, now: Estimate) -> float:

@@ -35,9 +35,7 @@ class SurfaceReport:
     """Facts of one solve, fit for JSON."""
 
     pixels: int
-    together: (
-        int  # pixels of the picture that was solved at once; fewer than `pixels`: the rest followed in tiles
-    )
+    together: int  # pixels of the picture that was solved at once; if fewer, the rest followed in tiles
     rounds: int  # on all of these
     fitted_views: int
     held_out_views: tuple[int, ...]
@@ -57,9 +55,7 @@ class SurfaceReport:
     history: tuple[Iteration, ...]  # what ran, in order, and what it did
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
-    depth_parts: tuple[
-        float, ...
-    ]  # shares of the pixels of the depth's parts (`Surface.part`), the largest first
+    depth_parts: tuple[float, ...]  # shares of the pixels of `Surface.part`s, the largest first
 
 
 def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.ndarray, " f"], tuple[int, ...]]:

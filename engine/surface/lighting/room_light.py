@@ -3,6 +3,7 @@
 Gaussians live in the world frame; probes and directions in the camera frame of each view.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,9 +58,7 @@ class RoomLightConfig:
     foretold_error: float = 0.01  # what a ball of it may be off by
     photographed_share: float = 0.5  # of a cell, at least, for its light to count as somebody's
     exposure_sigma: float = 0.1  # spread of the logarithm of a view's exposure that is expected
-    lamp_offset_sigma: float = float(
-        np.radians(0.5)
-    )  # of a lamp's direction: three pixels of a small photograph
+    lamp_offset_sigma: float = math.radians(0.5)  # of a lamp's direction: three pixels of a small photograph
 
 
 CONFIG = RoomLightConfig()
@@ -72,9 +71,7 @@ class RoomLight:
     emitters: Emitters  # as the photographs have them
     poses: Poses
     group: Int[np.ndarray, " k"]  # of every Gaussian of the field; the lamps are the groups after these
-    kind: UInt8[
-        np.ndarray, " g"
-    ]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`emitter_groups`)
+    kind: UInt8[np.ndarray, " g"]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN
     clipped_share: Float[np.ndarray, " g"]  # of each group's light: recorded as a lower bound
     gain_sigma: float  # spread of a known group's log gain
     exposure_sigma: float  # spread of a view's log exposure; 0: none drifts

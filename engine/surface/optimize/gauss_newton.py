@@ -351,8 +351,9 @@ def hessians_by_view_group(
         spread[pixels] = _residual_scale(answers, at, seen)
         at = replace(at, residual_scale=spread[pixels])
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
-            some = [np.ascontiguousarray(x[..., begin:end]) for x in answers]
-            group = seen.part(np.arange(len(pixels)), np.arange(begin // 3, end // 3))
+            every = *answers, seen.radiance, seen.weight, seen.beside
+            *some, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in every)
+            group = replace(seen, radiance=radiance, weight=weight, beside=beside)
             told = _normal_equations(some, at, group, 1 / count)
             for name in NormalEquations.__slots__:
                 getattr(found, name)[pixels, k] = getattr(told, name)

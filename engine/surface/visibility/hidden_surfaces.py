@@ -40,9 +40,7 @@ class HiddenPatches:
 
     of: Int[np.ndarray, "t b"]  # each triangle's patches, of a wall from rim to foot; -1: it has none
     points: Float[np.ndarray, "w 3"]  # of a wall's on the mesh
-    normals: Float[
-        np.ndarray, "w 3"
-    ]  # a wall's across the viewing ray: if it leaned to the camera it would be seen
+    normals: Float[np.ndarray, "w 3"]  # a wall's across the viewing ray: leaning to it, it would be seen
     albedo: Float[np.ndarray, "w 3"]  # of a wall's rim, of a back's front: geometric mean
     parts: list[Int[np.ndarray, " _"]]  # patches of one place
 
@@ -94,7 +92,7 @@ def patches(
         return none_of(len(of))
     corners, whose = mesh.vertices[mesh.triangles[walls]], mesh.pixels[walls]
     pixel = _places(mask)[whose].mean(1)
-    away = _smoothed(pixel, faces[walls], areas[walls], CONFIG.smooth_px)
+    away = _smoothed(pixel, faces[walls], areas[walls])
     ray = corners.mean(1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     away -= ray * (away * ray).sum(1, keepdims=True)
@@ -171,13 +169,10 @@ def none_of(triangles: int) -> HiddenPatches:
 
 
 def _smoothed(
-    pixel: Float[np.ndarray, "k 2"],
-    faces: Float[np.ndarray, "k 3"],
-    areas: Float[np.ndarray, " k"],
-    reach_px: float,
+    pixel: Float[np.ndarray, "k 2"], faces: Float[np.ndarray, "k 3"], areas: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k 3"]:
     """Mean normal of the walls around each that look about the same way, not of unit length."""
-    pairs = KDTree(pixel).query_pairs(reach_px, output_type="ndarray")
+    pairs = KDTree(pixel).query_pairs(CONFIG.smooth_px, output_type="ndarray")
     one, other = pairs[(faces[pairs[:, 0]] * faces[pairs[:, 1]]).sum(1) > 0].T
     whole = faces * areas[:, None]
     total = whole.copy()
