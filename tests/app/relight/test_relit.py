@@ -77,10 +77,9 @@ def exactly(energy: np.ndarray) -> np.ndarray:
     mask = s.mask
     normal, away = (torch.from_numpy(v[mask].astype(float)) for v in (s.normal, -rays(s.camera)))
     cells = torch.from_numpy(fibonacci_sphere(CELLS))
-    seen = torch.ones((int(mask.sum()), CELLS), dtype=torch.float64)
     rough = torch.from_numpy(s.roughness[mask].astype(float))
     diffuse, specular = (
-        answer.numpy() for answer in rows_reference(normal, rough, away, cells, seen, True, lobe_floor(CELLS))
+        answer.numpy() for answer in rows_reference(normal, rough, away, cells, True, lobe_floor(CELLS))
     )
     return s.albedo[mask] * (diffuse @ energy) + specular @ energy
 
