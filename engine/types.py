@@ -7,6 +7,7 @@ unit vectors pointing away from the surface; a normal that faces the camera has 
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int16, UInt8
@@ -149,6 +150,18 @@ class Emitters:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CapturedScene:
+    """What the stages before *surface* left: photographs, what in them is the object, where they were taken from, and the
+    room's light, whose lamps are the last of the Gaussians."""
+
+    frames: Frames
+    masks: Masks
+    poses: Poses
+    gaussians: Gaussians
+    lamps: Lamps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """Stage *surface*'s answer, on the pixel grid of the photographs, camera frame.
 
@@ -191,6 +204,16 @@ class ValidationRenders:
 
     views: tuple[int, ...]  # indices into Frames
     radiance: Float[np.ndarray, "k h w 3"]  # float32, session scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedScene:
+    """What a solver of stage *surface* answers."""
+
+    surface: Surface
+    renders: ValidationRenders
+    emitters: Emitters  # the light it was solved under
+    report: Any  # the solver's facts, fit for JSON
 
 
 @dataclass(frozen=True, slots=True, eq=False)

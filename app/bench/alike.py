@@ -35,8 +35,8 @@ def alike(stored: Stored, device: str, seed: int) -> Alike:
         SurfaceError: what our solver has to say.
     """
     if (stored, device, seed) not in _found:
-        *_, emitters, report = solve(*stored.inputs, SurfaceParams(), device, seed, Progress())
-        hand_over(stored, device, seed, emitters, report.distance.value)
+        found = solve(stored.captured, SurfaceParams(), device, seed, Progress())
+        hand_over(stored, device, seed, found.emitters, found.report.distance.value)
     return _found[stored, device, seed]
 
 

@@ -126,9 +126,9 @@ class Known:
         scatter: Scatter,
     ) -> Iterator[Float[np.ndarray, " _"]]:
         """Degrees that each normal of each part is off at least on average."""
-        responses = self.object_pixels.light_transport(self.light, params, "cpu", geometry)
+        transport = self.object_pixels.problem(self.light, geometry, params, "cpu").transport
         for pixels in blocks:
-            radiance, jacobian = derivatives(responses, geometry, pixels, true)
+            radiance, jacobian = derivatives(transport, geometry, pixels, true)
             usable = self.object_pixels.observations.weight[pixels].reshape(radiance.shape) > 0
             yield np.degrees(expected_angle(information(radiance, jacobian * usable[..., None], scatter)))
 

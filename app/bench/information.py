@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ellipe
 
-from engine.surface.optimize.gauss_newton import STEP, PixelEstimate, perturbed
-from engine.surface.rendering.transport import LightTransport, SurfaceGeometry
+from engine.surface.optimize.gauss_newton import STEP, PixelEstimate, perturbed, roughness_step
+from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
 
 SHARED = 0.8
 """Correlation of the path tracer's noise between channels, for a sample that finds a lamp finds it in all three: 0.79 to 0.88
@@ -89,17 +89,17 @@ def expected_angle(information: Float[np.ndarray, "p u u"]) -> Float[np.ndarray,
 
 
 def derivatives(
-    transport: LightTransport, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"], at: PixelEstimate
+    transport: TransportModel, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"], at: PixelEstimate
 ) -> tuple[Float[np.ndarray, "p n 3"], Float[np.ndarray, "p n 3 6"]]:
     """Radiance of some pixels in every view, and its derivatives by the six unknowns."""
     n, r, albedo = at.normals[pixels], at.roughness[pixels], at.albedo[pixels][:, None]
-    leaning, rough, inward = perturbed(n, r)
+    leaning, rough = perturbed(n, r)
     diffuse, specular = (
         x.astype(np.float64).reshape(len(pixels), 4, -1, 3)
         for x in transport(transport.block(geometry, pixels), leaning, rough)
     )
     sent = albedo[:, None] * diffuse + specular
-    steps = np.stack([np.full(len(pixels), STEP), np.full(len(pixels), STEP), inward], 1)
+    steps = np.stack([np.full(len(pixels), STEP), np.full(len(pixels), STEP), roughness_step(r)], 1)
     jacobian = np.zeros((*sent[:, 0].shape, 6))
     for k, unknown in enumerate((0, 1, 5)):
         jacobian[..., unknown] = (sent[:, k + 1] - sent[:, 0]) / steps[:, k, None, None]

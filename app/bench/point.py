@@ -31,17 +31,7 @@ def main(argv: Sequence[str]) -> int:
     with contextlib.suppress(OSError):  # a kernel that keeps the mark: the warming up was the smaller solve
         Path("/proc/self/clear_refs").write_text("5")
     start = time.perf_counter()
-    solve(
-        given.frames,
-        given.masks,
-        given.poses,
-        given.gaussians,
-        given.lamps,
-        params,
-        device,
-        int(seed),
-        Progress(),
-    )
+    solve(given.captured, params, device, int(seed), Progress())
     seconds = time.perf_counter() - start
     peak = memory("VmHWM:")
     # Pages of the photographs that are first read by the solve count as its own.

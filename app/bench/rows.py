@@ -83,11 +83,11 @@ def ours(
     def run(stored: Stored, device: str, seed: int, progress: Progress) -> Answer:
         given = change(stored)
         start = time.perf_counter()
-        surface, *_, emitters, report = solve(*given.inputs, params, device, seed, progress)
+        found = solve(given.captured, params, device, seed, progress)
         seconds = time.perf_counter() - start
         if params == SurfaceParams() and given is stored:
-            hand_over(stored, device, seed, emitters, report.distance.value)
-        return Answer(surface, seconds, rendered=report.held_out_error)
+            hand_over(stored, device, seed, found.emitters, found.report.distance.value)
+        return Answer(found.surface, seconds, rendered=found.report.held_out_error)
 
     return Method(key, title, "ours", run, dataclasses.asdict(params))
 
@@ -115,7 +115,7 @@ def _baseline(key: str) -> Method:
             same = alike(stored, device, seed)
             params, given = replace(params, object_distance=same.distance), same.stored
         start = time.perf_counter()
-        surface = BASELINES[key].solve(*given.inputs, params, device, seed, progress)
+        surface = BASELINES[key].solve(given.captured, params, device, seed, progress)
         return Answer(surface, time.perf_counter() - start)
 
     facts = dataclasses.asdict(BASELINES[key].params())
@@ -145,7 +145,8 @@ def by_reference(
     from engine.reference.solver import solve as solve_by_reference
 
     params = replace(params, object_distance=distance)
-    surface, *_, report = solve_by_reference(*given.inputs, params, device, seed, progress)
+    found = solve_by_reference(given.captured, params, device, seed, progress)
+    surface, report = found.surface, found.report
     whole = report.seconds_per_pixel * report.object_pixels + report.emitter_seconds
     whole = whole if params.epochs else math.nan
     return Answer(surface, whole, report.pixels < report.object_pixels, report.held_out_error)

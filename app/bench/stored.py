@@ -13,7 +13,7 @@ from app import results
 from app.bench.record import BenchError
 from engine.light.gaussians.gaussians import part
 from engine.pipeline import run
-from engine.types import Frames, Gaussians, Lamps, Masks, Poses
+from engine.types import CapturedScene, Frames, Gaussians, Lamps, Masks, Poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,9 +28,9 @@ class Stored:
     lamps: Lamps
 
     @property
-    def inputs(self) -> tuple[Frames, Masks, Poses, Gaussians, Lamps]:
+    def captured(self) -> CapturedScene:
         """What every solver takes first."""
-        return self.frames, self.masks, self.poses, self.gaussians, self.lamps
+        return CapturedScene(self.frames, self.masks, self.poses, self.gaussians, self.lamps)
 
     def views(self, index: Int[np.ndarray, " k"]) -> "Stored":
         """The same of some photographs; the light stays that of all."""

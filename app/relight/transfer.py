@@ -154,11 +154,15 @@ def build(small: Small, full_diffuse: bool, progress: "Progress") -> dict[str, n
     light = small.albedo[mask].mean(1)
     for i, block in enumerate(parts):
         progress.step(0.5 + 0.5 * i / len(parts), "what light does to each pixel")
-        everything = np.ones((len(block), CELLS), np.uint8)
         diffuse, specular = rows(
-            normals[block], rough[block], towards[block], directions, everything, full_diffuse, floor,
+            normals[block],
+            rough[block],
+            towards[block],
+            directions,
+            full_diffuse,
+            floor,
             of_pixels(made, block),
-        )  # fmt: skip
+        )
         answers = _with_tiles(hidden, block, (diffuse, specular), tile, tiles)
         matters = float(np.linalg.norm(diffuse * light[block, None]))
         for table, least in zip(answers, (0.0, matters), strict=True):
@@ -237,8 +241,9 @@ def _with_tiles(
     What hides the room throws light itself: a tile's column is the response to its radiance, in units of
     `relighting.TILE_UNIT`, so that both kinds of columns weigh about the same when they are compressed together.
     """
-    start, direction, source = hidden.of(block)
-    owner = np.repeat(np.arange(len(block)), np.diff(start))
+    of_block = hidden.part(block)
+    direction, source = of_block.direction, of_block.occluder
+    owner = np.repeat(np.arange(len(block)), np.diff(of_block.start))
     seen = source >= 0
     place = owner[seen].astype(np.int64) * tiles + tile[source[seen]]
     made = []

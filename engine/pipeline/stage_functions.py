@@ -26,6 +26,7 @@ from engine.pipeline import artifacts
 from engine.pipeline.stages import Work
 from engine.types import (
     Camera,
+    CapturedScene,
     Emitters,
     Frames,
     Gaussians,
@@ -33,8 +34,8 @@ from engine.types import (
     Masks,
     Panorama,
     Poses,
+    SolvedScene,
     Surface,
-    ValidationRenders,
 )
 
 Records = Mapping[str, Any]
@@ -208,14 +209,14 @@ def reference(work: Work) -> Records:
     return _solved(work, solve)
 
 
-def _solved(work: Work, solve: Callable[..., tuple[Surface, ValidationRenders, Emitters, Any]]) -> Records:
-    found, renders, emitters, report = solve(
+def _solved(work: Work, solve: Callable[..., SolvedScene]) -> Records:
+    captured = CapturedScene(
         work.load("hdr", "frames", Frames), work.load("segment", "masks", Masks),
         work.load("poses", "poses", Poses), work.load("light", "gaussians", Gaussians),
-        work.load("light", "lamps", Lamps), work.params, work.device, work.seed, work.progress,
-        work.session.orientation,
+        work.load("light", "lamps", Lamps),
     )  # fmt: skip
-    return {"surface": found, "renders": renders, "emitters": emitters, "report": report}
+    found = solve(captured, work.params, work.device, work.seed, work.progress, work.session.orientation)
+    return {name: getattr(found, name) for name in ("surface", "renders", "emitters", "report")}
 
 
 def export(work: Work) -> Records:

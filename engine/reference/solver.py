@@ -10,6 +10,7 @@ some (as `bench` does, which gives all methods one light).
 """
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -33,7 +34,7 @@ from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import image
 from engine.surface.solve import held_out, rerendering_error
-from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface, ValidationRenders
+from engine.types import CapturedScene, Emitters, Frames, Masks, SolvedScene, Surface, ValidationRenders
 
 TILE = 4
 """Side of the tiles in which a part of the pixels is taken: each has neighbours for Eq. (15) and (16), and a few hundred
@@ -45,12 +46,16 @@ INSIDE = 0.01
 
 
 def solve(
-    frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps, params: ReferenceParams,
-    device: str, seed: int, progress: Progress, flip: int = 0,
-) -> tuple[Surface, ValidationRenders, Emitters, ReferenceReport]:  # fmt: skip
+    captured: CapturedScene,
+    params: ReferenceParams,
+    device: str,
+    seed: int,
+    progress: Progress,
+    flip: int = 0,
+) -> SolvedScene:
     """The surface of the pixels solved (its mask), and the pictures of the views kept out.
 
-    `gaussians` hold the lamps and are all the light, unless the paper's own is to be trained. Of its errors the paper's
+    The Gaussians hold the lamps and are all the light, unless the paper's own is to be trained. Of its errors the paper's
     method knows nothing: the standard errors stand at the whole range. `seed` draws pixels, batches and directions;
     maps to start from are of the upright picture, turned by `flip`.
 
@@ -58,16 +63,16 @@ def solve(
         SurfaceError: too few views, an empty mask, or maps to start from that do not fit.
         LightError: a light is to be trained, and nothing shows it.
     """
-    mask = masks.object
+    frames, masks, poses, mask = captured.frames, captured.masks, captured.poses, captured.masks.object
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.validation_views)
-    light = light_for(frames, masks, poses, gaussians, lamps, params, seed, progress.part(0, 0.05))
-    gaussians, lamps = light.gaussians, light.lamps
-    clock, ours = time.perf_counter(), SurfaceParams()
-    room = build_room_light(
-        gaussians, lamps, frames, masks, poses, ours.light_groups, ours.light_gain_sigma, seed
+    light = light_for(
+        frames, masks, poses, captured.gaussians, captured.lamps, params, seed, progress.part(0, 0.05)
     )
+    gaussians, lamps, clock = light.gaussians, light.lamps, time.perf_counter()
+    as_known = replace(captured, gaussians=gaussians, lamps=lamps)
+    room = build_room_light(as_known, SurfaceParams(without=("light_gains",)), seed)
     first = begin(frames, mask, room, fitted, params, device, seed, progress.part(0.05, 0.1), flip)
     solved, distance = part_of(mask, params.pixels, seed), first.distance.value
     unit = radiance_unit(frames, masks, fitted)
@@ -115,7 +120,8 @@ def solve(
         unit, told, begun - clock, seconds,
     )  # fmt: skip
     as_given = Emitters(gaussians, lamps, 0)
-    return _surface(solved, unknowns, depth, told), ValidationRenders(kept_out, pictures), as_given, report
+    surface = _surface(solved, unknowns, depth, told)
+    return SolvedScene(surface, ValidationRenders(kept_out, pictures), as_given, report)
 
 
 def _picture(

@@ -62,10 +62,9 @@ def begin(
     who = observe_object(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance, begun = Distance(params.object_distance, 0.0, "given"), None
     if params.object_distance <= 0:
-        begun, room, tried, misfit = coarse_distance_search(
-            who, room, views, ours, seed, progress.part(0, 0.5)
-        )
-        distance = Distance(begun.distance, np.nan, "light", tried, misfit)
+        found = coarse_distance_search(who, room, views, ours, seed, progress.part(0, 0.5))
+        begun, room = found.light_parameters, room.with_patches_split(found.grouped_light.patches)
+        distance = Distance(begun.distance, np.nan, "light", found.distances, found.misfits)
     if params.initial_normals:
         maps = initial_maps.read(Path(params.initial_normals), None, params.normals_frame, mask, True, flip)
         count = len(maps.normals)
@@ -84,6 +83,6 @@ def begin(
             lattice, room.with_gains(gain), room.poses.cam_from_world[views], CONFIG.directions, ours.probe_resolution,
             progress.part(0.5, 0.7),
         )  # fmt: skip
-        state = search_initial_normals(who, light, who.geometry_at_distance(z), ours, progress.part(0.7, 0.9))
+        state = search_initial_normals(who, light, who.geometry_at(z), ours, progress.part(0.7, 0.9))
     depth = depth_from_normals(who, state, distance.value, progress.part(0.9, 1))
     return Start(state.normals, state.albedo, state.roughness, depth, distance)

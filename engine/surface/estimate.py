@@ -1,22 +1,37 @@
 """Everything that a solve knows at some moment. Camera frame."""
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from engine.progress import Progress
-from engine.surface.data.pyramid import upsample_estimate
+from engine.surface.data.observations import parent_index
 from engine.surface.data.scene import Picture, Scene
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.lighting.light_calibration import LightParameters
 from engine.surface.lighting.room_light import RoomLight
-from engine.surface.optimize.gauss_newton import PixelEstimate
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, initial_estimate
 from engine.surface.optimize.pixel_sample import PixelSample
-from engine.surface.rendering.object_pixels import ObjectPixels
-from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry
+from engine.surface.reflectance.brdf import of_pixels
+from engine.surface.rendering.object_pixels import (
+    ObjectPixels,
+    depth_from_normals,
+    light_transport,
+    photographed_radiance,
+)
+from engine.surface.rendering.transport import IncidentLight, LightTransport, SurfaceGeometry
 from engine.surface.uncertainty.standard_errors import LightVariance
+
+Thing = TypeVar("Thing")
+
+
+def known(thing: Thing | None) -> Thing:
+    """What some pass before has found."""
+    assert thing is not None
+    return thing
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +43,7 @@ class Iteration:
     pixels: int
     residual: float | None  # median spread of the weighted residuals afterwards, where the pixels were solved
     turned_deg: float | None  # mean turn of the normals
-    validation_error: (
-        float | None
-    )  # median relative error of the validation views, as soon as the light is settled
+    validation_error: float | None  # median relative, of the validation views, once the light is settled
     kept: bool = True  # or undone, for the validation views were rendered worse
 
 
@@ -82,66 +95,44 @@ class Estimate:
         """The light as it stands."""
         if self.light is not None:
             return self.light
-        return self.known_grouped_light.with_gains(
-            self.known_light_parameters.gain, self.known_light_parameters.lamp_offset
-        )
+        placed = known(self.light_parameters)
+        return known(self.grouped_light).with_gains(placed.gain, placed.lamp_offset)
 
-    @property
-    def known_grouped_light(self) -> GroupedLight:
-        """The light by groups; known once it is gathered."""
-        assert self.grouped_light is not None
-        return self.grouped_light
+    def problem(self, scene: Scene) -> PixelProblem:
+        """The pixels under the light as it stands."""
+        return self.compensated_pixels.problem(self.incident, self.geometry, scene.params, scene.device)
 
-    @property
-    def known_light_parameters(self) -> LightParameters:
-        """Distance and brightnesses; known once the light is gathered."""
-        assert self.light_parameters is not None
-        return self.light_parameters
-
-    @property
-    def known_state(self) -> PixelEstimate:
-        """The pixels' answers; known once normals were sought."""
-        assert self.state is not None
-        return self.state
-
-    @property
-    def known_depth(self) -> Float[np.ndarray, "h w"]:
-        """The depth; known once normals were integrated."""
-        assert self.depth is not None
-        return self.depth
+    def validation_transport(self, scene: Scene) -> LightTransport:
+        """How the pixels answer the light of the validation views; known once the light is settled."""
+        picture = known(self.picture)
+        seen = photographed_radiance(picture.frames, picture.mask, scene.validation.tolist())
+        return light_transport(seen, known(self.validation), self.geometry, scene.params, "cpu")
 
     def with_material(self, material: Float[np.ndarray, "p 2"] | None) -> "Estimate":
         """The same of another material."""
-        return replace(
-            self,
-            object_pixels=replace(self.object_pixels, material=material),
-            geometry=replace(self.geometry, material=material),
-        )
+        pixels, geometry = (replace(one, material=material) for one in (self.object_pixels, self.geometry))
+        return replace(self, object_pixels=pixels, geometry=geometry)
 
     def with_light_parameters(self, light_parameters: LightParameters) -> "Estimate":
         """The same under another calibration of the light; the object moves to where it has it."""
         by = light_parameters.distance / self.distance.value
         distance = replace(self.distance, value=light_parameters.distance)
         return replace(
-            self,
-            light_parameters=light_parameters,
-            distance=distance,
-            geometry=self.geometry.at(by),
-            depth=self.known_depth * by,
-        )
+            self, light_parameters=light_parameters, distance=distance, geometry=self.geometry.at(by),
+            depth=known(self.depth) * by,
+        )  # fmt: skip
 
     def upsampled(self, scene: Scene, progress: Progress) -> "Estimate":
         """The same for the pixels of a picture twice as large."""
         object_pixels = scene.coarse[self.level - 1].pixels(np.arange(len(scene.coarse_views)), scene.params)
-        object_pixels, state, depth, geometry = upsample_estimate(
-            object_pixels, self.object_pixels, self.known_state, self.geometry, self.distance.value, progress
-        )
+        take = parent_index(self.object_pixels.mask, object_pixels.mask)
+        object_pixels = replace(object_pixels, material=of_pixels(self.object_pixels.material, take))
+        state = known(self.state).part(take)
+        state = initial_estimate(state.normals, state.albedo, state.roughness)
+        depth = depth_from_normals(object_pixels, state, self.distance.value, progress)
+        hidden = self.geometry.visibility and self.geometry.visibility.upsampled(take)
+        geometry = replace(object_pixels.geometry_at(depth[object_pixels.mask]), visibility=hidden)
         return replace(
-            self,
-            level=self.level - 1,
-            object_pixels=object_pixels,
-            state=state,
-            depth=depth,
-            geometry=geometry,
+            self, level=self.level - 1, object_pixels=object_pixels, state=state, depth=depth, geometry=geometry,
             halved_state=state,
-        )
+        )  # fmt: skip

@@ -61,9 +61,7 @@ class SurfaceParams:
         ""  # .exr, .png, .npy or .npz with first normals (and roughness); empty: our search
     )
     initial_roughness: str = ""  # the same with first roughness, where it is a file of its own
-    normals_frame: str = (
-        "opencv"  # axes of those normals: y down, z ahead; or "opengl": y up, z to the camera
-    )
+    normals_frame: str = "opencv"  # of those: y down, z ahead; or "opengl": y up, z to the camera
 
     def __post_init__(self) -> None:
         choices = {"normals_frame": NORMAL_FRAMES, "diffuse": get_args(Diffuse), "without": PARTS}

@@ -12,28 +12,16 @@ from jaxtyping import Float, Int
 from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.scene import Scene
-from engine.surface.estimate import Estimate
+from engine.surface.estimate import Estimate, known
+from engine.surface.lighting import light_calibration
 from engine.surface.lighting.distance_search import coarse_directions, coarse_distance_search
 from engine.surface.lighting.emitter_groups import CLIPPED, UNSEEN
 from engine.surface.lighting.exposure_offset import exposure_offset_of
-from engine.surface.lighting.light_calibration import (
-    calibrate,
-    calibrate_with_distance,
-    light_variance,
-    prior_light,
-    split_groups,
-)  # fmt: skip
 from engine.surface.lighting.probe_density import choose_direction_count, choose_probe_grid
 from engine.surface.lighting.room_light import gather_grouped_light, gather_incident_light
-from engine.surface.optimize import gauss_newton
+from engine.surface.optimize import pixel_sample
+from engine.surface.optimize.gauss_newton import PixelEstimate, minimize, where
 from engine.surface.optimize.material import classify, kind, same
-from engine.surface.optimize.pixel_sample import (
-    PixelSample,
-    calibration_pixels,
-    interior,
-    random_subset,
-    sample_pixels,
-)  # fmt: skip
 from engine.surface.optimize.roughness_prior import apply_roughness_prior
 from engine.surface.optimize.spatial_regularization import regularize_spatially
 from engine.surface.rendering.object_pixels import (
@@ -41,7 +29,7 @@ from engine.surface.rendering.object_pixels import (
     geometry_with_visibility,
     search_initial_normals,
 )  # fmt: skip
-from engine.surface.rendering.transport import pixel_blocks, probe_grid_around
+from engine.surface.rendering.transport import probe_grid_around
 from engine.surface.uncertainty.standard_errors import LightVariance
 from engine.types import Emitters
 
@@ -64,9 +52,7 @@ class PassesConfig:
     wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
     surprising_gain: float = 5.0  # over the expected, from which a clipped lamp keeps what the search found
     unseen_iterations: int = 3  # coarse ones more, at most, where light comes from where no photograph looked
-    calibration_pixels: int = 600  # that calibrate the light,
-    calibration_rounds: int = 4  # so often,
-    gauss_newton_steps: int = 2  # with so many steps of the pixels each time
+    calibration_pixels: int = 600  # that calibrate the light
 
 
 CONFIG = PassesConfig()
@@ -80,18 +66,16 @@ def search_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
         params.models("light_gains") and np.isin(now.room_light.kind, (CLIPPED, UNSEEN)).any()
     ):
         return now
-    first, room, tried, misfit = coarse_distance_search(
-        now.object_pixels, now.room_light, now.views, params, scene.seed, progress
-    )
-    distance = replace(now.distance, tried=tried, misfit=misfit)
-    distance = replace(distance, value=first.distance) if free else now.distance
+    found = coarse_distance_search(now.object_pixels, now.room_light, now.views, params, scene.seed, progress)
+    distance = now.distance
+    if free:
+        value = found.light_parameters.distance
+        distance = replace(distance, value=value, tried=found.distances, misfit=found.misfits)
     return replace(
-        now,
-        room_light=room,
-        first_light_parameters=first,
-        distance=distance,
-        geometry=now.object_pixels.geometry_at_distance(distance.value),
-    )
+        now, room_light=now.room_light.with_patches_split(found.grouped_light.patches),
+        first_light_parameters=found.light_parameters, distance=distance,
+        geometry=now.object_pixels.geometry_at(distance.value),
+    )  # fmt: skip
 
 
 def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -100,20 +84,15 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     face_px, directions = params.probe_resolution, coarse_directions(params)
     if now.depth is None:
         margin = CONFIG.wide_margin if params.object_distance <= 0 else CONFIG.tight_margin
-        near_far = distance / margin, distance * margin
-        wide = probe_grid_around(
-            picture.camera, picture.mask, near_far, (CONFIG.wide_probes, CONFIG.wide_probes, 2)
-        )
+        near_far, few = (distance / margin, distance * margin), CONFIG.wide_probes
+        wide = probe_grid_around(picture.camera, picture.mask, near_far, (few, few, 2))
         parts = gather_grouped_light(wide, now.room_light, now.views, directions, face_px, progress)
-        setting = prior_light(parts, distance)
+        setting, first = light_calibration.prior_light(parts, distance), now.first_light_parameters
         surprising = parts.unseen
-        if now.first_light_parameters is not None:
-            surprising = surprising | parts.clipped & (
-                now.first_light_parameters.gain > CONFIG.surprising_gain * setting.gain
-            ).any(1)
-            setting = replace(
-                setting, gain=np.where(surprising[:, None], now.first_light_parameters.gain, setting.gain)
-            )
+        if first is not None:
+            brighter = (first.gain > CONFIG.surprising_gain * setting.gain).any(1)
+            surprising = surprising | parts.clipped & brighter
+            setting = replace(setting, gain=np.where(surprising[:, None], first.gain, setting.gain))
         surprised = params.models("light_gains") and bool(surprising.any())
         return replace(now, grouped_light=parts, light_parameters=setting, lit_by_shading=surprised)
     if now.probe_distance and not outside_probes(distance, now.probe_distance):
@@ -135,49 +114,27 @@ def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     return replace(now, state=_initial_state(scene, now, progress), search_again=False)
 
 
-def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> gauss_newton.PixelEstimate:
+def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> PixelEstimate:
     given = scene.coarse[now.level].initial_maps
-    if given is None:
-        return search_initial_normals(
-            now.compensated_pixels, now.incident, now.geometry, scene.params, progress
-        )
-    return initial_maps.estimate_from_maps(
-        given, now.compensated_pixels, now.incident, now.geometry, scene.params, progress
-    )
+    if given is not None:
+        return initial_maps.estimate_from_maps(given, now.problem(scene), progress)
+    return search_initial_normals(now.compensated_pixels, now.incident, now.geometry, scene.params, progress)
 
 
 def solve_pixels(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Gauss-Newton on every pixel, under what the depth says hides the room from it."""
-    object_pixels, steps = now.compensated_pixels, scene.params.gauss_newton_steps
-    transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
-    state = gauss_newton.minimize(
-        now.known_state,
-        transport,
-        now.geometry,
-        pixel_blocks(object_pixels.mask),
-        object_pixels.observations,
-        steps,
-        progress,
-        reset_scale=True,
+    steps = scene.params.gauss_newton_steps
+    return replace(
+        now, state=minimize(known(now.state), now.problem(scene), steps, progress, reset_scale=True)
     )
-    return replace(now, state=state)
 
 
 def expect_roughness(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Pixels expect the roughness of those that look alike; those far off it are solved a second time from there."""
-    object_pixels = now.compensated_pixels
-    transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
-    state = apply_roughness_prior(
-        now.known_state,
-        transport,
-        now.geometry,
-        pixel_blocks(object_pixels.mask),
-        object_pixels.observations,
-        object_pixels.mask,
-        scene.params.gauss_newton_steps,
-        progress,
+    mask, steps = now.object_pixels.mask, scene.params.gauss_newton_steps
+    return replace(
+        now, state=apply_roughness_prior(known(now.state), now.problem(scene), mask, steps, progress)
     )
-    return replace(now, state=state)
 
 
 def detect_metal(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -194,7 +151,7 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
     """What the object turns out to be made of, and its surface as that; the same where nothing else turns out."""
     object_pixels, span = now.compensated_pixels, progress.part(0, 0.3)
     made = classify(
-        object_pixels, now.known_state, now.incident, now.geometry, settled, scene.params, scene.seed, span
+        object_pixels, known(now.state), now.incident, now.geometry, settled, scene.params, scene.seed, span
     )
     if same(made, object_pixels.material):
         return now
@@ -202,46 +159,37 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
     now = now.with_material(made)
     if turned.any():
         anew = _initial_state(scene, now, progress.part(0.3, 0.5))
-        now = replace(now, state=gauss_newton.where(turned, anew, now.known_state))
+        now = replace(now, state=where(turned, anew, known(now.state)))
     now = solve_pixels(scene, now, progress.part(0.5, 0.85))
     return expect_roughness(scene, now, progress.part(0.85, 1))
 
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The depth that the normals tell."""
-    return replace(
-        now, depth=depth_from_normals(now.object_pixels, now.known_state, now.distance.value, progress)
-    )
+    depth = depth_from_normals(now.object_pixels, known(now.state), now.distance.value, progress)
+    return replace(now, depth=depth)
 
 
 def trace_visibility(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the depth hides of the room from every pixel, and the object's own light instead."""
-    directions = now.incident.directions
-    return replace(
-        now,
-        geometry=geometry_with_visibility(
-            now.object_pixels, now.known_state, now.known_depth, directions, scene.params, progress
-        ),
+    geometry = geometry_with_visibility(
+        now.object_pixels, known(now.state), known(now.depth), now.incident.directions, scene.params, progress
     )
+    return replace(now, geometry=geometry)
 
 
 def split_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The brightest parts of the room that no photograph shows, each in several."""
     if not scene.params.models("light_gains"):
         return now
-    made = split_groups(now.known_grouped_light, now.known_light_parameters)
+    made = light_calibration.split_groups(known(now.grouped_light), known(now.light_parameters))
     # The first calibration tells what normals could not be sought under.
     again = now.lit_by_shading and (made is not None or len(now.residuals) == 0)
     if made is None:
         return replace(now, search_again=again)
     parts, setting = made
-    return replace(
-        now,
-        grouped_light=parts,
-        light_parameters=setting,
-        room_light=now.room_light.with_patches_split(parts.patches),
-        search_again=again,
-    )
+    room = now.room_light.with_patches_split(parts.patches)
+    return replace(now, grouped_light=parts, light_parameters=setting, room_light=room, search_again=again)
 
 
 def calibrate_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -255,20 +203,12 @@ def calibrate_light_in_place(scene: Scene, now: Estimate, progress: Progress) ->
 
 
 def _calibrated(scene: Scene, now: Estimate, free: bool, progress: Progress) -> Estimate:
-    params = scene.params
-    if not (params.models("light_gains") or free):
+    gains = scene.params.models("light_gains")
+    if not (gains or free):
         return now
-    chosen, sample = _calibration_pixels(scene, now)
-    setting, voted = calibrate(
-        now.known_light_parameters,
-        now.known_grouped_light,
-        sample,
-        now.known_state.part(chosen),
-        free,
-        params.models("light_gains"),
-        CONFIG.calibration_rounds,
-        CONFIG.gauss_newton_steps,
-        progress,
+    sample, state = _calibration_pixels(scene, now)
+    setting, voted = light_calibration.calibrate(
+        known(now.light_parameters), known(now.grouped_light), sample, state, free, gains, progress
     )
     return replace(now.with_light_parameters(setting), calibration_pixels=(sample, voted))
 
@@ -278,82 +218,77 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     params = scene.params
     if params.object_distance > 0:
         return now
-    chosen, sample = _calibration_pixels(scene, now)
-    voting = now.known_state.part(chosen)
-    setting = calibrate_with_distance(
-        now.known_light_parameters,
-        now.known_grouped_light,
-        sample,
-        voting,
-        params.models("light_gains"),
-        CONFIG.calibration_rounds // 2,
-        CONFIG.gauss_newton_steps,
-        progress,
-    )
-    stderr = setting.distance_stderr * setting.distance
+    config = light_calibration.CalibrationConfig(rounds=light_calibration.CalibrationConfig().rounds // 2)
+    setting = light_calibration.calibrate_with_distance(
+        known(now.light_parameters), known(now.grouped_light), *_calibration_pixels(scene, now),
+        params.models("light_gains"), progress, config,
+    )  # fmt: skip
     now = now.with_light_parameters(setting)
+    stderr = setting.distance_stderr * setting.distance
     return replace(now, distance=replace(now.distance, stderr=stderr))
 
 
-def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[Int[np.ndarray, " p"], PixelSample]:
-    return calibration_pixels(
-        now.object_pixels, now.geometry, now.distance.value, CONFIG.calibration_pixels, scene.params, scene.seed,
-        spread=now.known_state.residual_scale, light=now.incident,
-    )  # fmt: skip
+def _calibration_pixels(scene: Scene, now: Estimate) -> tuple[pixel_sample.PixelSample, PixelEstimate]:
+    some = pixel_sample.well_explained(
+        pixel_sample.interior(now.object_pixels), known(now.state).residual_scale
+    )
+    return _sampled(scene, now, pixel_sample.random_subset(some, CONFIG.calibration_pixels, scene.seed))
+
+
+def _sampled(
+    scene: Scene, now: Estimate, some: Int[np.ndarray, " p"]
+) -> tuple[pixel_sample.PixelSample, PixelEstimate]:
+    sample = pixel_sample.sample_pixels(
+        now.object_pixels, now.geometry, now.distance.value, some, scene.params, light=now.incident
+    )
+    return sample, known(now.state).part(some)
 
 
 def estimate_light_variance(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """What the calibration leaves open of the light, as variances of other pixels' unknowns."""
     if not scene.params.models("light_gains") or now.calibration_pixels is None:
         return now
-    object_pixels, light = now.object_pixels, now.incident
-    some = random_subset(interior(object_pixels), CONFIG.calibration_pixels, scene.seed + 1)
-    others = (
-        sample_pixels(object_pixels, now.geometry, now.distance.value, some, scene.params, light=light),
-        now.known_state.part(some),
+    some = pixel_sample.random_subset(
+        pixel_sample.interior(now.object_pixels), CONFIG.calibration_pixels, scene.seed + 1
     )
-    variance = light_variance(
-        now.known_light_parameters, now.known_grouped_light, now.calibration_pixels, others
+    others = _sampled(scene, now, some)
+    variance = light_calibration.light_variance(
+        known(now.light_parameters), known(now.grouped_light), now.calibration_pixels, others
     )
     return replace(now, light_variance=LightVariance(others[1].normals, variance))
 
 
 def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The settled light in all views, in as many directions as the surface asks for; from here on the pixels are seen in all."""
-    params, placed = scene.params, now.known_light_parameters
+    params, placed = scene.params, known(now.light_parameters)
     views, count = np.concatenate([scene.fitted, scene.validation]), len(scene.fitted)
     emitters, there = emitters_of(now), scene.cam_from_world(views)
     directions = params.directions or choose_direction_count(
-        now.known_state, now.geometry, emitters, there, params, progress.part(0, 0.1)
+        known(now.state), now.geometry, emitters, there, params, progress.part(0, 0.1)
     )
     span = progress.part(0.1, 1)
-    alike = len(now.known_grouped_light.incident.directions) == directions
+    alike = len(known(now.grouped_light).incident.directions) == directions
     if alike and now.probe_distance and not outside_probes(now.distance.value, now.probe_distance):
         # What the coarse phases have gathered already, and the rest.
-        lattice, known = now.known_grouped_light.incident.probe_grid, now.views
+        lattice, gathered = known(now.grouped_light).incident.probe_grid, now.views
     else:
-        near_far, known = depth_range(now.known_depth[now.object_pixels.mask]), views[:0]
+        near_far, gathered = depth_range(known(now.depth)[now.object_pixels.mask]), views[:0]
         camera, mask = now.object_pixels.camera, now.object_pixels.mask
         lattice = choose_probe_grid(camera, mask, near_far, emitters, there, params, span.part(0, 0.1))
-    rest = np.setdiff1d(views, known)
-    cam_from_world = scene.cam_from_world(rest)
-    light = gather_incident_light(
-        lattice, emitters, cam_from_world, directions, params.probe_resolution, span
-    )
-    if len(known):
-        light, rest = now.incident.beside(light), np.concatenate([known, rest])
+    rest, face_px = np.setdiff1d(views, gathered), params.probe_resolution
+    light = gather_incident_light(lattice, emitters, scene.cam_from_world(rest), directions, face_px, span)
+    if len(gathered):
+        light, rest = now.incident.beside(light), np.concatenate([gathered, rest])
     order = np.argsort(rest)
     light = light.views(order[np.searchsorted(rest[order], views)])
-    picture = scene.at(now.level)
-    object_pixels = picture.pixels(scene.fitted, params)
-    offset = np.zeros(len(scene.poses.registered))
+    picture, offset = scene.at(now.level), np.zeros(len(scene.poses.registered))
     offset[now.views] = placed.exposure_offset
     offset = offset[scene.fitted]
-    object_pixels = replace(object_pixels, material=now.object_pixels.material)
+    object_pixels = picture.pixels(scene.fitted, params).with_exposure_compensated(offset)
     return replace(
-        now, picture=picture, object_pixels=object_pixels.with_exposure_compensated(offset), views=scene.fitted, exposure_offset=offset,
+        now, picture=picture, object_pixels=replace(object_pixels, material=now.object_pixels.material), views=scene.fitted, exposure_offset=offset,
         light=light.views(np.arange(count)), validation=light.views(np.arange(count, len(views))),
-        coarse_state=now.known_state, halved_state=now.halved_state or now.known_state,
+        coarse_state=known(now.state), halved_state=now.halved_state or known(now.state),
     )  # fmt: skip
 
 
@@ -361,28 +296,27 @@ def estimate_exposure(scene: Scene, now: Estimate, progress: Progress) -> Estima
     """How far the exposure of the views is off that did not serve before, where exposures may waver."""
     if not now.room_light.exposure_sigma or now.exposure_offset is None:
         return now
-    object_pixels = now.object_pixels
-    transport = object_pixels.light_transport(now.incident, scene.params, scene.device, now.geometry)
-    left = exposure_offset_of(now.known_state, transport, now.geometry, object_pixels)
+    left = exposure_offset_of(known(now.state), now.problem(scene))
     settled = np.isin(scene.fitted, scene.coarse_views)
     # Settled views stay, and with them the scale.
     left = np.where(settled, 0, left - left[settled if settled.any() else slice(None)].mean())
-    return replace(
-        now,
-        object_pixels=object_pixels.with_exposure_compensated(left),
-        exposure_offset=now.exposure_offset + left,
-    )
+    object_pixels = now.object_pixels.with_exposure_compensated(left)
+    return replace(now, object_pixels=object_pixels, exposure_offset=now.exposure_offset + left)
 
 
 def regularize(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Neighbours decide what a pixel's photographs leave open."""
-    return replace(now, state=regularize_spatially(now.known_state, now.object_pixels.mask), regularized=True)
+    return replace(
+        now, state=regularize_spatially(known(now.state), now.object_pixels.mask), regularized=True
+    )
 
 
 def emitters_of(now: Estimate) -> Emitters:
     """The room's emitters under the calibration."""
-    placed = now.known_light_parameters
-    return now.room_light.with_gains(placed.gain[:-1], now.known_grouped_light.lamp_shift(placed.lamp_offset))
+    placed = known(now.light_parameters)
+    return now.room_light.with_gains(
+        placed.gain[:-1], known(now.grouped_light).lamp_shift(placed.lamp_offset)
+    )
 
 
 def depth_range(z: Float[np.ndarray, " p"]) -> tuple[float, float]:

@@ -13,36 +13,11 @@ from jaxtyping import Float
 
 from engine.geometry import angle_between
 from engine.progress import Progress
+from engine.surface import passes
 from engine.surface.data.scene import Scene
-from engine.surface.estimate import Estimate, Iteration
+from engine.surface.estimate import Estimate, Iteration, known
 from engine.surface.params import SurfaceParams
-from engine.surface.passes import (
-    CONFIG,
-    Pass,
-    calibrate_light,
-    calibrate_light_in_place,
-    classify_material,
-    detect_metal,
-    estimate_exposure,
-    estimate_light_variance,
-    expect_roughness,
-    gather_light,
-    integrate_depth,
-    place_probes,
-    refine_distance,
-    regularize,
-    search_distance,
-    search_normals,
-    solve_pixels,
-    split_light,
-    trace_visibility,
-)  # fmt: skip
-from engine.surface.rendering.object_pixels import (
-    image,
-    light_transport,
-    photographed_radiance,
-    render_pixels,
-)  # fmt: skip
+from engine.surface.rendering.object_pixels import image, render_pixels
 from engine.surface.rendering.transport import pixel_blocks
 
 FULL, HALF, SMALLEST = 0, 1, 2
@@ -58,29 +33,32 @@ class Phase:
 
     name: str
     level: int  # of the picture; the smallest there is where it has none so small
-    passes: tuple[Pass, ...]
+    passes: tuple[passes.Pass, ...]
     repeat: int = 1
     still_deg: float = 0.0  # mean turn of the normals in an iteration below which no other follows
 
 
 def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
     """What a solve does; `unseen`: some of the light comes from where no photograph looked."""
-    pixels, shape = (solve_pixels, expect_roughness), (integrate_depth, trace_visibility)
-    light = (place_probes, search_normals)
-    coarse = params.coarse_iterations + CONFIG.unseen_iterations * (unseen and params.models("light_gains"))
+    pixels = passes.solve_pixels, passes.expect_roughness
+    shape = passes.integrate_depth, passes.trace_visibility
+    light, variance = (passes.place_probes, passes.search_normals), passes.estimate_light_variance
+    unseen_iterations = passes.CONFIG.unseen_iterations * (unseen and params.models("light_gains"))
+    coarse = params.coarse_iterations + unseen_iterations
     phases = (
-        Phase("initialise", SMALLEST, (search_distance, *light)),
-        Phase("coarse", SMALLEST, (*light, *pixels, detect_metal, *shape, split_light, calibrate_light), max(coarse - 1, 0), 0.3),
-        Phase("place", HALF, (*light, *pixels, classify_material, *shape, calibrate_light, estimate_light_variance, refine_distance), min(coarse, 1)),
-        Phase("full", FULL, (*light, *pixels, *shape, calibrate_light_in_place, estimate_light_variance), int(params.full_phase or not coarse)),
-        Phase("relight", FULL, (gather_light, trace_visibility, estimate_exposure)),
+        Phase("initialise", SMALLEST, (passes.search_distance, *light)),
+        Phase("coarse", SMALLEST, (*light, *pixels, passes.detect_metal, *shape, passes.split_light, passes.calibrate_light),
+              max(coarse - 1, 0), 0.3),
+        Phase("place", HALF, (*light, *pixels, passes.classify_material, *shape, passes.calibrate_light, variance,
+                              passes.refine_distance), min(coarse, 1)),
+        Phase("full", FULL, (*light, *pixels, *shape, passes.calibrate_light_in_place, variance),
+              int(params.full_phase or not coarse)),
+        Phase("relight", FULL, (passes.gather_light, passes.trace_visibility, passes.estimate_exposure)),
         Phase("fine", FULL, (*pixels, *shape), params.fine_iterations, 1.0),
-        Phase("finish", FULL, (regularize, *shape)),
+        Phase("finish", FULL, (passes.regularize, *shape)),
     )  # fmt: skip
-    return tuple(
-        replace(phase, passes=tuple(one for one in phase.passes if one.__name__ not in params.without))
-        for phase in phases
-    )
+    kept = [tuple(one for one in phase.passes if one.__name__ not in params.without) for phase in phases]
+    return tuple(replace(phase, passes=some) for phase, some in zip(phases, kept, strict=True))
 
 
 def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress) -> Estimate:
@@ -99,8 +77,8 @@ def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress
             error, turned = validation_error(scene, now), _turned_deg(before, now)
             kept = phase.repeat == 1 or not is_worse(error_before, error)
             made = Iteration(
-                phase.name, tuple(one.__name__ for one in phase.passes), len(now.object_pixels.rays),
-                float(np.median(now.known_state.residual_scale)) if solve_pixels in phase.passes else None,
+                phase.name, tuple(one.__name__ for one in phase.passes), int(now.object_pixels.mask.sum()),
+                float(np.median(known(now.state).residual_scale)) if passes.solve_pixels in phase.passes else None,
                 turned if np.isfinite(turned) else None, float(np.median(error)) if error.size else None, kept,
             )  # fmt: skip
             if not kept:
@@ -118,9 +96,7 @@ def validation_error(scene: Scene, now: Estimate) -> Float[np.ndarray, "k p"]:
     if now.validation is None or now.picture is None:
         return np.zeros((0, 0))
     frames, mask = now.picture.frames, now.picture.mask
-    photographed = photographed_radiance(frames, mask, scene.validation.tolist())
-    there = light_transport(photographed, now.validation, now.geometry, scene.params, "cpu")
-    made = render_pixels(there, now.geometry, pixel_blocks(mask), now.known_state)
+    made = render_pixels(now.validation_transport(scene), now.geometry, pixel_blocks(mask), known(now.state))
     return relative_error(made.transpose(1, 0, 2), frames.radiance[scene.validation][:, mask])
 
 
@@ -151,16 +127,11 @@ def _iteration(scene: Scene, now: Estimate, phase: Phase, progress: Progress) ->
 def half_suffices(now: Estimate) -> bool:
     """Whether these are the pixels of half the size, and enough: the object is known to hide next to nothing of the room from
     itself."""
-    hidden = now.geometry.visibility
-    return (
-        now.level == HALF
-        and hidden is not None
-        and len(now.object_pixels.rays) >= HALF_SUFFICES_PIXELS
-        and hidden.is_nearly_convex
-    )
+    hidden, many = now.geometry.visibility, now.object_pixels.mask.sum() >= HALF_SUFFICES_PIXELS
+    return bool(now.level == HALF and many and hidden is not None and hidden.is_nearly_convex)
 
 
 def _turned_deg(before: Estimate, now: Estimate) -> float:
     if before.state is None or before.level != now.level:
         return np.inf
-    return float(np.degrees(angle_between(before.state.normals, now.known_state.normals).mean()))
+    return float(np.degrees(angle_between(before.state.normals, known(now.state).normals).mean()))

@@ -11,32 +11,23 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.errors import SurfaceError
-from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data import initial_maps
-from engine.surface.data.pyramid import parent_index
+from engine.surface.data.observations import parent_index
 from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
 from engine.surface.depth.normal_integration import integrate_parts
-from engine.surface.estimate import Estimate, Iteration
+from engine.surface.estimate import Estimate, Iteration, known
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
-from engine.surface.lighting.exposure_offset import EXPOSURE_SIGMA
 from engine.surface.lighting.room_light import RoomLight, build_room_light
 from engine.surface.params import LEAST_VIEWS, SurfaceParams
 from engine.surface.passes import emitters_of
 from engine.surface.reflectance.brdf import PAINT, of_pixels
-from engine.surface.rendering.object_pixels import image, light_transport, photographed_radiance
+from engine.surface.rendering.object_pixels import image
 from engine.surface.schedule import run, schedule
-from engine.surface.tiled_solve import SolvedMaps, evaluate_result, solve_tiles
-from engine.surface.uncertainty.standard_errors import FLAGS, grid_refinement_error, unresolved_variance
-from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface, ValidationRenders
-
-VALIDATION_ONE_IN = 8
-"""At most one of so many views is kept out of the fit."""
-LAMP_DIRECTION_SIGMA = float(np.radians(0.5))
-"""How far a lamp's direction may be off before it has to be argued: three pixels of a small photograph."""
-MOVING_DEG = 1.0
-"""Mean turn of the normals in the fine phases from which on an answer counts as one that still moves."""
+from engine.surface.tiled_solve import SolvedMaps, evaluate_solution, solve_tiles
+from engine.surface.uncertainty.standard_errors import FLAGS, unresolved_variance
+from engine.types import CapturedScene, Frames, SolvedScene, Surface, ValidationRenders
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +35,7 @@ class SurfaceReport:
     """Facts of one solve, fit for JSON."""
 
     pixels: int
-    together: (
-        int  # pixels of the picture that was solved at once; fewer than `pixels`: the rest followed in tiles
-    )
+    together: int  # pixels of the picture that was solved at once; if fewer, the rest followed in tiles
     rounds: int  # on all of these
     fitted_views: int
     held_out_views: tuple[int, ...]
@@ -66,9 +55,7 @@ class SurfaceReport:
     history: tuple[Iteration, ...]  # what ran, in order, and what it did
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
-    depth_parts: tuple[
-        float, ...
-    ] = ()  # shares of the pixels of the depth's parts (`Surface.part`), the largest first
+    depth_parts: tuple[float, ...]  # shares of the pixels of `Surface.part`s, the largest first
 
 
 def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.ndarray, " f"], tuple[int, ...]]:
@@ -78,23 +65,14 @@ def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.nda
         raise SurfaceError(
             f"only {len(usable)} views have a pose and light; at least {LEAST_VIEWS} are needed, add photographs"
         )
-    count = min(count, len(usable) // VALIDATION_ONE_IN, len(usable) - LEAST_VIEWS)
+    count = min(count, len(usable) // 8, len(usable) - LEAST_VIEWS)  # one in eight at most
     out = usable[np.linspace(0, len(usable) - 1, count + 2).astype(int)[1:-1]]
     return np.setdiff1d(usable, out), tuple(int(i) for i in out)
 
 
 def solve(
-    frames: Frames,
-    masks: Masks,
-    poses: Poses,
-    gaussians: Gaussians,
-    lamps: Lamps,
-    params: SurfaceParams,
-    device: str,
-    seed: int,
-    progress: Progress,
-    flip: int = 0,
-) -> tuple[Surface, ValidationRenders, Emitters, SurfaceReport]:
+    captured: CapturedScene, params: SurfaceParams, device: str, seed: int, progress: Progress, flip: int = 0
+) -> SolvedScene:
     """Solve the surface; `seed` picks the pixels that calibrate the light, start maps are of the upright picture, turned
     by `flip`.
 
@@ -102,17 +80,13 @@ def solve(
         SurfaceError: too few views, an empty mask, frames without usable object pixels, start maps that cannot be
             read or do not fit, or a device with too little memory.
     """
-    mask = masks.object
+    frames, mask, poses = captured.frames, captured.masks.object, captured.poses
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.validation_views)
-    room = build_room_light(
-        gaussians, lamps, frames, masks, poses, params.light_groups, params.light_gain_sigma, seed,
-        EXPOSURE_SIGMA * params.models("light_gains", "view_exposures"), LAMP_DIRECTION_SIGMA * params.models("light_gains", "lamp_directions"),
-    )  # fmt: skip
-    whole = Picture(frames, mask, poses.camera, initial_maps.requested(params, mask, flip)).part(
-        *window(mask)
-    )
+    room = build_room_light(captured, params, seed)
+    start = initial_maps.requested(params, mask, flip)
+    whole = Picture(frames, mask, poses.camera, start).part(*window(mask))
     picture, take = downsample_to(whole, params.tile_above_pixels)
     scene = build_scene(
         picture, replace(poses, camera=picture.camera), fitted, kept_out, params, device, seed
@@ -120,73 +94,34 @@ def solve(
     alone = 0.9 if picture is whole else 0.3
     phases = schedule(params, room.emitters.patches > 0)
     found = run(scene, initial_state(scene, room), phases, progress.part(0, alone))
-    assert found.picture is not None
-    assert found.light is not None
-    assert found.validation is not None
     if found.level:
-        take = parent_index(found.picture.mask, picture.mask)[take]
-    solved_at_once = found.level == 0 and picture is whole
-    here = found.object_pixels.light_transport(found.light, params, device, found.geometry)
-    seen = photographed_radiance(found.picture.frames, found.picture.mask, kept_out)
-    there = light_transport(seen, found.validation, found.geometry, params, "cpu")
-    moving = still_moving(found)
+        take = parent_index(known(found.picture).mask, picture.mask)[take]
     span = progress.part(alone, 0.98)
-    if solved_at_once:
-        maps = evaluate_result(
-            found.object_pixels,
-            found.known_state,
-            found.geometry,
-            here,
-            there,
-            found.light_variance,
-            moving,
-            span,
-        )
-        z = found.known_depth[picture.mask]
+    if found.level == 0 and picture is whole:
+        maps, z = evaluate_solution(scene, found, span), known(found.depth)[picture.mask]
     else:
-        maps, depth = solve_tiles(whole, scene.fitted, take, found, moving, here, there, params, span)
+        maps, depth = solve_tiles(scene, whole, take, found, span)
         z = depth[whole.mask]
     edges = unresolved_variance(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
     maps = replace(maps, stderr_normal=np.minimum(np.sqrt(maps.stderr_normal**2 + edges), np.pi / 2))
     material = of_pixels(found.object_pixels.material, take)
-    integrated = integrate_parts(
-        poses.camera, image(mask, maps.normals), mask, found.distance.value, progress.part(0.98, 1)
-    )
+    distance, span = found.distance.value, progress.part(0.98, 1)
+    integrated = integrate_parts(poses.camera, image(mask, maps.normals), mask, distance, span)
     surface = replace(surface_of(mask, maps, z, params.model_error, material), part=integrated.part)
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
     error = rerendering_error(frames, kept_out, pictures, mask)
-    report = report_of(scene, found, maps, material, kept_out, error)
-    report = replace(report, depth_parts=integrated.shares)
-    return surface, ValidationRenders(kept_out, pictures), emitters_of(found), report
+    report = report_of(scene, found, maps, material, integrated.shares, error)
+    return SolvedScene(surface, ValidationRenders(kept_out, pictures), emitters_of(found), report)
 
 
 def initial_state(scene: Scene, room: RoomLight) -> Estimate:
     """What is known before the first pass: where the object's pixels look."""
-    given = scene.params.object_distance
-    object_pixels = scene.coarse[-1].pixels(np.arange(len(scene.coarse_views)), scene.params)
-    room = replace(room, poses=scene.poses)
+    given, views = scene.params.object_distance, scene.coarse_views
+    pixels = scene.coarse[-1].pixels(np.arange(len(views)), scene.params)
     distance = Distance(given, 0.0, "given" if given > 0 else "light")
-    return Estimate(
-        scene.smallest,
-        scene.coarse_views,
-        object_pixels,
-        room,
-        distance,
-        object_pixels.geometry_at_distance(given or 1.0),
-    )
-
-
-def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
-    """Variances of the unknowns of a surface that the fine phase still turned; None where it stands still."""
-    assert found.coarse_state is not None
-    assert found.halved_state is not None
-    turned = angle_between(found.coarse_state.normals, found.known_state.normals).mean()
-    return (
-        grid_refinement_error(found.halved_state, found.known_state)
-        if np.degrees(turned) > MOVING_DEG
-        else None
-    )
+    room = replace(room, poses=scene.poses)
+    return Estimate(scene.smallest, views, pixels, room, distance, pixels.geometry_at(given or 1.0))
 
 
 def report_of(
@@ -194,35 +129,38 @@ def report_of(
     found: Estimate,
     maps: SolvedMaps,
     material: Float[np.ndarray, "p 2"] | None,
-    kept_out: tuple[int, ...],
+    depth_parts: tuple[float, ...],
     error: float,
 ) -> SurfaceReport:
     """The facts of a solve; `error` is that of the views kept out."""
-    assert found.picture is not None
-    assert found.exposure_offset is not None
     lattice, drift = found.incident.probe_grid, np.zeros(len(scene.picture.frames.names))
-    drift[scene.fitted] = found.exposure_offset
+    drift[scene.fitted] = known(found.exposure_offset)
+    metal = np.zeros(1, bool) if material is None else material[:, 1] > 0
+    level = PAINT[:1] if material is None or metal.all() else material[~metal, 0]
+    placed = known(found.light_parameters)
     return SurfaceReport(
-        len(maps.normals),
-        int(found.picture.mask.sum()),
-        sum(one.phase == "fine" for one in found.history),
-        len(scene.fitted),
-        kept_out,
-        error,
-        float(np.median(maps.residual_scale)),
-        found.distance,
-        (float(lattice.low[2]), float(lattice.high[2])),
-        lattice.shape,
-        len(found.incident.directions),
-        tuple(tuple(map(float, gain)) for gain in found.known_light_parameters.gain),
-        *material_facts(material),
-        found.known_grouped_light.unseen_share(found.known_light_parameters.gain),
-        tuple(int(k) for k in np.nonzero(found.room_light.kind == CLIPPED)[0]),
-        tuple(map(float, drift)),
-        tuple(map(float, np.degrees(np.linalg.norm(found.known_light_parameters.lamp_offset, axis=1)))),
-        found.history,
-        float(np.degrees(np.median(maps.stderr_normal))),
-        {name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
+        pixels=len(maps.normals),
+        together=int(known(found.picture).mask.sum()),
+        rounds=sum(one.phase == "fine" for one in found.history),
+        fitted_views=len(scene.fitted),
+        held_out_views=tuple(map(int, scene.validation)),
+        held_out_error=error,
+        residual=float(np.median(maps.residual_scale)),
+        distance=found.distance,
+        probe_reach=(float(lattice.low[2]), float(lattice.high[2])),
+        probes=lattice.shape,
+        directions=len(found.incident.directions),
+        light_gains=tuple(tuple(map(float, gain)) for gain in placed.gain),
+        metal=float(np.mean(metal)),
+        specular_level=(float(np.min(level)), float(np.max(level))),
+        unseen_light=known(found.grouped_light).unseen_share(placed.gain),
+        clipped_groups=tuple(int(k) for k in np.nonzero(found.room_light.kind == CLIPPED)[0]),
+        exposure_drift=tuple(map(float, drift)),
+        lamp_shifts_deg=tuple(map(float, np.degrees(np.linalg.norm(placed.lamp_offset, axis=1)))),
+        history=found.history,
+        stderr_normal_deg=float(np.degrees(np.median(maps.stderr_normal))),
+        flagged={name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
+        depth_parts=depth_parts,
     )
 
 
@@ -239,13 +177,6 @@ def rerendering_error(
     return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
-def material_facts(material: Float[np.ndarray, "p 2"] | None) -> tuple[float, tuple[float, float]]:
-    """The share of metal, and the range of the specular level of what is none."""
-    metal = material is not None and material[:, 1] > 0
-    level = PAINT[:1] if material is None or np.all(metal) else material[~metal, 0]
-    return float(np.mean(metal)), (float(np.min(level)), float(np.max(level)))
-
-
 def surface_of(
     mask: Bool[np.ndarray, "h w"],
     maps: SolvedMaps,
@@ -254,16 +185,10 @@ def surface_of(
     material: Float[np.ndarray, "p 2"] | None = None,
 ) -> Surface:
     """What is known of the mask's pixels as maps."""
-    return Surface(
-        mask,
-        image(mask, maps.normals),
-        image(mask, maps.albedo),
-        image(mask, maps.roughness),
-        image(mask, z),
-        image(mask, maps.stderr_normal),
-        image(mask, maps.stderr_albedo),
-        image(mask, maps.stderr_roughness),
-        image(mask, maps.residual_scale * model_error),
-        image(mask, maps.flags).astype(np.uint8),
-        None if material is None else image(mask, material),
-    )
+    values = (
+        maps.normals, maps.albedo, maps.roughness, z, maps.stderr_normal, maps.stderr_albedo, maps.stderr_roughness,
+        maps.residual_scale * model_error,
+    )  # fmt: skip
+    flags = image(mask, maps.flags).astype(np.uint8)
+    made = None if material is None else image(mask, material)
+    return Surface(mask, *(image(mask, x) for x in values), flags=flags, material=made)

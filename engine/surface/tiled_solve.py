@@ -12,21 +12,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import pixel_index
-from engine.surface.data.scene import Picture
+from engine.surface.data.scene import Picture, Scene
 from engine.surface.depth.normal_integration import integrate_normals
-from engine.surface.estimate import Estimate
-from engine.surface.optimize.gauss_newton import PixelEstimate, initial_estimate, minimize
+from engine.surface.estimate import Estimate, known
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, initial_estimate, minimize
 from engine.surface.optimize.spatial_regularization import RegularizationConfig, regularize_spatially
-from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.interreflection import hidden_light_fraction
-from engine.surface.rendering.object_pixels import ObjectPixels, observe_object, render_pixels
-from engine.surface.rendering.transport import BLOCK, LightTransport, SurfaceGeometry, pixel_blocks
+from engine.surface.rendering.object_pixels import image, render_pixels
+from engine.surface.rendering.transport import BLOCK, LightTransport, TransportModel, pixel_blocks
 from engine.surface.uncertainty.standard_errors import (
-    LightVariance,
     StandardErrors,
+    grid_refinement_error,
     jackknife,
     standard_errors,
 )
@@ -35,6 +35,8 @@ TILE = 8 * BLOCK
 """Pixels along a tile's side: its photographs in 150 views take 60 MB."""
 HALO = RegularizationConfig().sweeps + 2
 """Pixels around a tile that are solved with it and then left to its neighbours: so far does a neighbour's word carry."""
+MOVING_DEG = 1.0
+"""Mean turn of the normals in the fine phases from which on an answer counts as one that still moves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,53 +64,50 @@ def maps_of(
     )  # fmt: skip
 
 
-def evaluate_result(
-    object_pixels: ObjectPixels,
+def evaluate_solution(scene: Scene, found: Estimate, progress: Progress) -> SolvedMaps:
+    """Of pixels that were all solved at once."""
+    there, problem = found.validation_transport(scene), found.problem(scene)
+    return _evaluate(found, problem, known(found.state), there, still_moving(found), progress)
+
+
+def _evaluate(
+    found: Estimate,
+    problem: PixelProblem,
     state: PixelEstimate,
-    geometry: SurfaceGeometry,
-    here: LightTransport,
     there: LightTransport,
-    doubt: LightVariance | None,
     unsure: Float[np.ndarray, "p 6"] | None,
     progress: Progress,
 ) -> SolvedMaps:
     """Errors, flags and pictures of pixels that have their answer; `unsure` are variances besides what the photographs and the
-    `light_variance` tell."""
-    parts = pixel_blocks(object_pixels.mask)
-    state, variance = jackknife(state, here, geometry, parts, object_pixels.observations, progress)
-    if doubt is not None:
-        variance = variance + doubt.of(state.normals)
+    light's variance tell."""
+    state, variance = jackknife(state, problem, progress)
+    if found.light_variance is not None:
+        variance = variance + found.light_variance.of(state.normals)
     if unsure is not None:
         variance = variance + unsure
-    certainty = standard_errors(
-        state,
-        variance,
-        object_pixels.observations,
-        geometry,
-        hidden_light_fraction(state, here, geometry, parts),
-    )
-    return maps_of(state, certainty, render_pixels(there, geometry, parts, state))
+    guessed, geometry = hidden_light_fraction(state, problem), problem.geometry
+    certainty = standard_errors(state, variance, problem.observations, geometry, guessed)
+    return maps_of(state, certainty, render_pixels(there, geometry, problem.blocks, state))
+
+
+def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
+    """Variances of the unknowns of a surface that the fine phase still turned; None where it stands still."""
+    turned = angle_between(known(found.coarse_state).normals, known(found.state).normals).mean()
+    if np.degrees(turned) <= MOVING_DEG:
+        return None
+    return grid_refinement_error(known(found.halved_state), known(found.state))
 
 
 def solve_tiles(
-    picture: Picture,
-    fitted: Int[np.ndarray, " n"],
-    take: Int[np.ndarray, " p"],
-    found: Estimate,
-    moving: Float[np.ndarray, "p 6"] | None,
-    here: LightTransport,
-    there: LightTransport,
-    params: SurfaceParams,
-    progress: Progress,
+    scene: Scene, picture: Picture, take: Int[np.ndarray, " p"], found: Estimate, progress: Progress
 ) -> tuple[SolvedMaps, Float[np.ndarray, "h w"]]:
     """Every pixel of a picture, from what a smaller one of it has `found`; and the depth.
 
-    `take` names the smaller one's pixel for each; `here` and `there` answer the light of the views that are fitted and
-    kept out, their photographed light that of the smaller picture's pixels.
+    `take` names the smaller one's pixel for each. What throws light at a tile are the smaller picture's pixels, as photographed.
     """
-    assert found.exposure_offset is not None
     mask, index = picture.mask, pixel_index(picture.mask)
-    ranges = upsample(found.object_pixels.mask, found.known_depth, mask)
+    ranges, moving = upsample(found.object_pixels.mask, known(found.depth), mask), still_moving(found)
+    here, there = found.problem(scene).transport, found.validation_transport(scene)
     maps: SolvedMaps | None = None
     tiles = [
         (slice(v, v + TILE), slice(u, u + TILE))
@@ -117,40 +116,14 @@ def solve_tiles(
         if mask[v : v + TILE, u : u + TILE].any()
     ]
     solving, integrating = progress.part(0, 0.9), progress.part(0.9, 1)
-    for i, core in enumerate(tiles):
-        span = solving.part(i / len(tiles), (i + 1) / len(tiles))
+    for core, span in zip(tiles, solving.parts(len(tiles)), strict=True):
         wide = tuple(slice(max(side.start - HALO, 0), side.stop + HALO) for side in core)
         part = picture.part(*wide)
         pixels = index[wide][part.mask]
-        object_pixels = observe_object(
-            part.frames, part.mask, part.camera, fitted, params
-        ).with_exposure_compensated(found.exposure_offset)
-        object_pixels = replace(object_pixels, material=of_pixels(found.object_pixels.material, take[pixels]))
-        state = found.known_state.part(take[pixels])
-        gloss = state.roughness_prior
-        state = initial_estimate(state.normals, state.albedo, state.roughness)
-        state = replace(state, roughness_prior=gloss)
-        hidden = (
-            found.geometry.visibility.part(take[pixels]) if found.geometry.visibility is not None else None
-        )
-        geometry = replace(object_pixels.geometry_of_depth(ranges[wide]), visibility=hidden)
-        parts = pixel_blocks(part.mask)
-        state = minimize(
-            state,
-            here,
-            geometry,
-            parts,
-            object_pixels.observations,
-            params.gauss_newton_steps,
-            span.part(0, 0.75),
-            reset_scale=True,
-        )
+        problem = _of_tile(scene, part, found, take[pixels], here, ranges[wide])
+        state = _solve_tile(scene, part.mask, problem, found, take[pixels], span.part(0, 0.75))
         unsure = None if moving is None else moving[take[pixels]]
-        if found.regularized:
-            state = regularize_spatially(state, part.mask)
-        told = evaluate_result(
-            object_pixels, state, geometry, here, there, found.light_variance, unsure, span.part(0.8, 1)
-        )
+        told = _evaluate(found, problem, state, there, unsure, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]
         own = inside[wide][part.mask]
@@ -162,10 +135,40 @@ def solve_tiles(
         for name in SolvedMaps.__slots__:
             getattr(maps, name)[pixels[own]] = getattr(told, name)[own]
     assert maps is not None  # a mask has pixels
-    normals = np.zeros((*mask.shape, 3), np.float32)
-    normals[mask] = maps.normals
-    distance = float(found.known_depth[found.object_pixels.mask].mean())
+    normals = image(mask, maps.normals)
+    distance = float(known(found.depth)[found.object_pixels.mask].mean())
     return maps, integrate_normals(picture.camera, normals, mask, distance, integrating)
+
+
+def _of_tile(
+    scene: Scene,
+    part: Picture,
+    found: Estimate,
+    take: Int[np.ndarray, " q"],
+    here: TransportModel,
+    z: Float[np.ndarray, "h w"],
+) -> PixelProblem:
+    """A tile's pixels under the light, at their depths; hidden from them is what is from the pixels that they `take`."""
+    pixels = part.pixels(scene.fitted, scene.params).with_exposure_compensated(known(found.exposure_offset))
+    pixels = replace(pixels, material=of_pixels(found.object_pixels.material, take))
+    hidden = found.geometry.visibility and found.geometry.visibility.part(take)
+    geometry = replace(pixels.geometry_at(z[part.mask]), visibility=hidden)
+    return PixelProblem(here, geometry, pixel_blocks(part.mask), pixels.observations)
+
+
+def _solve_tile(
+    scene: Scene,
+    mask: Bool[np.ndarray, "h w"],
+    problem: PixelProblem,
+    found: Estimate,
+    take: Int[np.ndarray, " q"],
+    progress: Progress,
+) -> PixelEstimate:
+    begun = known(found.state).part(take)
+    state = initial_estimate(begun.normals, begun.albedo, begun.roughness)
+    state = replace(state, roughness_prior=begun.roughness_prior)
+    state = minimize(state, problem, scene.params.gauss_newton_steps, progress, reset_scale=True)
+    return regularize_spatially(state, mask) if found.regularized else state
 
 
 def _stored(kind: np.dtype) -> np.dtype:

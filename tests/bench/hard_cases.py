@@ -194,7 +194,8 @@ def measured(case: Case, on: sets.Set) -> Row:
     clock = Clock()
     gaussians, lamps, light = fit(spoilt.frames, spoilt.masks, spoilt.poses, LightParams(), 0, Progress())
     spoilt = case.spoil_lit(replace(spoilt, gaussians=gaussians, lamps=lamps), np.random.default_rng(0))
-    surface, *_, report = solve(*spoilt.inputs, SurfaceParams(), "cpu", 0, told(case.title))
+    solved = solve(spoilt.captured, SurfaceParams(), "cpu", 0, told(case.title))
+    surface, report = solved.surface, solved.report
     seconds, _ = clock.read()
     found, off = (
         metrics.evaluate(surface, truth),

@@ -89,7 +89,8 @@ def measured(folder: Path, by: int, preset: str) -> Row:
         given, truth = enlarged(on.stored, on.truth, by, Path(scratch))
         memory, clock = Memory(), Clock()
         what = f"{by} times as large"
-        surface, *_, report = solve(*given.inputs, params_of(preset), "cpu", 0, told(what))
+        solved = solve(given.captured, params_of(preset), "cpu", 0, told(what))
+        surface, report = solved.surface, solved.report
         seconds, _ = clock.read()
         own = memory.read()
     found = metrics.evaluate(surface, truth)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from app.bench.baselines.flat import sorted_into_cells
 from app.bench.bound import session_per_studio
 from engine.errors import TruthError
 from engine.geometry import align_similarity, fibonacci_sphere, inverse
@@ -170,7 +171,9 @@ def energy_at(
     found = gather_probes(field, poses, point, directions, face)
     energy, opaque = found.energy, found.seen
     near = area_lights_of(lamps, solid, poses, point[0], len(directions))
-    energy[:, 0] += near.spread(point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
+    energy[:, 0] += (
+        sorted_into_cells(near, point[0]).reshape(len(directions), len(poses), 3).transpose(1, 0, 2)
+    )
     return energy[:, 0].astype(np.float64), opaque[:, 0]
 
 

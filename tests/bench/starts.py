@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     where, params = machine(), params_of(args.preset)
-    usual = solve(*given.inputs, params, "cpu", 0, told("usual start"))[0]
+    usual = solve(given.captured, params, "cpu", 0, told("usual start")).surface
     others = [from_random(given, params, seed) for seed in range(args.starts)]
     off = np.stack([apart(usual, other) for other in others])
     lines = [["start", *(f"within {limit:g} deg %" for limit in AGREE_DEG), "median deg"]]
@@ -65,8 +65,8 @@ def from_random(given: Stored, params: SurfaceParams, seed: int) -> Surface:
     def start(object_pixels: ObjectPixels, *_: object) -> gauss_newton.PixelEstimate:
         return drawn(object_pixels.rays, np.random.default_rng(seed))
 
-    with mock.patch.object(passes, "search", start):
-        return solve(*given.inputs, params, "cpu", 0, told(f"start {seed}"))[0]
+    with mock.patch.object(passes, "search_initial_normals", start):
+        return solve(given.captured, params, "cpu", 0, told(f"start {seed}")).surface
 
 
 def drawn(rays: Float[np.ndarray, "p 3"], rng: np.random.Generator) -> gauss_newton.PixelEstimate:

@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             seconds = []
             for time in ("first", "second"):
                 clock = Clock()
-                surface = solve(*given.inputs, params, device, 0, told(f"{device}, {time} time"))[0]
+                surface = solve(given.captured, params, device, 0, told(f"{device}, {time} time")).surface
                 seconds.append(clock.read()[0])
             first = first or surface
             apart = np.degrees(angle_between(first.normal[first.mask], surface.normal[first.mask]))

@@ -161,10 +161,8 @@ def made_ready(one: sets.Set, order: Order, params: SurfaceParams, progress: Pro
     studio = shoot.build(order, places.cache() / "studio", progress.part(0, 0.3).step)
     known = known_of(one, studio, np.arange(SIZE.views), params, PROBES, progress.part(0.3, 1))
     picture = Picture(one.stored.frames, known.object_pixels.mask, one.stored.poses.camera)
-    stored = one.stored
-    room = build_room_light(
-        stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, 1, 0.02, 0
-    )
+    bare = SurfaceParams(light_groups=1, without=("light_gains",))
+    room = build_room_light(one.stored.captured, bare, 0)
     return Furnished(known, picture, room)
 
 
@@ -198,13 +196,13 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
     scene = Scene(
         given.picture, (given.picture,), given.room.poses, every, every, every[:0], params, "cpu", 0
     )
-    sight = who.geometry_at_distance(z)
+    sight = who.geometry_at(z)
     state = search_initial_normals(who, light, sight, params, progress.part(0, 0.1))
     depth = depth_from_normals(who, state, z, progress.part(0.1, 0.12))
     now = Estimate(0, every, who, given.room, Distance(z, 0.0, "given"), sight, state, depth, light=light)
     phases = [one for one in schedule(params, False) if one.name in ("fine", "finish")]
     now = run(scene, now, phases, progress.part(0.12, 1))
-    state, rounds = now.known_state, len(now.residuals)
+    state, rounds = known(now.state), len(now.residuals)
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,
@@ -244,18 +242,8 @@ def from_truth(
     progress: Progress,
 ) -> PixelEstimate:
     """Where Gauss-Newton ends that begins at the truth and sees what the true depth hides."""
-    who = known.object_pixels
-    responses = who.light_transport(known.light, params, "cpu", geometry)
-    return minimize(
-        true,
-        responses,
-        geometry,
-        blocks,
-        who.observations,
-        params.gauss_newton_steps,
-        progress,
-        reset_scale=True,
-    )
+    problem = replace(known.object_pixels.problem(known.light, geometry, params, "cpu"), blocks=blocks)
+    return minimize(true, problem, params.gauss_newton_steps, progress, reset_scale=True)
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -61,16 +61,13 @@ def test_who_stops_listening_stops_the_work(cores: int) -> None:
 def test_pixels_come_out_the_same_to_the_bit_on_any_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = parts_of_lamps(np.random.default_rng(9), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    under = (
-        sample.light_transport(parts.with_gains(np.ones((4, 3)))),
-        sample.geometry_at(TRUE_Z),
-        sample.regions,
-        sample.observations,
-    )
+    problem = sample.problem(parts.with_gains(np.ones((4, 3))), TRUE_Z)
 
     def solved(cores: int) -> gauss_newton.PixelEstimate:
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-        return gauss_newton.minimize(gauss_newton.update_residual_scale(state, *under), *under, 3, Progress())
+        return gauss_newton.minimize(
+            gauss_newton.update_residual_scale(state, problem), problem, 3, Progress()
+        )
 
     one, three = solved(1), solved(3)
     for name in ("normals", "albedo", "roughness", "residual_scale", "cost", "hessian"):

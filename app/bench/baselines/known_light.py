@@ -7,7 +7,7 @@ fitted. Camera frame.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,7 +18,7 @@ from engine.progress import Progress
 from engine.surface.lighting.distance_search import coarse_distance_search
 from engine.surface.lighting.probe_density import choose_probe_grid
 from engine.surface.lighting.room_light import build_room_light, gather_incident_light
-from engine.surface.optimize.gauss_newton import PixelEstimate, minimize
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, minimize
 from engine.surface.optimize.roughness_prior import apply_roughness_prior
 from engine.surface.params import Diffuse, SurfaceParams
 from engine.surface.rendering.object_pixels import (
@@ -28,7 +28,7 @@ from engine.surface.rendering.object_pixels import (
     search_initial_normals,
 )
 from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks
-from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses, Surface
+from engine.types import CapturedScene, Emitters, Poses, Surface
 
 DEPTH_MARGIN = 0.2
 """How much nearer and farther than the object's distance the probes reach, its depth not being known."""
@@ -85,11 +85,10 @@ def on_stages(diffuse: Diffuse) -> Callable[[Method], Callable[..., Surface]]:
 
     def made(method: Method) -> Callable[..., Surface]:
         def solve(
-            frames: Frames, masks: Masks, poses: Poses, gaussians: Gaussians, lamps: Lamps,
-            params: KnownLightParams, device: str, seed: int, progress: Progress,
-        ) -> Surface:  # fmt: skip
+            captured: CapturedScene, params: KnownLightParams, device: str, seed: int, progress: Progress
+        ) -> Surface:
             ours = params.ours(diffuse)
-            scene = _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress.part(0, 0.2))
+            scene = _scene(captured, params, ours, seed, progress.part(0, 0.2))
             return method(scene, params, ours, device, progress.part(0.2, 1))
 
         return solve
@@ -131,9 +130,10 @@ def harmonics(
         progress.part(0, 0.25),
     )
     object_pixels, rows = scene.object_pixels, HarmonicRows(projected(light.directions, light.energy[0]))
-    geometry = object_pixels.geometry_at_distance(scene.distance)
-    state = matt_start(object_pixels, rows, geometry, params.candidates, progress.part(0.25, 0.5))
-    state = refined(object_pixels, state, rows, geometry, params.passes, progress.part(0.5, 0.95))
+    geometry = object_pixels.geometry_at(scene.distance)
+    problem = PixelProblem(rows, geometry, pixel_blocks(object_pixels.mask), object_pixels.observations)
+    state = matt_start(object_pixels, problem, params.candidates, progress.part(0.25, 0.5))
+    state = refined(state, problem, params.passes, progress.part(0.5, 0.95))
     depth = depth_from_normals(object_pixels, state, scene.distance, progress.part(0.95, 1))
     return answered(object_pixels, state, geometry, depth, params.model_error)
 
@@ -160,17 +160,16 @@ def lambert(
     light = gather_incident_light(
         lattice, scene.emitters, there, params.directions, params.probe_face_px, progress.part(0.05, 0.25)
     )
-    state = matt_start(
-        object_pixels,
-        Matt(object_pixels.light_transport(light, ours, device)),
-        object_pixels.geometry_at_distance(z),
-        params.candidates,
-        progress.part(0.25, 0.4),
-    )
+
+    def under(geometry: SurfaceGeometry) -> PixelProblem:
+        problem = object_pixels.problem(light, geometry, ours, device)
+        return replace(problem, transport=Matt(problem.transport))
+
+    flat = under(object_pixels.geometry_at(z))
+    state = matt_start(object_pixels, flat, params.candidates, progress.part(0.25, 0.4))
 
     def solved(state: PixelEstimate, geometry: SurfaceGeometry, progress: Progress) -> Solved:
-        rows = Matt(object_pixels.light_transport(light, ours, device, geometry))
-        state = refined(object_pixels, state, rows, geometry, params.passes, progress.part(0, 0.9))
+        state = refined(state, under(geometry), params.passes, progress.part(0, 0.9))
         return state, depth_from_normals(object_pixels, state, z, progress.part(0.9, 1))
 
     state, geometry, depth = _in_turns(
@@ -179,20 +178,18 @@ def lambert(
     return answered(object_pixels, state, geometry, depth, params.model_error)
 
 
-def _scene(frames, masks, poses, gaussians, lamps, params, ours, seed, progress) -> Scene:
-    object_pixels, views = seen_object(frames, masks, poses, ours)
-    room = build_room_light(
-        gaussians, lamps, frames, masks, poses, ours.light_groups, ours.light_gain_sigma, seed
-    )
-    distance = params.object_distance
+def _scene(captured, params, ours, seed, progress) -> Scene:
+    object_pixels, views = seen_object(captured, ours)
+    room, distance = build_room_light(captured, ours, seed), params.object_distance
     if distance <= 0:
-        distance = coarse_distance_search(object_pixels, room, views, ours, seed, progress)[0].distance
-    return Scene(object_pixels, views, room.emitters, poses, distance)
+        found = coarse_distance_search(object_pixels, room, views, ours, seed, progress)
+        distance = found.light_parameters.distance
+    return Scene(object_pixels, views, room.emitters, captured.poses, distance)
 
 
 def _place(scene: Scene) -> Float[np.ndarray, " 3"]:
     """The middle of the object, as if it were flat."""
-    return scene.object_pixels.geometry_at_distance(scene.distance).points.mean(0)
+    return scene.object_pixels.geometry_at(scene.distance).points.mean(0)
 
 
 def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
@@ -209,7 +206,7 @@ def _under_panoramas(scene, point, params, ours, device, progress) -> Surface:
     state = search_initial_normals(
         object_pixels,
         light,
-        object_pixels.geometry_at_distance(scene.distance),
+        object_pixels.geometry_at(scene.distance),
         ours,
         progress.part(0.2, 0.3),
     )
@@ -236,25 +233,9 @@ def solve_and_expect_roughness(
     progress: Progress,
 ) -> PixelEstimate:
     """The passes `solve_pixels` and `expect_roughness` of our solver, of pixels that no scene knows."""
-    transport, parts, steps = (
-        object_pixels.light_transport(light, params, device, geometry),
-        pixel_blocks(object_pixels.mask),
-        params.gauss_newton_steps,
-    )
-    span = progress.part(0, 0.7)
-    state = minimize(
-        state, transport, geometry, parts, object_pixels.observations, steps, span, reset_scale=True
-    )
-    return apply_roughness_prior(
-        state,
-        transport,
-        geometry,
-        parts,
-        object_pixels.observations,
-        object_pixels.mask,
-        steps,
-        progress.part(0.7, 1),
-    )
+    problem, steps = object_pixels.problem(light, geometry, params, device), params.gauss_newton_steps
+    state = minimize(state, problem, steps, progress.part(0, 0.7), reset_scale=True)
+    return apply_roughness_prior(state, problem, object_pixels.mask, steps, progress.part(0.7, 1))
 
 
 def _in_turns(
@@ -268,7 +249,7 @@ def _in_turns(
 ) -> tuple[PixelEstimate, SurfaceGeometry, Float[np.ndarray, "h w"]]:
     """The pixels in turns with the depth, which says where the points are and what hides the room from them."""
     object_pixels, z = scene.object_pixels, scene.distance
-    geometry = object_pixels.geometry_at_distance(z)
+    geometry = object_pixels.geometry_at(z)
     depth = depth_from_normals(object_pixels, state, z, progress.part(0, 0.05))
     for turn in range(rounds):
         span = progress.part(0.05 + 0.95 * turn / rounds, 0.05 + 0.95 * (turn + 1) / rounds)

@@ -11,31 +11,30 @@ from jaxtyping import Float, Int
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
-from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import exhaustive_search
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, minimize
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels, coarse_regions, observe_object
-from engine.surface.rendering.transport import Block, Light, SurfaceGeometry, TransportModel, pixel_blocks
+from engine.surface.rendering.transport import Block, Light, SurfaceGeometry, TransportModel
 from engine.surface.solve import held_out, surface_of
 from engine.surface.tiled_solve import maps_of
 from engine.surface.uncertainty.standard_errors import formal, standard_errors
-from engine.types import Frames, Masks, Poses, Surface
+from engine.types import CapturedScene, Surface
 
 MATT_ROUGHNESS = 0.5
 
 
-def seen_object(
-    frames: Frames, masks: Masks, poses: Poses, params: SurfaceParams
-) -> tuple[ObjectPixels, Int[np.ndarray, " n"]]:
+def seen_object(captured: CapturedScene, params: SurfaceParams) -> tuple[ObjectPixels, Int[np.ndarray, " n"]]:
     """The object in all registered views, and which those are.
 
     Raises:
         SurfaceError: too few views, or an empty mask.
     """
-    if not masks.object.any():
+    mask, poses = captured.masks.object, captured.poses
+    if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     views = held_out(poses.registered, 0)[0]
-    return observe_object(frames, masks.object, poses.camera, views, params), views
+    return observe_object(captured.frames, mask, poses.camera, views, params), views
 
 
 class Matt:
@@ -62,41 +61,25 @@ class Matt:
 
 
 def matt_start(
-    object_pixels: ObjectPixels,
-    rows: TransportModel,
-    geometry: SurfaceGeometry,
-    candidates: int,
-    progress: Progress,
-) -> gauss_newton.PixelEstimate:
+    object_pixels: ObjectPixels, problem: PixelProblem, candidates: int, progress: Progress
+) -> PixelEstimate:
     """Our global search, for rows without a highlight."""
-    normals, albedo, _ = exhaustive_search(
-        rows, geometry, object_pixels.observations, coarse_regions(object_pixels.mask), candidates, progress
-    )
-    return gauss_newton.initial_estimate(normals, albedo, np.full(len(normals), MATT_ROUGHNESS))
+    problem = replace(problem, blocks=coarse_regions(object_pixels.mask))
+    found = exhaustive_search(problem, candidates, progress)
+    return replace(found, roughness=np.full_like(found.roughness, MATT_ROUGHNESS))
 
 
-def refined(
-    object_pixels: ObjectPixels,
-    state: gauss_newton.PixelEstimate,
-    rows: TransportModel,
-    geometry: SurfaceGeometry,
-    passes: int,
-    progress: Progress,
-) -> gauss_newton.PixelEstimate:
+def refined(state: PixelEstimate, problem: PixelProblem, passes: int, progress: Progress) -> PixelEstimate:
     """Robust Gauss-Newton; the widths of the residuals are measured, and measured again at its answer."""
-    parts = pixel_blocks(object_pixels.mask)
-    for turn in range(2):
-        span = progress.part(turn / 2, (turn + 1) / 2)
-        state = gauss_newton.minimize(
-            state, rows, geometry, parts, object_pixels.observations, passes, span, reset_scale=True
-        )
+    for span in progress.parts(2):
+        state = minimize(state, problem, passes, span, reset_scale=True)
     # Without a highlight nothing tells the roughness but how a processor rounds.
     return replace(state, roughness=np.full_like(state.roughness, MATT_ROUGHNESS))
 
 
 def answered(
     object_pixels: ObjectPixels,
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
     geometry: SurfaceGeometry,
     depth: Float[np.ndarray, "h w"],
     model_error: float,

@@ -26,7 +26,7 @@ from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels, depth_from_normals
 from engine.surface.rendering.transport import SurfaceGeometry, pixel_blocks
-from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Surface
+from engine.types import Camera, CapturedScene, Surface
 
 HEIGHTS = (1.0, 0.3, 0.1)
 """Balloons to start from, as round as the outline or flatter: that which explains the pictures best is kept."""
@@ -47,26 +47,18 @@ class UncalibratedParams:
 
 
 def uncalibrated(
-    frames: Frames,
-    masks: Masks,
-    poses: Poses,
-    gaussians: Gaussians,
-    lamps: Lamps,
-    params: UncalibratedParams,
-    device: str,
-    seed: int,
-    progress: Progress,
+    captured: CapturedScene, params: UncalibratedParams, device: str, seed: int, progress: Progress
 ) -> Surface:
-    """Normals, albedo and light from the object's pixels alone; `gaussians`, `lamps` and poses stay unread.
+    """Normals, albedo and light from the object's pixels alone; Gaussians, lamps and poses stay unread.
 
     Raises:
         SurfaceError: too few views, or an empty mask.
     """
     # Under a light that is not known yet, a share of the background would take up what the light leaves unexplained.
     object_pixels, _ = seen_object(
-        frames, masks, poses, SurfaceParams(model_error=params.model_error, without=("mixed_pixels",))
+        captured, SurfaceParams(model_error=params.model_error, without=("mixed_pixels",))
     )
-    geometry = object_pixels.geometry_at_distance(params.object_distance)
+    geometry = object_pixels.geometry_at(params.object_distance)
     states = []
     for i, height in enumerate(HEIGHTS):
         span = progress.part(0.9 * i / len(HEIGHTS), 0.9 * (i + 1) / len(HEIGHTS))
@@ -97,12 +89,12 @@ def _in_turns(
     spreads: list[float] = []
     for turn in range(params.turns):
         span = progress.part(turn / params.turns, (turn + 1) / params.turns)
-        rows = HarmonicRows(fitted_light(state, seen))
-        state = gauss_newton.update_residual_scale(state, rows, geometry, parts, seen)
+        problem = gauss_newton.PixelProblem(HarmonicRows(fitted_light(state, seen)), geometry, parts, seen)
+        state = gauss_newton.update_residual_scale(state, problem)
         spreads.append(float(np.median(state.residual_scale)))
         if turn >= PATIENCE and spreads[-1] > SETTLED * spreads[-1 - PATIENCE]:
             break
-        state = gauss_newton.minimize(state, rows, geometry, parts, seen, params.passes, span)
+        state = gauss_newton.minimize(state, problem, params.passes, span)
         state = replace(state, albedo=grey(state.albedo), lm_lambda=np.full(len(normals), 1e-2))
     return state
 

@@ -25,6 +25,7 @@ from engine.progress import Progress
 from engine.results import metrics
 from engine.results.quality import quality
 from engine.surface.solve import solve
+from engine.types import CapturedScene
 
 CLEAN = "clean"
 """The dial of the set as it is, at step 0."""
@@ -77,9 +78,9 @@ def _solved(
     frames, masks, poses = given.frames, given.masks, given.poses
     begun = time.perf_counter()
     gaussians, lamps, light = light_fit.fit(frames, masks, poses, LightParams(), seed, progress.part(0, 0.5))
-    surface, *_, report = solve(
-        frames, masks, poses, gaussians, lamps, params_of(preset), device, seed, progress.part(0.5, 1)
-    )
+    captured = CapturedScene(frames, masks, poses, gaussians, lamps)
+    solved = solve(captured, params_of(preset), device, seed, progress.part(0.5, 1))
+    surface, report = solved.surface, solved.report
     seconds = time.perf_counter() - begun
     scored = metrics.evaluate(surface, on.truth)
     verdict = quality({"light": artifacts.plain(light), "surface": artifacts.plain(report)})

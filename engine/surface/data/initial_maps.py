@@ -20,8 +20,6 @@ from engine.surface.data.observations import Observations
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import ROUGHNESSES
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import ObjectPixels
-from engine.surface.rendering.transport import IncidentLight, SurfaceGeometry, pixel_blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +30,24 @@ class InitialMaps:
     normals: Float[np.ndarray, "p 3"]  # unit
     roughness: Float[np.ndarray, " p"] | None
     albedo: Float[np.ndarray, "p 3"] | None  # linear, of a scale of its own
+
+    def downsampled(self, small: Bool[np.ndarray, "h2 w2"]) -> "InitialMaps":
+        """Means over the object's pixels of each 2 x 2, as `Picture.downsampled` has the photographs; `small` is its mask."""
+        v, u = np.nonzero(self.mask)
+        v, u = v // 2, u // 2
+        height, width = small.shape
+        kept = (v < height) & (u < width)  # an odd last row or column is cut off
+        cell = v[kept] * width + u[kept]
+        count = np.maximum(np.bincount(cell, minlength=height * width), 1)
+
+        def mean(values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
+            return (np.bincount(cell, values[kept], height * width) / count)[small.ravel()]
+
+        normals = np.stack([mean(x) for x in self.normals.T], 1)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        roughness = None if self.roughness is None else mean(self.roughness)
+        albedo = None if self.albedo is None else np.stack([mean(x) for x in self.albedo.T], 1)
+        return InitialMaps(small, normals / np.maximum(length, 1e-9), roughness, albedo)
 
 
 def read(
@@ -84,41 +100,11 @@ def requested(params: SurfaceParams, mask: Bool[np.ndarray, "h w"], flip: int = 
     return read(Path(params.initial_normals), roughness, params.normals_frame, mask, False, flip)
 
 
-def downsample(maps: InitialMaps, small: Bool[np.ndarray, "h2 w2"]) -> InitialMaps:
-    """Means over the object's pixels of each 2 x 2, as `pyramid.downsample` has the photographs; `small` is its mask."""
-    v, u = np.nonzero(maps.mask)
-    v, u = v // 2, u // 2
-    height, width = small.shape
-    kept = (v < height) & (u < width)  # an odd last row or column is cut off
-    cell = v[kept] * width + u[kept]
-
-    def mean(values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
-        total = np.bincount(cell, values[kept], height * width)
-        count = np.maximum(np.bincount(cell, minlength=height * width), 1)
-        return (total / count)[small.ravel()]
-
-    normals = np.stack([mean(x) for x in maps.normals.T], 1)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    roughness = None if maps.roughness is None else mean(maps.roughness)
-    albedo = None if maps.albedo is None else np.stack([mean(x) for x in maps.albedo.T], 1)
-    return InitialMaps(small, normals / np.maximum(length, 1e-9), roughness, albedo)
-
-
 def estimate_from_maps(
-    maps: InitialMaps,
-    object_pixels: ObjectPixels,
-    light: IncidentLight,
-    geometry: SurfaceGeometry,
-    params: SurfaceParams,
-    progress: Progress,
+    maps: InitialMaps, problem: gauss_newton.PixelProblem, progress: Progress
 ) -> gauss_newton.PixelEstimate:
-    """The maps as a first surface of the object's pixels: all of the maps' mask, or `pyramid.downsample` ones."""
-    if maps.mask.shape != object_pixels.mask.shape:
-        maps = downsample(maps, object_pixels.mask)
-    transport, parts = (
-        object_pixels.light_transport(light, params, "cpu", geometry),
-        pixel_blocks(object_pixels.mask),
-    )
+    """The maps, which are of the problem's pixels, as a first surface of them."""
+    transport, geometry = problem.transport, problem.geometry
     normals = gauss_newton.clamp_to_visible(maps.normals, geometry.views)
     tried = np.tile(ROUGHNESSES, (len(normals), 1)) if maps.roughness is None else maps.roughness[:, None]
     tried = np.clip(tried, *gauss_newton.ROUGHNESS)
@@ -127,29 +113,26 @@ def estimate_from_maps(
     def begin(pixels: Int[np.ndarray, " _"]) -> None:
         leaning = np.repeat(normals[pixels][:, None], tried.shape[1], 1)
         block = transport.block(geometry, pixels)
-        diffuse, specular = transport(block.under(block.energy), leaning, tried[pixels])
-        best, albedo[pixels] = _explained(diffuse, specular, object_pixels.observations, pixels)
+        diffuse, specular = transport(block.under(block.light.mean), leaning, tried[pixels])
+        best, albedo[pixels] = _explained(diffuse, specular, problem.observations.part(pixels))
         roughness[pixels] = tried[pixels, best]
 
-    each(begin, parts, progress, "beginning from the maps given")
+    each(begin, problem.blocks, progress, "beginning from the maps given")
     return gauss_newton.initial_estimate(normals, albedo, roughness)
 
 
 def _explained(
-    diffuse: Float[np.ndarray, "p k v"],
-    specular: Float[np.ndarray, "p k v"],
-    observations: Observations,
-    pixels: Int[np.ndarray, " p"],
+    diffuse: Float[np.ndarray, "p k v"], specular: Float[np.ndarray, "p k v"], observations: Observations
 ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
     """Which of `k` variants explains each pixel best, and its albedo: the one in the middle of all views."""
-    eps = observations.eps[pixels][:, None, None]
-    radiance, valid = observations.radiance[pixels][:, None], observations.weight[pixels][:, None] > 0
+    eps = observations.eps[:, None, None]
+    radiance, valid = observations.radiance[:, None], observations.weight[:, None] > 0
     share = np.where(valid, (radiance - specular) / np.maximum(diffuse, 1e-6), np.nan)
     albedo = np.stack([_middle(share[..., c::3]) for c in range(3)], -1)  # p k 3
     model = np.tile(albedo, diffuse.shape[2] // 3) * diffuse + specular
     logs = np.log((radiance + eps) / (np.maximum(model, 0) + eps))
     best = np.where(valid, np.abs(logs), 0).sum(2).argmin(1)
-    return best, albedo[np.arange(len(pixels)), best]
+    return best, albedo[np.arange(len(best)), best]
 
 
 def _middle(values: Float[np.ndarray, "p k n"]) -> Float[np.ndarray, "p k"]:

@@ -8,20 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import binary_erosion, label
+from scipy.ndimage import binary_erosion, distance_transform_edt, label
 
 from engine.types import Frames
 
-FLOOR_SHARE = 0.02
-"""eps as a share of the pixel's median radiance over the views."""
 CAUCHY, PLAIN = 2.0, 1e6
 """Width of the Cauchy weight in units of the pixel's own residual spread; and one so wide that every residual counts
 in full: plain least squares."""
-
-
-DARK = 0.1
-"""What is beside a pixel of the rim tells its share if it is brighter than so many times the pixel itself. Of black, a share
-and a lower albedo look alike."""
 
 
 def connected_regions(
@@ -38,6 +31,14 @@ def pixel_index(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
     return index
+
+
+def parent_index(small: Bool[np.ndarray, "h2 w2"], mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, " p"]:
+    """For each of the mask's pixels the nearest of those of half the size."""
+    nearest = distance_transform_edt(~small, return_distances=False, return_indices=True)
+    index = pixel_index(small)[tuple(nearest)]  # pyrefly: ignore[bad-argument-type]
+    v, u = np.nonzero(mask)
+    return index[np.minimum(v // 2, small.shape[0] - 1), np.minimum(u // 2, small.shape[1] - 1)]
 
 
 def shifted_neighbours(
@@ -72,24 +73,17 @@ class Observations:
             columns = (3 * views[:, None] + np.arange(3)).ravel()
         row = self.row[pixels]
         kept = np.where(row >= 0, np.cumsum(row >= 0) - 1, -1)
-        return Observations(
-            np.ascontiguousarray(self.radiance[pixels][:, columns]),
-            np.ascontiguousarray(self.weight[pixels][:, columns]),
-            self.eps[pixels],
-            self.saturated[pixels],
-            self.edge[pixels],
-            kept,
-            np.ascontiguousarray(self.beside[row[row >= 0]][:, columns]),
-            self.cauchy,
+        radiance, weight, beside = (
+            np.ascontiguousarray(x[which][:, columns])
+            for x, which in ((self.radiance, pixels), (self.weight, pixels), (self.beside, row[row >= 0]))
         )
+        eps, saturated, edge = (x[pixels] for x in (self.eps, self.saturated, self.edge))
+        return Observations(radiance, weight, eps, saturated, edge, kept, beside, self.cauchy)
 
     def with_exposure_compensated(self, drift: Float[np.ndarray, " n"]) -> "Observations":
         """As photographed had no view's log exposure drifted; weights, in logarithms, stay."""
-        return replace(
-            self,
-            radiance=compensate_exposure(self.radiance, drift),
-            beside=compensate_exposure(self.beside, drift),
-        )
+        radiance, beside = (compensate_exposure(x, drift) for x in (self.radiance, self.beside))
+        return replace(self, radiance=radiance, beside=beside)
 
 
 def compensate_exposure(
@@ -115,7 +109,7 @@ def observe(
     usable = ~(frames.clipped[views] | frames.dark[views])[:, mask].T
     positive = np.maximum(radiance, 0)
     level = np.median(positive.reshape(len(radiance), -1), axis=1)
-    eps = FLOOR_SHARE * np.maximum(level, 1e-12)
+    eps = 0.02 * np.maximum(level, 1e-12)
     shot, floor = frames.noise
     variance = (shot * positive + floor**2) / (positive + eps[:, None, None]) ** 2 + model_error**2
     weight = usable[..., None] / variance
@@ -123,18 +117,13 @@ def observe(
     count = len(radiance)
     row, place = beside_rim(mask)
     outside = np.maximum(gather_radiance(frames, views, place), 0).reshape(len(place[0]), 3 * len(views))
-    tells = np.median(outside, axis=1) > DARK * level[row >= 0] if mixed else np.zeros(len(outside), bool)
+    # What is beside a pixel tells its share if it is not much darker: of black, a share and a lower albedo look alike.
+    tells = mixed & (np.median(outside, axis=1) > 0.1 * level[row >= 0])
     row[row >= 0] = np.where(tells, np.cumsum(tells) - 1, -1)
     return Observations(
-        positive.reshape(count, -1),
-        weight.astype(np.float32).reshape(count, -1),
-        eps.astype(np.float32),
-        frames.clipped[views][:, mask].mean(0).astype(np.float32),
-        edge[mask],
-        row,
-        outside[tells],
-        cauchy,
-    )
+        positive.reshape(count, -1), weight.astype(np.float32).reshape(count, -1), eps.astype(np.float32),
+        frames.clipped[views][:, mask].mean(0).astype(np.float32), edge[mask], row, outside[tells], cauchy,
+    )  # fmt: skip
 
 
 def gather_radiance(

@@ -11,8 +11,8 @@ from engine.errors import SurfaceError
 DIRECT_SOLVE_PIXELS = 150_000
 """Unknowns up to which a factorisation is faster than multigrid: 0.05 s a system of 16 000, 0.2 s of 48 000, where multigrid
 takes 0.08 and 0.9 s on a relief whose walls are torn; 1.6 s of 260 000."""
-RESIDUAL, ITERATIONS = 1e-5, 200
-"""Of multigrid: the part of the right-hand side that may be left, and after how many turns it has failed."""
+ITERATIONS = 200
+"""After which multigrid has failed."""
 
 
 def laplacian(
@@ -43,13 +43,13 @@ def solve_system(system: sparse.csc_matrix, right: Float[np.ndarray, " p"]) -> F
     cycles = pyamg.smoothed_aggregation_solver(
         system.tocsr(), max_coarse=500, smooth=("jacobi", {"weighting": "local"}), coarse_solver="splu"
     ).aspreconditioner()
-    found, short = cg(
-        system, right, rtol=RESIDUAL, maxiter=ITERATIONS, M=LinearOperator(system.shape, cycles.matvec)
-    )
+    tolerance = 1e-5  # the part of the right-hand side that may be left
+    near = LinearOperator(system.shape, cycles.matvec)
+    found, short = cg(system, right, rtol=tolerance, maxiter=ITERATIONS, M=near)
     if short:
         left = np.linalg.norm(right - system @ found) / max(np.linalg.norm(right), 1e-30)
         raise SurfaceError(
             f"normal integration did not converge ({count} pixels, residual {left:.1g} after {ITERATIONS} iterations,"
-            f" tolerance {RESIDUAL:g}); reduce the image size (hdr.long_edge_px) or fix the mask"
+            f" tolerance {tolerance:g}); reduce the image size (hdr.long_edge_px) or fix the mask"
         )
     return found

@@ -11,7 +11,7 @@ How far a part stands behind another that it does not touch, normals do not tell
 `part` tells which pixels hang together.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
@@ -42,6 +42,9 @@ class IntegrationConfig:
     continuous_px: float = 0.1  # a border is a jump unless edges that lie so close
     continuous_share: float = 0.5  # are such a share of it
     least_share: float = 0.01  # of the pixels: smaller parts are not told
+
+
+CONFIG = IntegrationConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +102,6 @@ def integrate_normals(
     mask: Bool[np.ndarray, "h w"],
     mean_depth: float,
     progress: Progress,
-    config: IntegrationConfig = IntegrationConfig(),
 ) -> Float[np.ndarray, "h w"]:
     """Depth z (scene units, zero outside `mask`) whose mean over each connected part of the mask is `mean_depth`.
 
@@ -109,9 +111,7 @@ def integrate_normals(
         SurfaceError: the mask is empty, or multigrid does not converge.
     """
     # Where jumps must wait, DiLiGenT's harvest comes out at 1.6 instead of 1.0 mm.
-    return integrate_parts(
-        camera, normals, mask, mean_depth, progress, replace(config, continuous_share=0.0)
-    ).depth
+    return integrate_parts(camera, normals, mask, mean_depth, progress, continuous_share=0.0).depth
 
 
 def integrate_parts(
@@ -120,7 +120,7 @@ def integrate_parts(
     mask: Bool[np.ndarray, "h w"],
     mean_depth: float,
     progress: Progress,
-    config: IntegrationConfig = IntegrationConfig(),
+    continuous_share: float = CONFIG.continuous_share,
 ) -> IntegratedDepth:
     """The same, and the parts that nothing but jumps separates; these are joined last, so that no part has a jump inside.
 
@@ -133,13 +133,15 @@ def integrate_parts(
     progress.step(0, doing)
     size = int(mask.sum())
     edges = _edges(camera, normals, mask)
-    edges, log_depth, component, count = _continuous(edges, size, config)
-    parts, first_count = None, count
+    log_depth, component = _continuous(edges, size)
+    edges = edges.some(component[edges.a] != component[edges.b])
+    count = first_count = int(component.max()) + 1
+    parts = None
     while len(edges.a):
         progress.step(1 - 0.5 * np.log(count) / np.log(first_count), doing)
-        log_depth = _aligned(edges, log_depth, component, count, config)
-        borders = _borders(edges, log_depth, component, count, config)
-        open_ = borders.continuous >= (config.continuous_share if parts is None else 0)
+        log_depth = _aligned(edges, log_depth, component, count)
+        borders = _borders(edges, log_depth, component, count)
+        open_ = borders.continuous >= (continuous_share if parts is None else 0)
         if not open_.any():
             parts, open_ = component, np.ones_like(open_)
         best = np.zeros(count)
@@ -150,36 +152,34 @@ def integrate_parts(
         count, merged = _joined(borders.one[chosen], borders.other[chosen], count)
         component = merged[component]
         edges = edges.some(component[edges.a] != component[edges.b])
-    parts = _numbered(component if parts is None else parts, config.least_share)
+    parts = _numbered(component if parts is None else parts)
     return IntegratedDepth(_scaled(mask, log_depth, mean_depth), _image(mask, parts, 0))
 
 
-def _numbered(component: Int[np.ndarray, " p"], least_share: float) -> Int16[np.ndarray, " p"]:
+def _numbered(component: Int[np.ndarray, " p"]) -> Int16[np.ndarray, " p"]:
     """Components by size, the largest 1; 0 where one is too small."""
     size = np.bincount(component)
     rank = np.argsort(np.argsort(-size, kind="stable"))
-    return np.where(size >= least_share * len(component), rank + 1, 0).astype(np.int16)[component]
+    return np.where(size >= CONFIG.least_share * len(component), rank + 1, 0).astype(np.int16)[component]
 
 
-def _continuous(
-    edges: _Edges, size: int, config: IntegrationConfig
-) -> tuple[_Edges, Float[np.ndarray, " p"], Int[np.ndarray, " p"], int]:
-    """Edges between components, depth within, every pixel's component, and how many there are.
+def _continuous(edges: _Edges, size: int) -> tuple[Float[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """Depth within components, and every pixel's component.
 
     Around a tear that closes somewhere both sides are one component. So the smooth edges have the first word; of those across
     which normals turn, only what then nearly agrees is taken in: it makes a curved surface exact, and a tear is left open.
     """
-    kept = edges.turn <= np.radians(config.smooth_deg)
-    count, component = _joined(edges.a[kept], edges.b[kept], size)
+    kept = edges.turn <= np.radians(CONFIG.smooth_deg)
+    _, component = _joined(edges.a[kept], edges.b[kept], size)
     inside = component[edges.a] == component[edges.b]
     log_depth = np.zeros(size)
     for _ in range(2):
         within = edges.some(kept)
         weight = 0.5 * (within.facing_a + within.facing_b)
         log_depth = _least_squares(within.a, within.b, weight, within.ratio, size)
-        agrees = edges.focal * np.abs(edges.missed(log_depth)) <= config.tear_px
+        agrees = edges.focal * np.abs(edges.missed(log_depth)) <= CONFIG.tear_px
         kept = kept | (inside & agrees)
-    return edges.some(~inside), log_depth, component, count
+    return log_depth, component
 
 
 def _scaled(
@@ -254,15 +254,14 @@ def _aligned(
     log_depth: Float[np.ndarray, " p"],
     component: Int[np.ndarray, " p"],
     count: int,
-    config: IntegrationConfig,
 ) -> Float[np.ndarray, " p"]:
     """The components moved, each as a whole, to where the edges between them agree best."""
     one, other = component[edges.a], component[edges.b]
     facing = np.minimum(edges.facing_a, edges.facing_b)
-    first = facing / (facing + (config.least_facing * edges.focal) ** 2)
-    for turn in range(config.rounds):
+    first = facing / (facing + (CONFIG.least_facing * edges.focal) ** 2)
+    for turn in range(CONFIG.rounds):
         left = edges.missed(log_depth)
-        weight = _weights(edges, log_depth, left, config) if turn else first
+        weight = _weights(edges, log_depth, left) if turn else first
         log_depth = log_depth + _least_squares(one, other, weight, left, count)[component]
     return log_depth
 
@@ -271,7 +270,6 @@ def _weights(
     edges: _Edges,
     log_depth: Float[np.ndarray, " p"],
     left: Float[np.ndarray, " e"],
-    config: IntegrationConfig,
 ) -> Float[np.ndarray, " e"]:
     """Little for an edge on whose other side the depth changes less, and for one that is missed by far."""
     apart = (log_depth[edges.a] - log_depth[edges.b]) ** 2
@@ -279,10 +277,10 @@ def _weights(
     def one_sided(pixel, opposite, facing):
         # Off the mask nothing changes.
         beside = np.where(opposite >= 0, (log_depth[opposite] - log_depth[pixel]) ** 2, 0)
-        return facing * expit(config.sharpness * facing * (beside - apart))
+        return facing * expit(CONFIG.sharpness * facing * (beside - apart))
 
-    middle = (config.inlier_px + config.outlier_px) / 2
-    slope = np.log(0.98 / 0.02) / (config.outlier_px - middle)
+    middle = (CONFIG.inlier_px + CONFIG.outlier_px) / 2
+    slope = np.log(0.98 / 0.02) / (CONFIG.outlier_px - middle)
     near = expit(slope * (middle - edges.focal * np.abs(left)))
     weight = one_sided(edges.a, edges.before, edges.facing_a) + one_sided(
         edges.b, edges.beyond, edges.facing_b
@@ -296,14 +294,13 @@ def _borders(
     log_depth: Float[np.ndarray, " p"],
     component: Int[np.ndarray, " p"],
     count: int,
-    config: IntegrationConfig,
 ) -> _Borders:
     one, other = np.sort([component[edges.a], component[edges.b]], axis=0)
     pair, border = np.unique(one * count + other, return_inverse=True)
     left, length = edges.focal * edges.missed(log_depth), np.bincount(border)
     agreeing, continuous = (
         np.bincount(border, np.exp(-0.5 * (left / within) ** 2))
-        for within in (config.agreement_px, config.continuous_px)
+        for within in (CONFIG.agreement_px, CONFIG.continuous_px)
     )
     evidence = np.maximum(agreeing / length * agreeing, 1e-300)
     return _Borders(pair // count, pair % count, continuous / length, evidence)

@@ -17,11 +17,16 @@ from jaxtyping import Int
 from engine.progress import Progress
 from engine.surface.data.observations import evenly_spaced
 from engine.surface.lighting.grouped_light import GroupedLight
-from engine.surface.lighting.light_calibration import LightParameters, calibrate, prior_light, split_groups
+from engine.surface.lighting.light_calibration import (
+    CalibrationConfig,
+    LightParameters,
+    calibrate,
+    prior_light,
+    split_groups,
+)
 from engine.surface.lighting.room_light import RoomLight, gather_grouped_light
-from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import exhaustive_search
-from engine.surface.optimize.pixel_sample import PixelSample, calibration_pixels
+from engine.surface.optimize.pixel_sample import PixelSample, interior, random_subset, sample_pixels
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels
 from engine.surface.rendering.transport import probe_grid_around
@@ -69,6 +74,16 @@ class Distance:
     misfit: tuple[float, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundDistance:
+    """The best of the distances tried, with the light that suits it."""
+
+    light_parameters: LightParameters
+    grouped_light: GroupedLight  # in as many parts as that took
+    distances: tuple[float, ...]  # tried,
+    misfits: tuple[float, ...]  # and what each left
+
+
 def coarse_distance_search(
     object_pixels: ObjectPixels,
     room: RoomLight,
@@ -76,102 +91,86 @@ def coarse_distance_search(
     params: SurfaceParams,
     seed: int,
     progress: Progress,
-    config: DistanceSearchConfig = CONFIG,
-) -> tuple[LightParameters, RoomLight, tuple[float, ...], tuple[float, ...]]:
-    """The object's distance to a fifth or so unless it is given, with the light that suits it; the room in as many parts as
-    that took; and the curve: distances tried and their misfits."""
-    every = evenly_spaced(np.arange(len(views)), min(config.views, len(views) // 2))
-    size, layers = room.size(), config.layers
-    near_far = config.nearest * size, config.farthest * size
+) -> FoundDistance:
+    """The object's distance to a fifth or so unless it is given, with the light that suits it."""
+    every = evenly_spaced(np.arange(len(views)), min(CONFIG.views, len(views) // 2))
+    size, layers = room.size(), CONFIG.layers
+    near_far = CONFIG.nearest * size, CONFIG.farthest * size
     if params.object_distance > 0:
         near_far, layers = (params.object_distance, params.object_distance), 1
     lattice = probe_grid_around(object_pixels.camera, object_pixels.mask, near_far, (1, 1, layers))
     face_px, span = params.probe_resolution, progress.part(0, 0.5)
-    parts = gather_grouped_light(
-        lattice, room, views[every], coarse_directions(params, config), face_px, span
-    )
+    parts = gather_grouped_light(lattice, room, views[every], coarse_directions(params), face_px, span)
     # Flat and shadowless, pixels misfit by more than any drift.
     parts = replace(parts, exposure_sigma=0.0, lamp_offset_sigma=0.0)
-    _, sample = calibration_pixels(
-        object_pixels, object_pixels.geometry_at_distance(1.0), 1.0, config.pixels, params, seed, every
-    )
-    found, parts, tried, misfits = find_distance(parts, sample, params, progress.part(0.5, 1), config)
-    return found, room.with_patches_split(parts.patches), tried, misfits
+    chosen = random_subset(interior(object_pixels), CONFIG.pixels, seed)
+    sample = sample_pixels(object_pixels, object_pixels.geometry_at(1.0), 1.0, chosen, params, every)
+    return find_distance(parts, sample, params, progress.part(0.5, 1))
 
 
-def coarse_directions(params: SurfaceParams, config: DistanceSearchConfig = CONFIG) -> int:
+def coarse_directions(params: SurfaceParams) -> int:
     """Of the light in the coarse phases."""
-    return min(config.directions, params.directions or config.directions)
+    return min(CONFIG.directions, params.directions or CONFIG.directions)
 
 
 def find_distance(
-    grouped_light: GroupedLight,
-    sample: PixelSample,
-    params: SurfaceParams,
-    progress: Progress,
-    config: DistanceSearchConfig = CONFIG,
-) -> tuple[LightParameters, GroupedLight, tuple[float, ...], tuple[float, ...]]:
-    """The best of the lattice's layers, with the light that suits it; the light by as many parts as that took; and the
-    curve: distances and their misfits.
+    grouped_light: GroupedLight, sample: PixelSample, params: SurfaceParams, progress: Progress
+) -> FoundDistance:
+    """The best of the lattice's layers.
 
     What no photograph shows, where there is any, is as bright as suits the object best; one brightness serves to begin
     with at every distance, for it hardly depends on that. Where it turns out bright it is divided, and so on, as long as
     that suits it better. Clipped lamps are made brighter as long as that does.
     """
-    layers = grouped_light.incident.probe_grid.depths()
-    levels = config.unseen_levels if grouped_light.unseen.any() and params.models("light_gains") else (1.0,)
-    brighter = config.lamp_factors if grouped_light.clipped.any() and params.models("light_gains") else ()
-    again = config.searches if len(levels) > 1 else 0
+    layers, free = grouped_light.incident.probe_grid.depths(), params.models("light_gains")
+    levels = CONFIG.unseen_levels if grouped_light.unseen.any() and free else (1.0,)
+    brighter = CONFIG.lamp_factors if grouped_light.clipped.any() and free else ()
+    again = CONFIG.searches if len(levels) > 1 else 0
     first, then = progress.part(0, 0.5 if again else 1), progress.part(0.5, 1)
-    turns = iter(first.parts(len(levels) + len(brighter) + (config.searches if brighter else again)))
+    turns = iter(first.parts(len(levels) + len(brighter) + (CONFIG.searches if brighter else again)))
 
     def looked(begun: Sequence[LightParameters]) -> list[LightParameters]:
         spans = next(turns).parts(len(begun))
         return [
-            _calibrated_from_scratch(one, grouped_light, sample, params, span, config)
+            _calibrated_from_scratch(one, grouped_light, sample, free, span)
             for one, span in zip(begun, spans, strict=True)
         ]
 
     best: list[LightParameters] = []
     for level in levels:
         best = _better(best, looked([prior_light(grouped_light, float(z), level) for z in layers]))
-    step = config.lamp_layers
+    step = CONFIG.lamp_layers
     some_layers = slice(min(step // 2, len(layers) - 1), None, step)
     for factor in brighter:
         some = best[some_layers]
         least = min(some, key=_misfit)
         tried = looked([_brighter_lamps(least, grouped_light, factor, one.distance) for one in some])
-        if min(map(_misfit, tried)) > config.worthwhile * least.cost:
+        if min(map(_misfit, tried)) > CONFIG.worthwhile * least.cost:
             break
-        best[some_layers], again = _better(some, tried), config.searches
+        best[some_layers], again = _better(some, tried), CONFIG.searches
     for _ in range(again):
         least = min(best, key=_misfit)
         best = _better(best, looked([replace(least, distance=float(z)) for z in layers]))
-        if _misfit(min(best, key=_misfit)) > config.worthwhile * least.cost:
+        if _misfit(min(best, key=_misfit)) > CONFIG.worthwhile * least.cost:
             break
     least = min(best, key=_misfit)
     if len(levels) > 1:
-        least, grouped_light = _finer(least, grouped_light, sample, params, then, config)
-    return least, grouped_light, tuple(map(float, layers)), tuple(map(_misfit, best))
+        least, grouped_light = _finer(least, grouped_light, sample, then)
+    return FoundDistance(least, grouped_light, tuple(map(float, layers)), tuple(map(_misfit, best)))
 
 
 def _finer(
-    least: LightParameters,
-    grouped_light: GroupedLight,
-    sample: PixelSample,
-    params: SurfaceParams,
-    progress: Progress,
-    config: DistanceSearchConfig,
+    least: LightParameters, grouped_light: GroupedLight, sample: PixelSample, progress: Progress
 ) -> tuple[LightParameters, GroupedLight]:
     """The light with what no photograph shows divided where it is bright, and so on, as long as that suits the object better."""
-    spans = iter(progress.parts(config.splits * config.searches_per_split))
-    for _ in range(config.splits):
+    spans = iter(progress.parts(CONFIG.splits * CONFIG.searches_per_split))
+    for _ in range(CONFIG.splits):
         if (made := split_groups(grouped_light, least)) is None:
             break
         finer, begun = made
-        for _ in range(config.searches_per_split):
-            found = _calibrated_from_scratch(begun, finer, sample, params, next(spans), config)
-            if found.cost > config.worthwhile * least.cost:
+        for _ in range(CONFIG.searches_per_split):
+            found = _calibrated_from_scratch(begun, finer, sample, True, next(spans))
+            if found.cost > CONFIG.worthwhile * least.cost:
                 break
             grouped_light, least, begun = finer, found, found
         if grouped_light is not finer:
@@ -183,30 +182,15 @@ def _calibrated_from_scratch(
     begun: LightParameters,
     grouped_light: GroupedLight,
     sample: PixelSample,
-    params: SurfaceParams,
+    free_light: bool,
     progress: Progress,
-    config: DistanceSearchConfig,
 ) -> LightParameters:
     """The light that suits normals which are sought from nothing under it as it is begun."""
-    transport, geometry = (
-        sample.light_transport(grouped_light.with_gains(begun.gain)),
-        sample.geometry_at(begun.distance),
-    )
-    start = exhaustive_search(
-        transport, geometry, sample.observations, sample.regions, config.candidates, progress.part(0, 0.4)
-    )
-    rounds = config.calibration_rounds if params.models("light_gains") else 0
-    return calibrate(
-        begun,
-        grouped_light,
-        sample,
-        gauss_newton.initial_estimate(*start),
-        False,
-        params.models("light_gains"),
-        rounds,
-        config.gauss_newton_steps,
-        progress.part(0.4, 1),
-    )[0]
+    problem = sample.problem(grouped_light.with_gains(begun.gain), begun.distance)
+    start = exhaustive_search(problem, CONFIG.candidates, progress.part(0, 0.4))
+    rounds = CONFIG.calibration_rounds if free_light else 0
+    config = CalibrationConfig(rounds=rounds, gauss_newton_steps=CONFIG.gauss_newton_steps)
+    return calibrate(begun, grouped_light, sample, start, False, free_light, progress.part(0.4, 1), config)[0]
 
 
 def _brighter_lamps(

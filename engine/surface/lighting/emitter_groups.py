@@ -72,11 +72,7 @@ def _parts(towards: Float[np.ndarray, "k 3"], count: int) -> Int[np.ndarray, " k
 
 
 def group_emitters(
-    gaussians: Gaussians,
-    centre: Float[np.ndarray, " 3"],
-    rest: int,
-    seed: int,
-    config: EmitterGroupsConfig = CONFIG,
+    gaussians: Gaussians, centre: Float[np.ndarray, " 3"], rest: int, seed: int
 ) -> Int[np.ndarray, " k"]:
     """A group number for every Gaussian, as seen from `centre` (where the object is, on average)."""
     away = gaussians.means - centre
@@ -85,14 +81,14 @@ def group_emitters(
     area = np.sort(gaussians.scales, axis=1)[:, 1:].prod(1)
     solid = np.minimum(area / distance**2, 1.0) * (1 - np.exp(-gaussians.density))
     energy = level * solid
-    bright = np.nonzero(level > config.bright * energy.sum() / max(solid.sum(), 1e-30))[0]
+    bright = np.nonzero(level > CONFIG.bright * energy.sum() / max(solid.sum(), 1e-30))[0]
     group = np.full(len(energy), -1)
     count = 0
     if len(bright):
-        cluster = clusters(gaussians.means[bright] / (config.near_share * np.median(distance[bright])), 1.0)
+        cluster = clusters(gaussians.means[bright] / (CONFIG.near_share * np.median(distance[bright])), 1.0)
         carried = np.bincount(cluster, energy[bright])
-        for lamp in np.argsort(-carried)[: config.lamps]:
-            if carried[lamp] > config.lamp_share * energy.sum():
+        for lamp in np.argsort(-carried)[: CONFIG.lamps]:
+            if carried[lamp] > CONFIG.lamp_share * energy.sum():
                 group[bright[cluster == lamp]] = count
                 count += 1
     others = np.nonzero(group < 0)[0]

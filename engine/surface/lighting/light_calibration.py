@@ -28,11 +28,12 @@ from jaxtyping import Float, Int
 from engine.color import luminance
 from engine.parallel import abreast
 from engine.progress import Progress
+from engine.surface.data.observations import Observations
 from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, KNOWN, UNSEEN, EmitterGroupsConfig
 from engine.surface.lighting.grouped_light import GroupedLight
-from engine.surface.optimize import gauss_newton
+from engine.surface.optimize.gauss_newton import PixelEstimate, jacobian, minimize, perturbed, roughness_step
 from engine.surface.optimize.pixel_sample import PixelSample
-from engine.surface.rendering.transport import LightTransport
+from engine.surface.rendering.transport import Block, LightTransport
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,11 @@ class CalibrationConfig:
     fixed_weight: float = 1e12  # and on one that nothing may
     settled: float = 1e-3  # a setting that `_change` less stands: the background's sum is known no better
     residual_scale: float = 3.0  # one for every pixel, so that misfits compare
+    rounds: int = 4  # of the pixels and then the light,
+    gauss_newton_steps: int = 2  # with so many steps of the pixels each time
+
+
+CONFIG = CalibrationConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,41 +84,30 @@ class LightParameters:
     lamp_offset: Float[np.ndarray, "l 2"]  # radians across, of each lamp
 
 
-def prior_light(
-    grouped_light: GroupedLight,
-    distance: float,
-    unseen: float = 1.0,
-    config: CalibrationConfig = CalibrationConfig(),
-) -> LightParameters:
+def prior_light(grouped_light: GroupedLight, distance: float, unseen: float = 1.0) -> LightParameters:
     """The light as the background has it; clipped lamps as bright as lamps are expected to be, what no photograph
     shows so many times brighter than its surroundings."""
-    gain = np.exp(light_belief(grouped_light, config)[0])[:, None].repeat(3, 1)
+    gain = np.exp(light_belief(grouped_light)[0])[:, None].repeat(3, 1)
     gain[grouped_light.unseen] = unseen
-    still = (
-        np.zeros(grouped_light.incident.energy.shape[2] // 3),
-        np.zeros((len(grouped_light.area_lights.radii), 2)),
-    )
-    return LightParameters(distance, gain, float("inf"), float("inf"), *still)
+    still = np.zeros(grouped_light.incident.energy.shape[2] // 3)
+    there = np.zeros((len(grouped_light.area_lights.radii), 2))
+    return LightParameters(distance, gain, float("inf"), float("inf"), still, there)
 
 
 def split_groups(
-    grouped_light: GroupedLight,
-    light_parameters: LightParameters,
-    config: CalibrationConfig = CalibrationConfig(),
+    grouped_light: GroupedLight, light_parameters: LightParameters
 ) -> tuple[GroupedLight, LightParameters] | None:
     """The same light with the brightest parts that no view shows each in several; None if none is bright, or the views cannot
     tell more parts apart."""
     if grouped_light.patches is None or grouped_light.patch is None:
         return None
     light = luminance(grouped_light.levels() * light_parameters.gain)
-    most = config.unseen_per_view * grouped_light.incident.energy.shape[2] // 3
-    more = most - int(grouped_light.unseen.sum())
-    ranked = np.argsort(np.where(grouped_light.unseen, -light, 0), kind="stable")[
-        : max(0, more) // (EmitterGroupsConfig().parts - 1)
-    ]
-    group = grouped_light.patches.split(
-        ranked[light[ranked] * grouped_light.unseen[ranked] > config.split_share * light.sum()]
-    )
+    total = light.sum()
+    most = CONFIG.unseen_per_view * grouped_light.incident.energy.shape[2] // 3
+    more = max(0, most - int(grouped_light.unseen.sum())) // (EmitterGroupsConfig().parts - 1)
+    light = light * grouped_light.unseen
+    ranked = np.argsort(-light, kind="stable")[:more]
+    group = grouped_light.patches.split(ranked[light[ranked] > CONFIG.split_share * total])
     end = int(grouped_light.patches.group.max()) + 1
     added = int(group.max()) + 1 - end
     if not added:
@@ -121,18 +116,12 @@ def split_groups(
     numbers, somewhere = np.unique(group, return_index=True)
     whole = grouped_light.patches.group[somewhere[numbers >= end]]
     before = np.concatenate([np.arange(end), whole, np.arange(end, len(grouped_light.kind))])
-    cells = np.where(
-        grouped_light.patch >= 0,
-        group[grouped_light.patch],
-        grouped_light.group + added * (grouped_light.group >= end),
-    )
+    shifted = grouped_light.group + added * (grouped_light.group >= end)
     finer = replace(
-        grouped_light,
-        group=cells,
-        kind=grouped_light.kind[before],
-        clipped_share=grouped_light.clipped_share[before],
+        grouped_light, kind=grouped_light.kind[before], clipped_share=grouped_light.clipped_share[before],
+        group=np.where(grouped_light.patch >= 0, group[grouped_light.patch], shifted),
         patches=replace(grouped_light.patches, group=group),
-    )
+    )  # fmt: skip
     return finer, replace(light_parameters, gain=light_parameters.gain[before])
 
 
@@ -140,31 +129,20 @@ def calibrate(
     light_parameters: LightParameters,
     grouped_light: GroupedLight,
     sample: PixelSample,
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
     free_distance: bool,
     free_light: bool,
-    rounds: int,
-    passes: int,
     progress: Progress,
-    config: CalibrationConfig = CalibrationConfig(),
-) -> tuple[LightParameters, gauss_newton.PixelEstimate]:
+    config: CalibrationConfig = CONFIG,
+) -> tuple[LightParameters, PixelEstimate]:
     """`rounds` times the pixels under the setting, then the setting under the pixels; the best one wins."""
     best = replace(light_parameters, cost=float("inf")), state
-    for turn in range(rounds + 1):
-        span = progress.part(turn / (rounds + 1), (turn + 1) / (rounds + 1))
-        even, geometry = (
-            sample.with_exposure_compensated(light_parameters.exposure_offset),
-            sample.geometry_at(light_parameters.distance),
-        )
-        transport = even.light_transport(
-            grouped_light.with_gains(light_parameters.gain, light_parameters.lamp_offset)
-        )
-        state = gauss_newton.minimize(
-            state, transport, geometry, sample.regions, even.observations, passes, span, reset_scale=True
-        )
-        fresh, misfit = _step(
-            light_parameters, grouped_light, sample, state, free_distance, free_light, config
-        )
+    for span in progress.parts(config.rounds + 1):
+        even = sample.with_exposure_compensated(light_parameters.exposure_offset)
+        light = grouped_light.with_gains(light_parameters.gain, light_parameters.lamp_offset)
+        problem = even.problem(light, light_parameters.distance)
+        state = minimize(state, problem, config.gauss_newton_steps, span, reset_scale=True)
+        fresh, misfit = _step(light_parameters, grouped_light, sample, state, free_distance, free_light)
         if misfit < best[0].cost:
             best = replace(light_parameters, distance_stderr=fresh.distance_stderr, cost=misfit), state
         moved, light_parameters = _change(grouped_light, light_parameters, fresh), fresh
@@ -180,24 +158,21 @@ def _change(grouped_light: GroupedLight, before: LightParameters, after: LightPa
     light, change = (
         luminance(levels * np.abs(gain)).sum() for gain in (before.gain, after.gain - before.gain)
     )
-    away = [
-        np.log([after.distance / before.distance]),
-        after.exposure_offset - before.exposure_offset,
-        after.lamp_offset - before.lamp_offset,
-    ]
-    return float(change / light) + max(float(np.abs(x).max(initial=0)) for x in away)
+    away = np.concatenate([
+        np.log([after.distance / before.distance]), after.exposure_offset - before.exposure_offset,
+        (after.lamp_offset - before.lamp_offset).ravel(),
+    ])  # fmt: skip
+    return float(change / light) + float(np.abs(away).max())
 
 
 def calibrate_with_distance(
     light_parameters: LightParameters,
     grouped_light: GroupedLight,
     sample: PixelSample,
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
     free_light: bool,
-    rounds: int,
-    passes: int,
     progress: Progress,
-    config: CalibrationConfig = CalibrationConfig(),
+    config: CalibrationConfig = CONFIG,
 ) -> LightParameters:
     """The distance at which the light that suits it best misfits least: the middle of a parabola through three.
 
@@ -208,12 +183,9 @@ def calibrate_with_distance(
     tried: dict[int, LightParameters] = {}
 
     def at(shift: float) -> LightParameters:
-        begun = replace(
-            light_parameters, distance=light_parameters.distance * float(np.exp(shift * config.search_step))
-        )
-        return calibrate(
-            begun, grouped_light, sample, state, False, free_light, rounds, passes, progress, config
-        )[0]
+        distance = light_parameters.distance * float(np.exp(shift * config.search_step))
+        begun = replace(light_parameters, distance=distance)
+        return calibrate(begun, grouped_light, sample, state, False, free_light, progress, config)[0]
 
     lowest = 0
     for _ in range(config.search_steps):
@@ -223,11 +195,9 @@ def calibrate_with_distance(
         before, lowest = lowest, min(tried, key=lambda k: tried[k].cost)
         if lowest == before:
             break
-    if not {lowest - 1, lowest + 1} <= tried.keys():
-        return replace(
-            tried[lowest], distance_stderr=float("inf")
-        )  # still falling: it stands farther than told
-    left, middle, right = (tried[lowest + k].cost for k in (-1, 0, 1))
+    costs = [tried[k].cost for k in (lowest - 1, lowest, lowest + 1) if k in tried]
+    # Still falling: it stands farther than told.
+    left, middle, right = costs if len(costs) == 3 else (0.0, 0.0, 0.0)
     bend = left + right - 2 * middle
     if bend <= 0:
         return replace(tried[lowest], distance_stderr=float("inf"))
@@ -235,14 +205,11 @@ def calibrate_with_distance(
     return replace(found, distance_stderr=config.search_step * float(np.sqrt(2 / bend)))
 
 
-def light_belief(
-    grouped_light: GroupedLight, config: CalibrationConfig = CalibrationConfig()
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def light_belief(grouped_light: GroupedLight) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and spread of every group's log gain. Of one that is clipped in part, that part alone may be brighter."""
-    beliefs = {
-        KNOWN: (0.0, grouped_light.gain_sigma), CLIPPED: config.clipped_belief, UNSEEN: config.unseen_belief,
-        FILLED: config.filled_belief,
-    }  # fmt: skip
+    known = 0.0, grouped_light.gain_sigma
+    beliefs = {KNOWN: known, CLIPPED: CONFIG.clipped_belief, UNSEEN: CONFIG.unseen_belief}
+    beliefs[FILLED] = CONFIG.filled_belief
     mean, spread = np.array([beliefs[int(kind)] for kind in grouped_light.kind]).T
     share, clipped = grouped_light.clipped_share, grouped_light.clipped
     # The less of a group is clipped, the nearer is what is to what can be recorded.
@@ -255,137 +222,164 @@ def light_belief(
     return np.log(gain), spread
 
 
-def _unknowns(setting, parts):
-    """Where the step has log distance, log exposures and the lamps' first angle, and how many unknowns there are.
+@dataclass(frozen=True, slots=True)
+class _Unknowns:
+    """Where a step has what, after the log gains of all groups and channels; exposures and angles only where they are open."""
 
-    Log gains come first; exposures and both angles of each lamp only where they are open.
-    """
-    far, views = setting.gain.size, len(setting.exposure_offset)
-    angles = far + 1 + views * bool(parts.exposure_sigma)
-    return (
-        far,
-        slice(far + 1, angles),
-        angles,
-        angles + setting.lamp_offset.size * bool(parts.lamp_offset_sigma),
-    )
+    distance: int  # its log
+    exposures: slice  # log, of every view
+    angles: slice  # two of each lamp
+    count: int
+
+    @classmethod
+    def of(cls, setting: LightParameters, parts: GroupedLight) -> "_Unknowns":
+        far = setting.gain.size
+        angles = far + 1 + len(setting.exposure_offset) * bool(parts.exposure_sigma)
+        count = angles + setting.lamp_offset.size * bool(parts.lamp_offset_sigma)
+        return cls(far, slice(far + 1, angles), slice(angles, count), count)
 
 
-def _system(setting, parts, sample, state, config):
-    """What the pixels say about the light, their own unknowns eliminated: system, slope, the misfit of each pixel, and how its
-    own unknowns follow the light's (p 6 u)."""
-    count, views = len(setting.gain), len(setting.exposure_offset)
-    far, exposures, angles, unknowns = _unknowns(setting, parts)
-    system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    sample = sample.with_exposure_compensated(setting.exposure_offset)
-    seen, geometry = sample.observations, sample.geometry_at(setting.distance)
-    transport = sample.light_transport(parts.with_gains(setting.gain, setting.lamp_offset))
-    dark = LightTransport(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
-    misfits, following = np.zeros(len(seen.eps)), np.zeros((len(seen.eps), 6, unknowns))
-    lamps = parts.of_lamps
-    others = np.r_[0 : lamps.start, lamps.stop : count]
-    near = transport.incident.area_lights
-    lean = [
-        parts.lamps_moved(setting.lamp_offset + config.lamp_step_rad * way).under(setting.gain[lamps])
-        for way in np.eye(2)
-    ]
+@dataclass(frozen=True, slots=True, eq=False)
+class _LightEquations:
+    """What pixels say about the light, their own unknowns eliminated."""
 
-    def tell(pixels: Int[np.ndarray, " _"]) -> tuple[Float[np.ndarray, "u u"], Float[np.ndarray, " u"]]:
-        block = transport.block(geometry, pixels)
-        points, here = block.points, block.points.mean(0)
-        each = parts.at(here, setting.gain)[others]
-        further = parts.at(here * np.exp(config.distance_step), setting.gain).sum(0)
-        total = each.sum(0)
-        n, r, a = state.normals[pixels], state.roughness[pixels], state.albedo[pixels]
-        variants, rough, inward = gauss_newton.perturbed(n, r)
-        diffuse, specular = transport(block, variants, rough)
-        made = sample.full_diffuse, block.material
-        shining = near.each(points, block.views, variants, rough, block.lamps, *made)
-        channels = total.shape[1]
-        colour = np.tile(a, channels // 3)
-        eps = seen.eps[pixels][:, None]
-        base, own = gauss_newton.jacobian(diffuse, specular, a, inward, seen.eps[pixels])
-        e = np.log((seen.radiance[pixels] + eps) / base)
-        weight = seen.weight[pixels]
-        alike = config.residual_scale
-        width = (seen.cauchy * alike) ** 2
-        misfits[pixels] = width * np.log1p(weight * e * e / width).sum(1) / (alike**2 * config.correlated)
-        width = (seen.cauchy * state.residual_scale[pixels][:, None]) ** 2
-        weight = weight / (1 + weight * e * e / width)
-        weight = weight / (state.residual_scale[pixels][:, None] ** 2 * config.correlated)
-        lights = np.concatenate([each, (further - total)[None] / config.distance_step]).transpose(1, 0, 2)
-        every = np.ascontiguousarray(lights).reshape(len(total), -1)
-        d, s = dark(block.under(every), n[:, None], r[:, None])
-        sent = (len(pixels), len(others) + 1, channels)
+    hessian: Float[np.ndarray, "u u"]
+    gradient: Float[np.ndarray, " u"]
+    costs: Float[np.ndarray, " p"]
+    following: Float[np.ndarray, "p 6 u"]  # how the pixels' own unknowns follow the light's
+
+
+class _Linearization:
+    """What some pixels send around one setting of the light."""
+
+    def __init__(
+        self, setting: LightParameters, parts: GroupedLight, sample: PixelSample, state: PixelEstimate
+    ):
+        self.setting, self.parts, self.state = setting, parts, state
+        self.unknowns = _Unknowns.of(setting, parts)
+        sample = sample.with_exposure_compensated(setting.exposure_offset)
+        light = parts.with_gains(setting.gain, setting.lamp_offset)
+        self.problem, self.lamps = sample.problem(light, setting.distance), light.area_lights
+        # For what is no lamp, part by part.
+        self.dark = LightTransport(parts.incident, sample.photographed, sample.full_diffuse, False, "cpu")
+
+    def equations(self) -> _LightEquations:
+        """Of all pixels."""
+        count, unknowns = len(self.state.normals), self.unknowns.count
+        system, slope = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+        found = _LightEquations(system, slope, np.zeros(count), np.zeros((count, 6, unknowns)))
+
+        def tell(pixels: Int[np.ndarray, " _"]) -> tuple[Float[np.ndarray, "u u"], Float[np.ndarray, " u"]]:
+            at, seen = self.state.part(pixels), self.problem.observations.part(pixels)
+            block = self.problem.transport.block(self.problem.geometry, pixels)
+            variants, rough = perturbed(at.normals, at.roughness)
+            answers = self.problem.transport(block, variants, rough)
+            total, own = jacobian(*answers, at.albedo, roughness_step(at.roughness), seen.eps)
+            each = block.each_lamp(self.lamps, variants[:, :1], rough[:, :1], self.dark.full_diffuse)
+            light = self._jacobian(block, at, seen, total, each[:, :, 0])
+            e = np.log((seen.radiance + seen.eps[:, None]) / total)
+            alike, width = CONFIG.residual_scale, (seen.cauchy * CONFIG.residual_scale) ** 2
+            cost = width * np.log1p(seen.weight * e * e / width).sum(1)
+            found.costs[pixels] = cost / (alike**2 * CONFIG.correlated)
+            width = (seen.cauchy * at.residual_scale[:, None]) ** 2
+            weight = seen.weight / (1 + seen.weight * e * e / width)
+            weight = weight / (at.residual_scale[:, None] ** 2 * CONFIG.correlated)
+            wo, wl = own * weight[..., None], light * weight[..., None]
+            inner = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
+            cross = own.transpose(0, 2, 1) @ wl  # p 6 u
+            own_slope = np.einsum("pvi,pv->pi", wo, e)
+            solved = np.linalg.solve(inner, np.concatenate([cross, own_slope[..., None]], 2))
+            found.following[pixels] = -solved[..., :-1]
+            flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
+            own_share = cross.reshape(-1, unknowns).T @ solved.reshape(-1, unknowns + 1)
+            return flat.T @ weighted - own_share[:, :-1], weighted.T @ e.ravel() - own_share[:, -1]
+
+        for more, pull in abreast(tell, self.problem.blocks):
+            system += more
+            slope += pull
+        return found
+
+    def _jacobian(
+        self,
+        block: Block,
+        at: PixelEstimate,
+        seen: Observations,
+        total: Float[np.ndarray, "p v"],
+        each_lamp: Float[np.ndarray, "2 p n l"],
+    ) -> Float[np.ndarray, "p v u"]:
+        """How the logarithm of what the pixels send in all, with eps, follows the light; `each_lamp` is at unit radiance."""
+        parts, setting, unknowns = self.parts, self.setting, self.unknowns
+        lamps = parts.of_lamps
+        others = np.r_[0 : lamps.start, lamps.stop : len(setting.gain)]
+        middle = block.geometry.points.mean(0)
+        each = parts.at(middle, setting.gain)[others]
+        further = parts.at(middle * np.exp(CONFIG.distance_step), setting.gain).sum(0)
+        lights = np.concatenate([each, (further - each.sum(0))[None] / CONFIG.distance_step])
+        every = np.ascontiguousarray(lights.transpose(1, 0, 2)).reshape(lights.shape[1], -1)
+        n, r, full_diffuse = at.normals[:, None], at.roughness[:, None], self.dark.full_diffuse
+        d, s = self.dark(block.under(every), n, r)
+        sent = (len(n), len(lights), total.shape[1])
+        colour = np.tile(at.albedo, total.shape[1] // 3)
         share = colour[:, None] * d.reshape(sent) + s.reshape(sent)
         # What hides what does not change when the whole object moves along the viewing rays.
-        moved = points * np.exp(config.distance_step)
-        moved = near.each(moved, block.views, n[:, None], r[:, None], block.lamps, *made)
-        for gain_of, now, then in zip((colour, 1.0), shining, moved, strict=True):
-            change = near.shone(then - now[:, :1]).reshape(len(pixels), channels) / config.distance_step
-            share[:, -1] += gain_of * change
-        share = share / base[:, None]
-        light = np.zeros((*base.shape, unknowns))
+        moved = replace(block, geometry=block.geometry.at(float(np.exp(CONFIG.distance_step))))
+        moved = moved.each_lamp(self.lamps, n, r, full_diffuse)
+        for gain_of, now, then in zip((colour, 1.0), each_lamp, moved, strict=True):
+            change = self.lamps.shone(then - now[:, None])
+            share[:, -1] += gain_of * (change.reshape(total.shape) / CONFIG.distance_step)
+        share = share / total[:, None]
+        aside = CONFIG.lamp_step_rad * np.eye(2) if parts.lamp_offset_sigma else ()
+        aside = [parts.lamps_moved(setting.lamp_offset + step).under(setting.gain[lamps]) for step in aside]
+        turned = [block.each_lamp(there, n, r, full_diffuse)[:, :, 0] for there in aside]
+        light = np.zeros((*total.shape, unknowns.count))
+        light[..., unknowns.distance] = share[:, -1]
+        known = seen.radiance / (seen.radiance + seen.eps[:, None])
         for c in range(3):
             light[:, c::3, c + 3 * others] = share[:, :-1, c::3].transpose(0, 2, 1)
+            a, whole, radiance = (
+                at.albedo[:, c, None, None],
+                total[:, c::3, None],
+                self.lamps.radiance[..., c],
+            )
             # p n l: what each lamp sends to a channel.
-            lamp = a[:, c, None, None] * shining[0][:, 0] + shining[1][:, 0]
-            lamp = lamp * near.radiance[..., c] / base[:, c::3, None]
+            lamp = (a * each_lamp[0] + each_lamp[1]) * radiance / whole
             light[:, c::3, c + 3 * lamps.start : c + 3 * lamps.stop : 3] = lamp
-        light[..., far] = share[:, -1]
-        if parts.exposure_sigma:
-            known = seen.radiance[pixels] / (seen.radiance[pixels] + eps)
-            for c in range(3):
-                light[:, c::3, exposures] = known[:, c::3, None] * np.eye(views)
-        if parts.lamp_offset_sigma:
-            for way, there in enumerate(lean):
-                d, s = there.each(points, block.views, n[:, None], r[:, None], block.lamps, *made)
-                for c in range(3):
-                    change = a[:, c, None, None] * (d[:, 0] - shining[0][:, 0]) + s[:, 0] - shining[1][:, 0]
-                    change = change * near.radiance[..., c] / (config.lamp_step_rad * base[:, c::3, None])
-                    light[:, c::3, angles + way :: 2] = change
-        wo, wl = own * weight[..., None], light * weight[..., None]
-        inner = own.transpose(0, 2, 1) @ wo + 1e-9 * np.eye(6)
-        cross = own.transpose(0, 2, 1) @ wl  # p 6 u
-        own_slope = np.einsum("pvi,pv->pi", wo, e)
-        solved = np.linalg.solve(inner, np.concatenate([cross, own_slope[..., None]], 2))
-        following[pixels] = -solved[..., :-1]
-        flat, weighted = light.reshape(-1, unknowns), wl.reshape(-1, unknowns)
-        own_share = cross.reshape(-1, unknowns).T @ solved.reshape(-1, unknowns + 1)
-        return flat.T @ weighted - own_share[:, :-1], weighted.T @ e.ravel() - own_share[:, -1]
-
-    for more, pull in abreast(tell, sample.regions):
-        system += more
-        slope += pull
-    return system, slope, misfits, following
+            if parts.exposure_sigma:
+                light[:, c::3, unknowns.exposures] = known[:, c::3, None] * np.eye(known.shape[1] // 3)
+            for way, there in enumerate(turned):
+                change = a * (there[0] - each_lamp[0]) + there[1] - each_lamp[1]
+                change = change * radiance / (CONFIG.lamp_step_rad * whole)
+                light[:, c::3, unknowns.angles.start + way :: 2] = change
+        return light
 
 
-def _system_with_prior(setting, parts, sample, state, free_distance, free_light, config):
+def _with_prior(setting, parts, told, free_distance, free_light):
     """The pixels' system and slope with what is believed of the light; and the misfit at the setting."""
-    views = len(setting.exposure_offset)
-    far, exposures, angles, unknowns = _unknowns(setting, parts)
-    system, slope, misfits, _ = _system(setting, parts, sample, state, config)
-    misfit = np.sort(misfits)[: int(config.trusted_share * len(misfits))].mean() * len(misfits)
-    mean, spread = light_belief(parts, config)
+    views, unknowns = len(setting.exposure_offset), _Unknowns.of(setting, parts)
+    far, exposures, angles = unknowns.distance, unknowns.exposures, unknowns.angles
+    system, slope, misfits = told.hessian, told.gradient, told.costs
+    misfit = np.sort(misfits)[: int(CONFIG.trusted_share * len(misfits))].mean() * len(misfits)
+    mean, spread = light_belief(parts)
     logs = np.log(setting.gain)
     off = (logs - mean[:, None]) / spread[:, None]
-    trust = np.full(unknowns, config.fixed_weight)
+    trust = np.full(unknowns.count, CONFIG.fixed_weight)
     if free_light:
         trust[:far] = np.repeat(1 / spread**2, 3)
     if free_distance:
-        trust[far] = config.free_weight
+        trust[far] = CONFIG.free_weight
     slope[:far] -= (off / spread[:, None]).ravel()
     misfit += float((off**2).sum())
     if parts.exposure_sigma:
         trust[exposures] = 1 / parts.exposure_sigma**2
-        system[exposures, exposures] += 1 / (views * config.exposure_mean_sigma) ** 2
+        system[exposures, exposures] += 1 / (views * CONFIG.exposure_mean_sigma) ** 2
         slope[exposures] -= (
             setting.exposure_offset / parts.exposure_sigma**2
-            + setting.exposure_offset.sum() / (views * config.exposure_mean_sigma) ** 2
+            + setting.exposure_offset.sum() / (views * CONFIG.exposure_mean_sigma) ** 2
         )
         # Not in the misfit: beside residuals in units of `residual_scale` the prior would stop the step short of the data.
     if parts.lamp_offset_sigma:
-        trust[angles:] = 1 / parts.lamp_offset_sigma**2
-        slope[angles:] -= setting.lamp_offset.ravel() / parts.lamp_offset_sigma**2
+        trust[angles] = 1 / parts.lamp_offset_sigma**2
+        slope[angles] -= setting.lamp_offset.ravel() / parts.lamp_offset_sigma**2
         misfit += float((setting.lamp_offset**2).sum()) / parts.lamp_offset_sigma**2
     system += np.diag(trust)
     # The sum of all light that is neither clipped nor unseen is the background's; only its parts are open to argument, else
@@ -395,26 +389,26 @@ def _system_with_prior(setting, parts, sample, state, free_distance, free_light,
     known = parts.levels() * said[:, None]
     part = known * setting.gain
     drift = np.log(part.sum(0) / known.sum(0))
-    misfit += float((drift**2).sum()) / config.total_sigma**2
+    misfit += float((drift**2).sum()) / CONFIG.total_sigma**2
     part = part / part.sum(0)
     for c in range(3):
-        row = np.zeros(unknowns)
+        row = np.zeros(unknowns.count)
         row[c:far:3] = part[:, c]
-        system += np.outer(row, row) / config.total_sigma**2
-        slope -= row * drift[c] / config.total_sigma**2
-    return system, slope, float(misfit)
+        system += np.outer(row, row) / CONFIG.total_sigma**2
+        slope -= row * drift[c] / CONFIG.total_sigma**2
+    return replace(told, hessian=system, gradient=slope), float(misfit)
 
 
-def _step(setting, parts, sample, state, free_distance, free_light, config):
+def _step(setting, parts, sample, state, free_distance, free_light):
     """One Schur-reduced Gauss-Newton step from a setting; and the misfit at the setting itself."""
-    far, exposures, angles, _ = _unknowns(setting, parts)
-    system, slope, misfit = _system_with_prior(
-        setting, parts, sample, state, free_distance, free_light, config
-    )
-    covariance = np.linalg.inv(system)
-    step = covariance @ slope
-    step[angles:] = np.clip(step[angles:], -config.max_lamp_step_rad, config.max_lamp_step_rad)
-    step = np.clip(step, -config.max_step, config.max_step)
+    unknowns = _Unknowns.of(setting, parts)
+    told = _Linearization(setting, parts, sample, state).equations()
+    told, misfit = _with_prior(setting, parts, told, free_distance, free_light)
+    covariance = np.linalg.inv(told.hessian)
+    step = covariance @ told.gradient
+    longest, far = CONFIG.max_lamp_step_rad, unknowns.distance
+    step[unknowns.angles] = np.clip(step[unknowns.angles], -longest, longest)
+    step = np.clip(step, -CONFIG.max_step, CONFIG.max_step)
     logs = np.log(setting.gain) + step[:far].reshape(setting.gain.shape)
     # What is clipped is no dimmer than recorded.
     logs[parts.clipped] = np.maximum(logs[parts.clipped], np.log(parts.clipped_share[parts.clipped, None]))
@@ -423,20 +417,22 @@ def _step(setting, parts, sample, state, free_distance, free_light, config):
         distance, stderr = float(distance * np.exp(step[far])), float(np.sqrt(covariance[far, far]))
     drifted, aside = setting.exposure_offset, setting.lamp_offset
     if parts.exposure_sigma:
-        drifted = drifted + step[exposures]
+        drifted = drifted + step[unknowns.exposures]
     if parts.lamp_offset_sigma:
-        aside = aside + step[angles:].reshape(aside.shape)
+        aside = aside + step[unknowns.angles].reshape(aside.shape)
     return LightParameters(distance, np.exp(logs), stderr, float("inf"), drifted, aside), misfit
 
 
 def light_variance(
     light_parameters: LightParameters,
     grouped_light: GroupedLight,
-    voting: tuple[PixelSample, gauss_newton.PixelEstimate],
-    others: tuple[PixelSample, gauss_newton.PixelEstimate],
-    config: CalibrationConfig = CalibrationConfig(),
+    voting: tuple[PixelSample, PixelEstimate],
+    others: tuple[PixelSample, PixelEstimate],
 ) -> Float[np.ndarray, "p 6"]:
     """Variances of other pixels' unknowns by what those that vote leave open of the light; the distance stands."""
-    system, _, _ = _system_with_prior(light_parameters, grouped_light, *voting, False, True, config)
-    following = _system(light_parameters, grouped_light, *others, config)[3]
-    return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(system), following, optimize=True)
+    told, heard = (
+        _Linearization(light_parameters, grouped_light, *some).equations() for some in (voting, others)
+    )
+    told, _ = _with_prior(light_parameters, grouped_light, told, False, True)
+    following = heard.following
+    return np.einsum("piu,uv,piv->pi", following, np.linalg.inv(told.hessian), following, optimize=True)

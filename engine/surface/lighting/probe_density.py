@@ -18,7 +18,6 @@ from engine.surface.data.observations import evenly_spaced
 from engine.surface.lighting.room_light import ball, gather_incident_light
 from engine.surface.optimize.gauss_newton import PixelEstimate
 from engine.surface.params import SurfaceParams
-from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.transport import (
     LightTransport,
     ProbeGrid,
@@ -28,9 +27,6 @@ from engine.surface.rendering.transport import (
     probe_grid_around,
 )
 from engine.types import Camera, Emitters
-
-CROSS = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]])
-"""Places in a lattice of 3 x 3 x 3: the middle, and both ends of each axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +45,9 @@ class ProbeDensityConfig:
     views: int = 8
 
 
+CONFIG = ProbeDensityConfig()
+
+
 def choose_probe_grid(
     camera: Camera,
     mask: Bool[np.ndarray, "h w"],
@@ -57,14 +56,13 @@ def choose_probe_grid(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
-    config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> ProbeGrid:
     """The lattice around the object's pixels between two z, as dense as was asked or as the light of these views needs."""
     asked = params.probe_grid_xy, params.probe_grid_xy, params.probe_grid_z
     box = probe_grid_around(camera, mask, near_far, (3, 3, 3))
     if not all(asked):
-        few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), config.views)]
-        measured = probe_counts(box, emitters, few, params, progress, config)
+        few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), CONFIG.views)]
+        measured = probe_counts(box, emitters, few, params, progress)
         across, down, deep = (a or m for a, m in zip(asked, measured, strict=True))
         asked = across, down, deep
     return replace(box, shape=asked)
@@ -76,14 +74,15 @@ def probe_counts(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
-    config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> tuple[int, ...]:
     """Along each axis of the box as many as leave `probes_share` of `params.model_error`; one where the light stays the same.
 
     The lamps are not counted: they shine on every pixel from their own place.
     """
-    points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(CROSS.T)]
-    cells = direction_cells(config.parallax_directions)
+    # Of 3 x 3 x 3 places the middle, and both ends of each axis.
+    cross = [[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]]
+    points = replace(box, shape=(3, 3, 3)).points().reshape(3, 3, 3, 3)[tuple(np.transpose(cross))]
+    cells = direction_cells(CONFIG.parallax_directions)
     light = gather_probes(
         emitters.field(), cam_from_world, points, cells, params.probe_resolution, True, progress
     )
@@ -95,8 +94,8 @@ def probe_counts(
         return np.sqrt((((other - middle[:, None]) / middle[:, None]) ** 2).mean((0, 2, 3)))
 
     bent, moved = off((ends[0] + ends[1]) / 2), np.maximum(off(ends[0]), off(ends[1]))
-    least = config.probes_share * params.model_error
-    pieces = np.clip(np.ceil(np.sqrt(bent / least)), 1, config.most_probes - 1)
+    least = CONFIG.probes_share * params.model_error
+    pieces = np.clip(np.ceil(np.sqrt(bent / least)), 1, CONFIG.most_probes - 1)
     return tuple(int(k) for k in np.where(moved <= least, 1, pieces + 1))
 
 
@@ -107,19 +106,16 @@ def choose_direction_count(
     cam_from_world: Float[np.ndarray, "n 3 4"],
     params: SurfaceParams,
     progress: Progress,
-    config: ProbeDensityConfig = ProbeDensityConfig(),
 ) -> int:
     """Fewest directions, `most_directions` at most, under which this surface looks as under twice as many as that.
 
     The RMS of the logarithms of what some pixels send may be `directions_share` of `params.model_error`.
     """
-    few = evenly_spaced(np.arange(len(state.normals)), config.pixels)
-    there = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), config.views)]
+    few = evenly_spaced(np.arange(len(state.normals)), CONFIG.pixels)
+    there = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), CONFIG.views)]
     x, y, z = geometry.points[few].mean(0)
     middle = np.array([x / z, y / z, z])
-    alone = SurfaceGeometry(
-        geometry.points[few], geometry.views[few], None, material=of_pixels(geometry.material, few)
-    )
+    alone, some = replace(geometry, visibility=None).part(few), state.part(few)
     nothing = np.zeros((0, 3 * len(there)), np.float32)
 
     def sent(directions: int) -> Float[np.ndarray, "p n 3"]:
@@ -127,14 +123,12 @@ def choose_direction_count(
         light = gather_incident_light(at, emitters, there, directions, params.probe_resolution, progress)
         transport = LightTransport(light, nothing, params.diffuse == "disney", False, "cpu")
         every = [np.arange(len(few))]
-        ((_, radiance),) = predict(
-            transport, alone, every, state.normals[few], state.albedo[few], state.roughness[few]
-        )
-        return np.asarray(np.log(np.maximum(radiance, config.dark * radiance.mean())))
+        ((_, radiance),) = predict(transport, alone, every, some.normals, some.albedo, some.roughness)
+        return np.asarray(np.log(np.maximum(radiance, CONFIG.dark * radiance.mean())))
 
-    whole, directions = sent(2 * config.most_directions), config.least_directions
-    while directions < config.most_directions:
-        if np.sqrt(((sent(directions) - whole) ** 2).mean()) <= config.directions_share * params.model_error:
+    whole, directions = sent(2 * CONFIG.most_directions), CONFIG.least_directions
+    while directions < CONFIG.most_directions:
+        if np.sqrt(((sent(directions) - whole) ** 2).mean()) <= CONFIG.directions_share * params.model_error:
             break
         directions *= 2
     return directions

@@ -12,8 +12,6 @@ from jaxtyping import Float, Int
 from engine.color import luminance
 from engine.surface.rendering.transport import ProbeGrid
 
-MOST = 4
-"""Probes along an axis up to which a quadratic tells them: beyond, light bends too much for that."""
 _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), -1).reshape(-1, 3)
 _CHOSEN = np.isin(np.abs(_CUBE).sum(1), (0, 2))
 
@@ -51,7 +49,8 @@ class QuadraticProbes:
 def quadratic_probes(lattice: ProbeGrid) -> QuadraticProbes:
     """Thirteen points where that is fewer than the lattice has, and tells as much."""
     points = lattice.points()
-    if len(points) <= _CHOSEN.sum() or min(lattice.shape) == 1 or max(lattice.shape) > MOST:
+    # With more than four along an axis light bends too much between them for a quadratic.
+    if len(points) <= _CHOSEN.sum() or min(lattice.shape) == 1 or max(lattice.shape) > 4:
         return QuadraticProbes(points, None, ())
     chosen = replace(lattice, shape=(3, 3, 3)).points()[_CHOSEN]
     axes = [np.linspace(-1, 1, count) for count in lattice.shape]

@@ -3,6 +3,7 @@
 Gaussians live in the world frame; probes and directions in the camera frame of each view.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,10 +21,10 @@ from engine.light.incident.unseen_patches import DIRECTIONS, unseen_patches
 from engine.progress import Progress
 from engine.surface.lighting.emitter_groups import (
     CLIPPED,
-    CONFIG,
     FILLED,
     KNOWN,
     UNSEEN,
+    EmitterGroupsConfig,
     EnvironmentPatches,
     clipped_shares,
     group_emitters,
@@ -33,15 +34,21 @@ from engine.surface.lighting.emitter_groups import (
 )
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.lighting.quadratic_probes import quadratic_probes
+from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import lobe_floor, rows
 from engine.surface.rendering.area_lights import AreaLights, area_lights_of
 from engine.surface.rendering.transport import IncidentLight, ProbeGrid, direction_cells
-from engine.types import Emitters, Frames, Gaussians, Lamps, Masks, Poses
+from engine.types import CapturedScene, Emitters, Poses
 
 
 @dataclass(frozen=True, slots=True)
 class RoomLightConfig:
-    """The ball that tells how much light matters: glossy, for highlights move most."""
+    """The ball that tells how much light matters is glossy, for highlights move most.
+
+    Shutters and flicker make a few hundredths of a view's exposure, sky that comes in through windows and is taken for a light in
+    the pane a tenth. Pixels tell a view's to a few permille, so that its prior decides little; with 0.01 the joint step stopped at
+    58 % of a drift of 3 %, where the prior outweighed what was left.
+    """
 
     ball_normals: int = 96  # all around it; those that face the camera
     ball_facing: float = 0.2  # by this cosine count
@@ -50,6 +57,11 @@ class RoomLightConfig:
     many_probes: int = 1000  # of all views, whose light is foretold from some of them;
     foretold_error: float = 0.01  # what a ball of it may be off by
     photographed_share: float = 0.5  # of a cell, at least, for its light to count as somebody's
+    exposure_sigma: float = 0.1  # spread of the logarithm of a view's exposure that is expected
+    lamp_offset_sigma: float = math.radians(0.5)  # of a lamp's direction: three pixels of a small photograph
+
+
+CONFIG = RoomLightConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +71,7 @@ class RoomLight:
     emitters: Emitters  # as the photographs have them
     poses: Poses
     group: Int[np.ndarray, " k"]  # of every Gaussian of the field; the lamps are the groups after these
-    kind: UInt8[
-        np.ndarray, " g"
-    ]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN (`emitter_groups.py`)
+    kind: UInt8[np.ndarray, " g"]  # of each group, lamps included: KNOWN, CLIPPED or UNSEEN
     clipped_share: Float[np.ndarray, " g"]  # of each group's light: recorded as a lower bound
     gain_sigma: float  # spread of a known group's log gain
     exposure_sigma: float  # spread of a view's log exposure; 0: none drifts
@@ -112,34 +122,26 @@ def mean_camera_centre(poses: Poses) -> Float[np.ndarray, " 3"]:
     return inverse(poses.cam_from_world[poses.registered])[..., 3].mean(0)
 
 
-def build_room_light(
-    gaussians: Gaussians,
-    lamps: Lamps,
-    frames: Frames,
-    masks: Masks,
-    poses: Poses,
-    groups: int,
-    prior: float,
-    seed: int,
-    drift: float = 0.0,
-    astray: float = 0.0,
-) -> RoomLight:
-    """The room closed, and its emitters grouped: whatever is bright one by one, `groups` for the rest, the unseen by
+def build_room_light(captured: CapturedScene, params: SurfaceParams, seed: int) -> RoomLight:
+    """The room closed, and its emitters grouped: whatever is bright one by one, `light_groups` for the rest, the unseen by
     direction.
 
     The lamps are taken from the Gaussians, whose last they are.
     """
-    middle = mean_camera_centre(poses)
-    field = without_lamps(gaussians, lamps)
-    unseen, group = unseen_patches(field, middle), group_emitters(field, middle, groups, seed)
+    poses, lamps, middle = captured.poses, captured.lamps, mean_camera_centre(captured.poses)
+    field = without_lamps(captured.gaussians, lamps)
+    unseen, group = unseen_patches(field, middle), group_emitters(field, middle, params.light_groups, seed)
     beyond = group_patches(unseen, middle, DIRECTIONS, seed)
-    seen, none = clipped_shares(field, group, frames, masks, poses), np.zeros(beyond.max(initial=-1) + 1)
+    seen = clipped_shares(field, group, captured.frames, captured.masks, poses)
+    none = np.zeros(beyond.max(initial=-1) + 1)
     clipped = np.concatenate([seen, none, lamps.clipped])
-    kind = np.where(clipped > CONFIG.clipped_share, CLIPPED, KNOWN).astype(np.uint8)
+    kind = np.where(clipped > EmitterGroupsConfig().clipped_share, CLIPPED, KNOWN).astype(np.uint8)
     kind[len(seen) : len(seen) + len(none)] = UNSEEN
     emitters = Emitters(with_lamps(joined(field, unseen), lamps), lamps, len(unseen.means))
     every = np.concatenate([group, len(seen) + beyond])
-    return RoomLight(emitters, poses, every, kind, clipped, prior, drift, astray)
+    exposure = CONFIG.exposure_sigma * params.models("light_gains", "view_exposures")
+    astray = CONFIG.lamp_offset_sigma * params.models("light_gains", "lamp_directions")
+    return RoomLight(emitters, poses, every, kind, clipped, params.light_gain_sigma, exposure, astray)
 
 
 def gather_incident_light(
@@ -149,18 +151,17 @@ def gather_incident_light(
     directions: int,
     face_px: int,
     progress: Progress,
-    config: RoomLightConfig = RoomLightConfig(),
 ) -> IncidentLight:
     """The energy at the lattice for some views, small holes of the room filled."""
     cells, asked = direction_cells(directions), quadratic_probes(lattice)
     field, points = emitters.field(), asked.points
-    if len(cam_from_world) * len(points) < config.many_probes:
+    if len(cam_from_world) * len(points) < CONFIG.many_probes:
         energy = gather_probes(field, cam_from_world, points, cells, face_px, True, progress).energy
     else:
         # What it looks like from all sides: the places are few, and turned otherwise in every view.
         rays = face_directions(face_px).reshape(-1, 3)
-        takes = np.concatenate([ball(rays @ turn.T, True, config) for turn in FACES])
-        error = config.foretold_error
+        takes = np.concatenate([ball(rays @ turn.T, True) for turn in FACES])
+        error = CONFIG.foretold_error
         energy = interpolate(field, cam_from_world, points, cells, face_px, takes, error, progress)
     middle = lattice.points().mean(0)
     near = area_lights_of(emitters.lamps, emitters.shown(), cam_from_world, middle, directions)
@@ -174,7 +175,6 @@ def gather_grouped_light(
     directions: int,
     face_px: int,
     progress: Progress,
-    config: RoomLightConfig = RoomLightConfig(),
 ) -> GroupedLight:
     """The same, group by group."""
     cells, poses = direction_cells(directions), room.poses.cam_from_world[views]
@@ -184,7 +184,7 @@ def gather_grouped_light(
     lit = luminance(energy) > 0
     source = np.ascontiguousarray(nearest_emitter(found.places, lit, field).transpose(1, 2, 0))
     # Small holes are filled in from their surroundings, whose level they keep.
-    source[seen.transpose(1, 2, 0) < config.photographed_share] = -1
+    source[seen.transpose(1, 2, 0) < CONFIG.photographed_share] = -1
     around, sphere = neighbourhood(cells), np.full(len(cells), 4 * np.pi / len(cells))
     for view in range(len(views)):
         for probe, share in enumerate(seen[view].astype(np.float64)):
@@ -198,22 +198,11 @@ def gather_grouped_light(
     near = area_lights_of(room.emitters.lamps, room.emitters.shown(), poses, middle, directions)
     no_lamps = AreaLights.none(len(views), directions)
     total = IncidentLight(lattice, cells, asked.everywhere(deconvolve(stacked, cells)), no_lamps)
-    kind, turned = np.append(room.kind, np.uint8(FILLED)), np.ascontiguousarray(poses[:, :, :3])
-    across = lamp_tangents(room)
     return GroupedLight(
-        total,
-        came_from,
-        near,
-        kind,
-        np.append(room.clipped_share, 0.0),
-        room.gain_sigma,
-        turned,
-        across,
-        room.exposure_sigma,
-        room.lamp_offset_sigma,
-        patches,
-        patch,
-    )
+        total, came_from, near, np.append(room.kind, np.uint8(FILLED)), np.append(room.clipped_share, 0.0),
+        room.gain_sigma, np.ascontiguousarray(poses[:, :, :3]), lamp_tangents(room), room.exposure_sigma,
+        room.lamp_offset_sigma, patches, patch,
+    )  # fmt: skip
 
 
 def lamp_tangents(room: RoomLight) -> Float[np.ndarray, "l 2 3"]:
@@ -229,15 +218,11 @@ def _stacked(energy: Float[np.ndarray, "n m d 3"]) -> Float[np.ndarray, "m d v"]
     return np.ascontiguousarray(energy.transpose(1, 2, 0, 3).reshape(m, d, 3 * n), dtype=np.float32)
 
 
-def ball(
-    cells: Float[np.ndarray, "d 3"], full_diffuse: bool, config: RoomLightConfig = RoomLightConfig()
-) -> Float[np.ndarray, "m d"]:
+def ball(cells: Float[np.ndarray, "d 3"], full_diffuse: bool) -> Float[np.ndarray, "m d"]:
     """What every direction's light sends to the camera from the half of a ball that faces it."""
-    normals = direction_cells(config.ball_normals)
-    normals = normals[normals[:, 2] < -config.ball_facing]
+    normals = direction_cells(CONFIG.ball_normals)
+    normals = normals[normals[:, 2] < -CONFIG.ball_facing]
     views = np.tile([0.0, 0.0, -1.0], (len(normals), 1))
-    roughness = np.full(len(normals), config.ball_roughness)
-    everything = np.ones((len(normals), len(cells)), np.uint8)
-    floor = lobe_floor(len(cells))
-    diffuse, specular = rows(normals, roughness, views, cells, everything, full_diffuse, floor)
-    return config.ball_albedo * diffuse + specular
+    roughness = np.full(len(normals), CONFIG.ball_roughness)
+    diffuse, specular = rows(normals, roughness, views, cells, full_diffuse, lobe_floor(len(cells)))
+    return CONFIG.ball_albedo * diffuse + specular

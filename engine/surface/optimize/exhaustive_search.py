@@ -5,6 +5,8 @@ least-squares albedo and its misfit follow from five sums over the views, each o
 pixels with candidates. The best few are compared again by a robust log misfit, which forgives shadows.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -12,50 +14,37 @@ from engine.geometry import fibonacci_sphere
 from engine.parallel import each
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
-from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, initial_estimate
+from engine.surface.rendering.transport import SurfaceGeometry
 
 ROUGHNESSES = (0.25, 0.5, 0.8)
-FINALISTS = 12
 
 
-def exhaustive_search(
-    transport: TransportModel,
-    geometry: SurfaceGeometry,
-    observations: Observations,
-    regions: list[Int[np.ndarray, " _"]],
-    candidates: int,
-    progress: Progress,
-) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
-    """(normals, albedo, roughness) of every pixel; `regions` share one light and one view direction. Each pixel is of the
+def exhaustive_search(problem: PixelProblem, candidates: int, progress: Progress) -> PixelEstimate:
+    """The best of so many normals at every pixel; pixels of a block share one light and one view direction. Each is of the
     geometry's material."""
+    geometry, transport = problem.geometry, problem.transport
     count = len(geometry.points)
     normals, albedo = np.zeros((count, 3)), np.zeros((count, 3))
     roughness = np.zeros(count)
     sphere = fibonacci_sphere(2 * candidates)
-    regions = [part for region in regions for part in _of_one_material(geometry, region)]
+    regions = [part for region in problem.blocks for part in _of_one_material(geometry, region)]
 
     def search(pixels: Int[np.ndarray, " _"]) -> None:
-        middle = pixels[len(pixels) // 2 : len(pixels) // 2 + 1]
-        facing = sphere[sphere @ geometry.views[middle[0]] > 0.05]
+        middle = pixels[len(pixels) // 2]
+        facing = sphere[sphere @ geometry.views[middle] > 0.05]
         tried = np.repeat(facing, len(ROUGHNESSES), 0)
         rough = np.tile(ROUGHNESSES, len(facing))
         # As so many one-variant pixels: candidates differ in more than a lean.
-        alike = SurfaceGeometry(
-            np.repeat(geometry.points[middle], len(tried), 0),
-            np.repeat(geometry.views[middle], len(tried), 0),
-            None,
-            material=None
-            if geometry.material is None
-            else np.repeat(geometry.material[middle], len(tried), 0),
-        )
+        alike = replace(geometry, visibility=None).part(np.full(len(tried), middle))
         block = transport.block(alike, np.arange(len(tried)))
         block = block.under(transport.incident.at(geometry.points[pixels].mean(0)))
         diffuse, specular = transport(block, tried[:, None], rough[:, None])
-        best, a = _choose(diffuse[:, 0], specular[:, 0], observations, pixels)
+        best, a = _choose(diffuse[:, 0], specular[:, 0], problem.observations, pixels)
         normals[pixels], roughness[pixels], albedo[pixels] = tried[best], rough[best], a
 
     each(search, regions, progress, "searching normals")
-    return normals, albedo, roughness
+    return initial_estimate(normals, albedo, roughness)
 
 
 def _of_one_material(geometry: SurfaceGeometry, pixels: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " _"]]:
@@ -91,22 +80,18 @@ def _choose(
             a.append(best)
             rest = w @ (s[c] ** 2).T - 2 * (wi @ st)
             misfit = misfit + rest - 2 * best * cross + best**2 * square
-        finalists = np.argpartition(misfit, FINALISTS, axis=1)[:, :FINALISTS]
+        finalists = np.argpartition(misfit, 12, axis=1)[:, :12]
         robust = np.zeros(finalists.shape)
         refined = np.zeros((*finalists.shape, 3))
         for c in range(3):
             first = np.take_along_axis(a[c], finalists, 1)[..., None]
             dd, ss = d[c][finalists], s[c][finalists]
-            logs = np.log(
-                (radiance[c] + eps[0])[:, None] / (np.maximum(first * dd + ss, 0) + eps[0][:, None])
-            )
-            valid = (weight[c] > 0)[:, None]
+            bright, floor, valid = (radiance[c] + eps[0])[:, None], eps[0][:, None], (weight[c] > 0)[:, None]
+            logs = np.log(bright / (np.maximum(first * dd + ss, 0) + floor))
             # The median ratio is the albedo that shadows and highlights do not move.
             shift = np.median(np.where(valid, logs, 0), axis=2, keepdims=True)
             second = np.clip(first * np.exp(shift), 0.005, 1.0)
-            logs = np.log(
-                (radiance[c] + eps[0])[:, None] / (np.maximum(second * dd + ss, 0) + eps[0][:, None])
-            )
+            logs = np.log(bright / (np.maximum(second * dd + ss, 0) + floor))
             robust += np.where(valid, np.abs(logs), 0).sum(2)
             refined[..., c] = second[..., 0]
         winner = np.argmin(robust, 1)

@@ -32,8 +32,6 @@ ALBEDO = (0.004, 1.0)
 SHARE = (0.0, 0.8)
 SHARE_SPREAD = 0.3
 """Of a weak prior, one observation's worth, around no share at all."""
-AT_ONCE = 16
-"""Residuals whose share of the misfit is summed as the logarithm of a product."""
 OF_MEDIAN = 1.4826
 """A normal distribution's spread over its median deviation."""
 
@@ -67,9 +65,7 @@ class PixelEstimate:
     normals: Float[np.ndarray, "p 3"]
     albedo: Float[np.ndarray, "p 3"]
     roughness: Float[np.ndarray, " p"]
-    background_fraction: Float[
-        np.ndarray, " p"
-    ]  # of what is beside the object in what the pixel photographed
+    background_fraction: Float[np.ndarray, " p"]  # of what is beside the object in what a pixel photographed
     residual_scale: Float[np.ndarray, " p"]  # robust standard deviation of the weighted residuals
     lm_lambda: Float[np.ndarray, " p"]
     cost: Float[np.ndarray, " p"]  # robust misfit at the accepted state
@@ -84,6 +80,12 @@ class PixelEstimate:
     def part(self, pixels: Int[np.ndarray, " k"]) -> "PixelEstimate":
         """The same of a few pixels."""
         return PixelEstimate(*(getattr(self, name)[pixels] for name in PixelEstimate.__slots__))
+
+    def begun_anew(self, **changes: np.ndarray) -> "PixelEstimate":
+        """The same, some of it changed, with no misfit known and no step tried yet."""
+        count = len(self.cost)
+        fresh = {"cost": np.full(count, np.inf), "lm_lambda": np.full(count, CONFIG.lambda_initial)}
+        return replace(self, **fresh, **changes)
 
 
 def where(first: Bool[np.ndarray, " p"], one: PixelEstimate, other: PixelEstimate) -> PixelEstimate:
@@ -100,17 +102,10 @@ def initial_estimate(
     """A state with no misfit known yet."""
     count = len(normals)
     return PixelEstimate(
-        normals,
-        np.clip(albedo, *ALBEDO),
-        np.clip(roughness, *ROUGHNESS),
-        np.zeros(count),
-        np.full(count, np.nan),
-        np.full(count, CONFIG.lambda_initial),
-        np.full(count, np.inf),
-        np.zeros((count, 6, 6)),
-        np.zeros((count, 6)),
+        normals, np.clip(albedo, *ALBEDO), np.clip(roughness, *ROUGHNESS), np.zeros(count), np.full(count, np.nan),
+        np.full(count, CONFIG.lambda_initial), np.full(count, np.inf), np.zeros((count, 6, 6)), np.zeros((count, 6)),
         np.tile(CONFIG.roughness_prior, (count, 1)),
-    )
+    )  # fmt: skip
 
 
 def rotate_normals(
@@ -122,61 +117,68 @@ def rotate_normals(
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
-def update_residual_scale(
-    state: PixelEstimate,
-    transport: TransportModel,
-    geometry: SurfaceGeometry,
-    blocks: list[Int[np.ndarray, " _"]],
-    observations: Observations,
-    config: GaussNewtonConfig = CONFIG,
-) -> PixelEstimate:
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelProblem:
+    """Some pixels under a light, as they were photographed."""
+
+    transport: TransportModel
+    geometry: SurfaceGeometry
+    blocks: list[Int[np.ndarray, " _"]]  # pixels that share products with one light
+    observations: Observations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """Of the seven unknowns of some pixels, the last the share of the background; maybe by groups of views."""
+
+    cost: Float[np.ndarray, " p *g"]
+    hessian: Float[np.ndarray, "p *g 7 7"]  # J^T W J
+    gradient: Float[np.ndarray, "p *g 7"]  # J^T W e
+
+
+def update_residual_scale(state: PixelEstimate, problem: PixelProblem) -> PixelEstimate:
     """Measure each pixel's residual spread and forget its old misfit (the objective changed)."""
     spread = np.empty(len(state.normals))
 
     def measure(pixels: Int[np.ndarray, " _"]) -> None:
-        diffuse, specular = transport(
-            transport.block(geometry, pixels),
-            state.normals[pixels][:, None],
-            state.roughness[pixels][:, None],
-        )
-        spread[pixels] = _residual_scale(diffuse, specular, state, observations, pixels, config)
+        at, seen = state.part(pixels), problem.observations.part(pixels)
+        block = problem.transport.block(problem.geometry, pixels)
+        answers = problem.transport(block, at.normals[:, None], at.roughness[:, None])
+        spread[pixels] = _residual_scale(answers, at, seen)
 
-    deque(abreast(measure, blocks), 0)
+    deque(abreast(measure, problem.blocks), 0)
     return replace(state, residual_scale=spread, cost=np.full(len(spread), np.inf))
 
 
-def _residual_scale(diffuse, specular, state, seen, pixels, config):
+def _residual_scale(answers, at, seen, config=CONFIG):
     """Of the residuals of the answers' first variants, that of the state itself."""
-    residual = np.sort(np.abs(_residuals(diffuse[:, 0], specular[:, 0], state, seen, pixels)), axis=1)
+    diffuse, specular = (x[:, 0] for x in answers)
+    eps = seen.eps[:, None]
+    model = diffuse * np.tile(at.albedo, diffuse.shape[1] // 3) + specular
+    mixed = np.nonzero(seen.row >= 0)[0]
+    share = at.background_fraction[mixed, None]
+    model[mixed] += share * (seen.beside[seen.row[mixed]] - model[mixed])
+    logs = np.log((seen.radiance + eps) / (np.maximum(model, 0) + eps))
+    residual = np.sort(np.abs(np.where(seen.weight > 0, logs * np.sqrt(seen.weight), np.nan)), axis=1)
     known = np.isfinite(residual).sum(1)  # those that are not stand last
     middle = np.stack([(known - 1) // 2, known // 2], 1).clip(0)
     spread = OF_MEDIAN * np.take_along_axis(residual, middle, 1).mean(1)
     return np.maximum(np.nan_to_num(spread, nan=1.0), config.least_residual_scale)
 
 
-def _residuals(diffuse, specular, state, seen, pixels):
-    eps = seen.eps[pixels][:, None]
-    model = diffuse * np.tile(state.albedo[pixels], diffuse.shape[1] // 3) + specular
-    mixed = np.nonzero(seen.row[pixels] >= 0)[0]
-    share = state.background_fraction[pixels[mixed], None]
-    model[mixed] += share * (seen.beside[seen.row[pixels[mixed]]] - model[mixed])
-    weight = seen.weight[pixels]
-    logs = np.log((seen.radiance[pixels] + eps) / (np.maximum(model, 0) + eps))
-    return np.where(weight > 0, logs * np.sqrt(weight), np.nan)
-
-
 def perturbed(
     normals: Float[np.ndarray, "p 3"], roughness: Float[np.ndarray, " p"]
-) -> tuple[Float[np.ndarray, "p 4 3"], Float[np.ndarray, "p 4"], Float[np.ndarray, " p"]]:
-    """What forward differences need of each pixel: itself, leaning both ways, and rougher.
-
-    The third value is the signed roughness step: inwards at the upper bound.
-    """
+) -> tuple[Float[np.ndarray, "p 4 3"], Float[np.ndarray, "p 4"]]:
+    """What forward differences need of each pixel: itself, leaning both ways, and rougher by `roughness_step`."""
     first, second = tangents(normals)
     leaning = np.stack([normals, normals + STEP * first, normals + STEP * second, normals], 1)
     leaning /= np.linalg.norm(leaning, axis=2, keepdims=True)
-    step = np.where(roughness + STEP > ROUGHNESS[1], -STEP, STEP)
-    return leaning, np.stack([roughness, roughness, roughness, roughness + step], 1), step
+    return leaning, np.stack([roughness] * 3 + [roughness + roughness_step(roughness)], 1)
+
+
+def roughness_step(roughness: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """The signed step of a forward difference: inwards at the upper bound."""
+    return np.where(roughness + STEP > ROUGHNESS[1], -STEP, STEP)
 
 
 def on_other_device(transport: TransportModel) -> TypeGuard[LightTransport]:
@@ -186,10 +188,7 @@ def on_other_device(transport: TransportModel) -> TypeGuard[LightTransport]:
 
 def minimize(
     state: PixelEstimate,
-    transport: TransportModel,
-    geometry: SurfaceGeometry,
-    blocks: list[Int[np.ndarray, " _"]],
-    observations: Observations,
+    problem: PixelProblem,
     steps: int,
     progress: Progress,
     reset_scale: bool = False,
@@ -200,70 +199,81 @@ def minimize(
     A pixel whose next step would be less than `step_tolerance` is left where it is. `reset_scale`: after an `update_residual_scale`,
     which costs nothing here.
     """
+    transport = problem.transport
     if on_other_device(transport):
         from engine.surface.optimize import gauss_newton_cuda  # torch takes seconds to load
 
-        return gauss_newton_cuda.minimize(
-            state, transport, geometry, blocks, observations, steps, progress, reset_scale, config
-        )
-    kept = state.copy()
-    tie = np.zeros((len(state.normals), 7)), np.zeros(len(state.normals))
-    rest, longest = np.array(config.step_tolerance), np.array(config.max_step)
-    least, most = config.lambda_bounds
+        return gauss_newton_cuda.minimize(state, problem, transport, steps, progress, reset_scale, config)
+    kept, count = state.copy(), len(state.normals)
+    # Of the share of the background, which the systems of `kept` have eliminated: its row and its slope.
+    tie = np.zeros((count, 7)), np.zeros(count)
 
     def solve(pixels: Int[np.ndarray, " _"]) -> None:
-        block = transport.block(geometry, pixels)
-        n, a, r, b = (
-            x[pixels] for x in (kept.normals, kept.albedo, kept.roughness, kept.background_fraction)
-        )
-        leaning, rough, inward = perturbed(n, r)
-        told = _evaluate(transport, block, leaning, rough, steps > 1)
+        block = transport.block(problem.geometry, pixels)
+        at, seen = kept.part(pixels), problem.observations.part(pixels)
+        told = _evaluate(transport, block, at, steps > 1)
         for turn in range(steps):
-            diffuse, specular = told.variants
             if reset_scale and turn == 0:
-                kept.residual_scale[pixels] = _residual_scale(
-                    diffuse, specular, state, observations, pixels, config
-                )
+                kept.residual_scale[pixels] = _residual_scale(told.variants, at, seen, config)
                 kept.cost[pixels] = np.inf
-            misfit, system, slope = _normal_equations(
-                diffuse, specular, a, inward, observations.radiance[pixels], observations.weight[pixels], observations.eps[pixels],
-                kept.residual_scale[pixels], observations.cauchy, r, kept.roughness_prior[pixels], b, observations.row[pixels],
-                observations.beside, 1.0,
-            )  # fmt: skip
-            better = misfit <= kept.cost[pixels]
-            won, lost = pixels[better], pixels[~better]
-            kept.normals[won], kept.albedo[won], kept.roughness[won] = n[better], a[better], r[better]
-            kept.background_fraction[won], kept.cost[won] = b[better], misfit[better]
-            kept.hessian[won], kept.gradient[won] = eliminate_last(system[better], slope[better])
-            tie[0][won], tie[1][won] = system[better, 6], slope[better, 6]
-            kept.lm_lambda[won] = np.maximum(kept.lm_lambda[won] * config.lambda_down, least)
-            kept.lm_lambda[lost] = np.minimum(kept.lm_lambda[lost] * config.lambda_up, most)
+            at = replace(at, residual_scale=kept.residual_scale[pixels])
+            _keep_better(kept, tie, pixels, at, _normal_equations(told.variants, at, seen), config)
             if turn + 1 == steps:
                 break
-            move = _damped_step(kept.hessian[pixels], kept.gradient[pixels], kept.lm_lambda[pixels], config)
-            # Unknown, and then nothing, where not even the first evaluation was an improvement.
-            stiff = np.where(tie[0][pixels, 6] > 0, tie[0][pixels, 6], np.inf)
-            shift = (tie[1][pixels] - (tie[0][pixels, :6] * move).sum(1)) / stiff
-            move = np.clip(np.column_stack([move, shift]), -longest, longest)
-            moving = np.nonzero((np.abs(move) > rest).any(1))[0]
+            move = _damped_step(kept, tie, pixels, config)
+            moving = np.nonzero((np.abs(move) > config.step_tolerance).any(1))[0]
             if not len(moving):
                 break
             if len(moving) < len(pixels):
-                pixels, move = pixels[moving], move[moving]
-                block, told = block.part(moving), told.part(moving)
-            before = n[moving], r[moving], inward[moving]
-            n = rotate_normals(kept.normals[pixels], move[:, :2])
-            n = clamp_to_visible(n, geometry.views[pixels], config)
-            a = np.clip(kept.albedo[pixels] * np.exp(move[:, 2:5]), *ALBEDO)
-            r = np.clip(kept.roughness[pixels] + move[:, 5], *ROUGHNESS)
-            b = np.clip(kept.background_fraction[pixels] + move[:, 6], *SHARE)
-            leaning, rough, inward = perturbed(n, r)
-            far = np.linalg.norm(n - before[0], axis=1) > config.jacobian_reuse_step
-            far |= (np.abs(r - before[1]) > config.jacobian_reuse_step) | (inward != before[2])
-            _update_evaluations(transport, block, leaning, rough, told, far, config)
+                pixels, move, at = pixels[moving], move[moving], at.part(moving)
+                block, told, seen = block.part(moving), told.part(moving), seen.part(moving)
+            before, at = at, _moved(kept.part(pixels), move, block.geometry.views, config)
+            far = np.linalg.norm(at.normals - before.normals, axis=1) > config.jacobian_reuse_step
+            far |= np.abs(at.roughness - before.roughness) > config.jacobian_reuse_step
+            far |= roughness_step(at.roughness) != roughness_step(before.roughness)
+            _update_evaluations(transport, block, at, told, far, config)
 
-    each(solve, blocks, progress, "solving pixels")
+    each(solve, problem.blocks, progress, "solving pixels")
     return kept
+
+
+def _keep_better(kept, tie, pixels, at, found, config):
+    """Of the pixels that are better `at` where they were tried than as `kept`, keep that; and the damping of all of them."""
+    better = found.cost <= kept.cost[pixels]
+    won, lost = pixels[better], pixels[~better]
+    for name in ("normals", "albedo", "roughness", "background_fraction"):
+        getattr(kept, name)[won] = getattr(at, name)[better]
+    kept.cost[won] = found.cost[better]
+    kept.hessian[won], kept.gradient[won] = eliminate_last(found.hessian[better], found.gradient[better])
+    tie[0][won], tie[1][won] = found.hessian[better, 6], found.gradient[better, 6]
+    least, most = config.lambda_bounds
+    kept.lm_lambda[won] = np.maximum(kept.lm_lambda[won] * config.lambda_down, least)
+    kept.lm_lambda[lost] = np.minimum(kept.lm_lambda[lost] * config.lambda_up, most)
+
+
+def _damped_step(kept, tie, pixels, config):
+    """Of all seven unknowns of some pixels."""
+    system, longest = kept.hessian[pixels], np.array(config.max_step)
+    diagonal = np.einsum("pii->pi", system)
+    damped = system + np.eye(6) * (diagonal * kept.lm_lambda[pixels][:, None] + config.ridge)[:, None]
+    move = np.linalg.solve(damped, kept.gradient[pixels][..., None])[..., 0]
+    move = np.clip(move, -longest[:6], longest[:6])
+    row, slope = tie[0][pixels], tie[1][pixels]
+    # Unknown, and then nothing, where not even the first evaluation was an improvement.
+    stiff = np.where(row[:, 6] > 0, row[:, 6], np.inf)
+    shift = (slope - (row[:, :6] * move).sum(1)) / stiff
+    return np.clip(np.column_stack([move, shift]), -longest, longest)
+
+
+def _moved(at, move, views, config):
+    """Where a step leads to, within bounds and facing the camera."""
+    return replace(
+        at,
+        normals=clamp_to_visible(rotate_normals(at.normals, move[:, :2]), views, config),
+        albedo=np.clip(at.albedo * np.exp(move[:, 2:5]), *ALBEDO),
+        roughness=np.clip(at.roughness + move[:, 5], *ROUGHNESS),
+        background_fraction=np.clip(at.background_fraction + move[:, 6], *SHARE),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,33 +293,35 @@ class _Evaluations:
             into[pixels] = x
 
 
-def _evaluate(transport, block, leaning, rough, more):
+def _evaluate(transport, block, at, more):
     """All of it; what is shared only if `more` follows."""
-    answers = shared = transport(block, leaning, rough)
-    if more and len(block.light_modes):
-        shared = _evaluate_shared(transport, block, leaning, rough)
+    answers = shared = transport(block, *perturbed(at.normals, at.roughness))
+    if more and len(block.light.modes):
+        shared = _evaluate_shared(transport, block, at)
     return _Evaluations(answers, tuple(x[:, 0].copy() for x in shared))
 
 
-def _evaluate_shared(transport, block, leaning, rough):
-    return transport(block.under(block.energy), leaning[:, :1], rough[:, :1])
+def _evaluate_shared(transport, block, at):
+    leaning, rough = perturbed(at.normals, at.roughness)
+    return transport(block.under(block.light.mean), leaning[:, :1], rough[:, :1])
 
 
-def _update_evaluations(transport, block, leaning, rough, told, far, config=CONFIG):
+def _update_evaluations(transport, block, at, told, far, config):
     """Bring it to where a step has led. Of pixels that did not go `far` only what the first variant answers to the shared light is
     asked anew, which is a fifth of the work: their variants differ as before, their own light from the shared as many times."""
     near, some = np.nonzero(~far)[0], np.nonzero(far)[0]
     if len(near):
-        which, part = (slice(None), block) if not len(some) else (near, block.part(near))
-        answers = _evaluate_shared(transport, part, leaning[which], rough[which])
+        which = slice(None) if not len(some) else near
+        answers = _evaluate_shared(
+            transport, *((block, at) if not len(some) else (block.part(near), at.part(near)))
+        )
         for into, shared, x in zip(told.variants, told.shared, answers, strict=True):
             before = shared[which]
             times = np.divide(into[which, 0], before, out=np.ones_like(before), where=before > 0)
             into[which] += ((x[:, 0] - before) * np.minimum(times, config.max_light_ratio))[:, None]
             shared[which] = x[:, 0]
     if len(some):
-        part = block if not len(near) else block.part(some)
-        told.put(some, _evaluate(transport, part, leaning[some], rough[some], True))
+        told.put(some, _evaluate(transport, block.part(some), at.part(some), True))
 
 
 def eliminate_last(
@@ -322,51 +334,46 @@ def eliminate_last(
 
 
 def hessians_by_view_group(
-    state: PixelEstimate,
-    transport: TransportModel,
-    geometry: SurfaceGeometry,
-    blocks: list[Int[np.ndarray, " _"]],
-    observations: Observations,
-    count: int,
-    progress: Progress,
-    config: GaussNewtonConfig = CONFIG,
-) -> tuple[PixelEstimate, Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:
-    """The state after a `update_residual_scale`, and (J^T W J, J^T W e) of all its seven unknowns, parted by stretches of `g` = `count`
-    views in a row; each bears its share of the priors."""
-    pixels_in_all, columns = len(state.normals), observations.radiance.shape[1]
+    state: PixelEstimate, problem: PixelProblem, count: int, progress: Progress
+) -> tuple[PixelEstimate, NormalEquations]:
+    """The state after a `update_residual_scale`, and its normal equations parted by stretches of `g` = `count` views in a row; each
+    bears its share of the priors."""
+    pixels_in_all, columns = len(state.normals), problem.observations.radiance.shape[1]
     ends = np.linspace(0, columns // 3, count + 1).astype(int) * 3
-    system, slope = np.empty((pixels_in_all, count, 7, 7)), np.empty((pixels_in_all, count, 7))
+    found = NormalEquations(*(np.empty((pixels_in_all, count, *shape)) for shape in ((), (7, 7), (7,))))
     spread, doing = np.empty(pixels_in_all), "judging the answer by parts of the views"
+    state = replace(state, residual_scale=spread, cost=np.full(pixels_in_all, np.inf))
 
     def judge(pixels: Int[np.ndarray, " _"]) -> None:
-        n, a, r = state.normals[pixels], state.albedo[pixels], state.roughness[pixels]
-        leaning, rough, inward = perturbed(n, r)
-        answers = transport(transport.block(geometry, pixels), leaning, rough)
-        spread[pixels] = _residual_scale(*answers, state, observations, pixels, config)
-        by_view = *answers, observations.radiance[pixels], observations.weight[pixels], observations.beside
+        at, seen = state.part(pixels), problem.observations.part(pixels)
+        block = problem.transport.block(problem.geometry, pixels)
+        answers = problem.transport(block, *perturbed(at.normals, at.roughness))
+        spread[pixels] = _residual_scale(answers, at, seen)
+        at = replace(at, residual_scale=spread[pixels])
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
-            d, s, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in by_view)
-            _, system[pixels, k], slope[pixels, k] = _normal_equations(
-                d, s, a, inward, radiance, weight, observations.eps[pixels], spread[pixels], observations.cauchy, r,
-                state.roughness_prior[pixels], state.background_fraction[pixels], observations.row[pixels], beside, 1 / count,
-            )  # fmt: skip
+            every = *answers, seen.radiance, seen.weight, seen.beside
+            *some, radiance, weight, beside = (np.ascontiguousarray(x[..., begin:end]) for x in every)
+            group = replace(seen, radiance=radiance, weight=weight, beside=beside)
+            told = _normal_equations(some, at, group, 1 / count)
+            for name in NormalEquations.__slots__:
+                getattr(found, name)[pixels, k] = getattr(told, name)
 
-    if on_other_device(transport):
+    if on_other_device(problem.transport):
         from engine.surface.optimize import gauss_newton_cuda  # as above
 
-        spread, system, slope = gauss_newton_cuda.hessians_by_view_group(
-            state, transport, geometry, blocks, observations, ends, progress, doing, config
+        gauss_newton_cuda.hessians_by_view_group(
+            state, problem, problem.transport, ends, found, progress, doing
         )
     else:
-        each(judge, blocks, progress, doing)
-    return replace(state, residual_scale=spread, cost=np.full(pixels_in_all, np.inf)), system, slope
+        each(judge, problem.blocks, progress, doing)
+    return state, found
 
 
 def jacobian(
     diffuse: Float[np.ndarray, "p 4 v"],
     specular: Float[np.ndarray, "p 4 v"],
     albedo: Float[np.ndarray, "p 3"],
-    inward: Float[np.ndarray, " p"],
+    step: Float[np.ndarray, " p"],
     eps: Float[np.ndarray, " p"],
 ) -> tuple[Float[np.ndarray, "p v"], Float[np.ndarray, "p v 6"]]:
     """What the answers to `perturbed` send, with eps, and how its logarithm follows each of the unknowns."""
@@ -376,7 +383,7 @@ def jacobian(
     own = np.zeros((*base.shape, 6))
     own[..., 0] = (model[:, 1] - model[:, 0]) / (STEP * base)
     own[..., 1] = (model[:, 2] - model[:, 0]) / (STEP * base)
-    own[..., 5] = (model[:, 3] - model[:, 0]) / (inward[:, None] * base)
+    own[..., 5] = (model[:, 3] - model[:, 0]) / (step[:, None] * base)
     for c in range(3):
         own[:, c::3, 2 + c] = (colour * diffuse[:, 0] / base)[:, c::3]
     return base, own
@@ -385,14 +392,6 @@ def jacobian(
 def with_ridge(system: Float[np.ndarray, "p u u"]) -> Float[np.ndarray, "p u u"]:
     """The system with so much on its diagonal that it can be inverted."""
     return system + (1e-9 * np.einsum("pii->p", system)[:, None, None] + 1e-12) * np.eye(system.shape[-1])
-
-
-def _damped_step(system, slope, damping, config):
-    diagonal = np.einsum("pii->pi", system)
-    damped = system + np.eye(6) * (diagonal * damping[:, None] + config.ridge)[:, None]
-    move = np.linalg.solve(damped, slope[..., None])[..., 0]
-    longest = np.array(config.max_step[:6])
-    return np.clip(move, -longest, longest)
 
 
 def clamp_to_visible(normals, views, config=CONFIG):
@@ -419,17 +418,18 @@ def _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside):
     return out
 
 
-def _normal_equations(
-    diffuse, specular, albedo, inward, radiance, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
-    prior,
-):  # fmt: skip
+def _normal_equations(answers, at, seen, prior=1.0):
+    """At a state, of what its `perturbed` variants answer."""
+    diffuse, specular = answers
     # Numpy takes logarithms a vector at a time, a kernel of ours one by one.
-    logs = _ratios(diffuse, specular, albedo, radiance, eps, share, row, beside)
+    logs = _ratios(
+        diffuse, specular, at.albedo, seen.radiance, seen.eps, at.background_fraction, seen.row, seen.beside
+    )
     np.log(logs, out=logs)
-    return _equations(
-        diffuse, specular, logs, albedo, inward, weight, eps, spread, cauchy, roughness, gloss, share, row, beside,
-        prior,
-    )  # fmt: skip
+    return NormalEquations(*_equations(
+        diffuse, specular, logs, at.albedo, roughness_step(at.roughness), seen.weight, seen.eps, at.residual_scale,
+        seen.cauchy, at.roughness, at.roughness_prior, at.background_fraction, seen.row, seen.beside, prior,
+    ))  # fmt: skip
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
@@ -439,6 +439,7 @@ def _equations(
     prior,
 ):  # fmt: skip
     count, _, channels = diffuse.shape
+    at_once = 3 * 16  # residuals whose share of the misfit is summed as the logarithm of a product
     misfit = np.zeros(count)
     system = np.zeros((count, 7, 7))
     slope = np.zeros((count, 7))
@@ -456,9 +457,9 @@ def _equations(
             g0 = g1 = g2 = g3 = 0.0
             h04 = h14 = h24 = h34 = h44 = g4 = 0.0
             # The product of a few is within the numbers' range, and has one logarithm; without its one, so that small ratios count.
-            for begin in range(c, channels, 3 * AT_ONCE):
+            for begin in range(c, channels, at_once):
                 excess = 0.0
-                for v in range(begin, min(begin + 3 * AT_ONCE, channels), 3):
+                for v in range(begin, min(begin + at_once, channels), 3):
                     w = weight[p, v]
                     model = a * d[0, v] + s[0, v]
                     other = np.float32(0)

@@ -21,17 +21,8 @@ from engine.errors import SurfaceError
 from engine.parallel import abreast
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
-from engine.surface.optimize.gauss_newton import (
-    ALBEDO,
-    OF_MEDIAN,
-    ROUGHNESS,
-    SHARE,
-    SHARE_SPREAD,
-    STEP,
-    GaussNewtonConfig,
-    PixelEstimate,
-)
-from engine.surface.reflectance.brdf import PAINT, of_pixels
+from engine.surface.optimize import gauss_newton
+from engine.surface.reflectance.brdf import PAINT
 from engine.surface.reflectance.brdf_torch import lobes_reference, rows_reference
 from engine.surface.rendering.transport import LightTransport, SurfaceGeometry
 
@@ -39,10 +30,6 @@ ROWS = 2**24
 """Entries of the rows of a batch, at most: 64 MB, of which the reflectance keeps some twenty copies for a moment."""
 THROWN = 2**27
 """Entries of the light that comes from hidden directions to the pixels that are summed at once: half a gigabyte."""
-FULL = ("out of memory", "ALLOC_FAILED")
-"""What errors say that are none of torch's own for it."""
-LEANING = 4
-"""Variants of a pixel: itself, leaning both ways, and rougher."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,57 +38,43 @@ class _Gathered:
 
     pixels: Int[np.ndarray, " p"]
     own: Bool[np.ndarray, " p"]  # of the padding false
-    points: Float[np.ndarray, "p 3"]
-    views: Float[np.ndarray, "p 3"]
-    material: Float[np.ndarray, "p 2"]
+    geometry: SurfaceGeometry
     mixing: Float[np.ndarray, "b w m"]  # of the probes: to the shared light, and to the ways it differs in
     apart: Float[np.ndarray, "b s r"]  # how far each pixel's does so in each
     lamps: Float[np.ndarray, "p n l"]  # the share of each that each pixel sees
     direction: Int[np.ndarray, "p e"]  # hidden from each; padded with one more than there are
     source: Int[np.ndarray, "p e"]  # what is seen there instead, a row of `_Scene.thrown`
-    radiance: Float[np.ndarray, "p v"]
-    weight: Float[np.ndarray, "p v"]
-    eps: Float[np.ndarray, " p"]
-    mixed: Int[np.ndarray, " q"]  # pixels that have something beside them
-    beside: Float[np.ndarray, "q v"]
+    observations: Observations
 
 
 def _gather(
-    transport: LightTransport,
-    geometry: SurfaceGeometry,
-    observations: Observations,
-    blocks: list[Int[np.ndarray, " _"]],
+    problem: gauss_newton.PixelProblem, transport: LightTransport, blocks: list[Int[np.ndarray, " _"]]
 ) -> _Gathered:
-    side, near = max(map(len, blocks)), transport.incident.area_lights
+    side, geometry = max(map(len, blocks)), problem.geometry
     own = np.arange(side) < np.array([len(part) for part in blocks])[:, None]
     pixels = np.array([np.append(part, np.full(side - len(part), part[0])) for part in blocks]).ravel()
-    points, nothing = geometry.points[pixels], len(transport.photographed) + len(transport.walls)
-    hidden, entries = None, np.zeros((len(pixels), 0), bool)
-    if geometry.visibility is not None:
-        hidden = geometry.visibility.of(pixels)
-        lengths = np.diff(hidden[0])
+    at, nothing = geometry.part(pixels), len(transport.photographed) + len(transport.walls)
+    hidden, entries = at.visibility, np.zeros((len(pixels), 0), bool)
+    if hidden is not None:
+        lengths = np.diff(hidden.start)
         entries = np.arange(lengths.max(initial=0)) < lengths[:, None]
     direction = np.full(entries.shape, len(transport.incident.directions), np.int32)
     source = np.full(entries.shape, nothing, np.int32)
     if hidden is not None:
-        direction[entries] = hidden[1]
+        direction[entries] = hidden.direction
         if transport.bounce:
-            source[entries] = np.where(hidden[2] < 0, nothing, hidden[2])
+            source[entries] = np.where(hidden.occluder < 0, nothing, hidden.occluder)
     shares = [transport.incident.shares(geometry.points[part]) for part in blocks]
-    most = max(len(ways) for _, ways, _ in shares)
-    mixing = np.zeros((len(blocks), 1 + most, shares[0][0].shape[-1]), np.float32)
+    most = max(len(share.modes) for share in shares)
+    mixing = np.zeros((len(blocks), 1 + most, shares[0].mean.shape[-1]), np.float32)
     apart = np.zeros((len(blocks), side, most), np.float32)
-    for i, (middle, ways, far) in enumerate(shares):
-        mixing[i, 0], mixing[i, 1 : 1 + len(ways)], apart[i, : len(far), : len(ways)] = middle, ways, far
-    material = of_pixels(geometry.material, pixels)
-    row = observations.row[pixels]
-    mixed = np.nonzero(row >= 0)[0]
-    return _Gathered(
-        pixels, own.ravel(), points, geometry.views[pixels],
-        np.tile(PAINT, (len(pixels), 1)) if material is None else material,
-        mixing, apart, near.visible(points, hidden and hidden[:2]), direction, source,
-        observations.radiance[pixels], observations.weight[pixels], observations.eps[pixels], mixed, observations.beside[row[mixed]],
-    )  # fmt: skip
+    for i, share in enumerate(shares):
+        count = len(share.modes)
+        mixing[i, 0], mixing[i, 1 : 1 + count] = share.mean, share.modes
+        apart[i, : len(share.coefficients), :count] = share.coefficients
+    lamps = transport.incident.area_lights.visible(at.points, hidden)
+    seen = problem.observations.part(pixels)
+    return _Gathered(pixels, own.ravel(), at, mixing, apart, lamps, direction, source, seen)
 
 
 class _Scene:
@@ -109,17 +82,14 @@ class _Scene:
 
     def __init__(self, transport: LightTransport):
         incident, near = transport.incident, transport.incident.area_lights
-        self.device, self.full_diffuse, self.floor = (
-            transport.device,
-            transport.full_diffuse,
-            transport.floor,
-        )
-        self.cell = float(transport.cell)
+        self.device, self.full_diffuse = transport.device, transport.full_diffuse
+        self.floor, self.cell = transport.floor, float(transport.cell)
         self.directions = self.there(incident.directions)
         # One direction more, from which nothing comes.
         self.energy = torch.nn.functional.pad(self.there(incident.energy), (0, 0, 0, 1))
         nothing = np.zeros((1, transport.photographed.shape[1]), np.float32)
-        self.thrown = self.there(np.concatenate([transport.photographed, transport.walls, nothing]))
+        walls = transport.walls.reshape(-1, nothing.shape[1])
+        self.thrown = self.there(np.concatenate([transport.photographed, walls, nothing]))
         self.centres = self.there(near.centres, torch.float64)
         self.radii, self.radiance = self.there(near.radii), self.there(near.radiance)
 
@@ -132,22 +102,20 @@ class _Batch:
     """A batch of blocks on the device, and what its pixels answer."""
 
     def __init__(self, scene: _Scene, gathered: _Gathered):
-        there = scene.there
+        there, at, seen = scene.there, gathered.geometry, gathered.observations
         self.scene, self.pixels, self.own = scene, gathered.pixels, gathered.own
-        self.points = there(gathered.points, torch.float64)
-        self.views = there(gathered.views, torch.float64)
-        self.material, self.lamps = there(gathered.material), there(gathered.lamps)
+        self.points, self.views = there(at.points, torch.float64), there(at.views, torch.float64)
+        self.lamps, self.cauchy = there(gathered.lamps), seen.cauchy
+        self.material = there(np.tile(PAINT, (len(at.points), 1)) if at.material is None else at.material)
         b, r, m = gathered.mixing.shape
         mixed = there(gathered.mixing).reshape(b * r, m) @ scene.energy.reshape(m, -1)
         self.light = mixed.reshape(b, r, *scene.energy.shape[1:])
         self.apart = there(gathered.apart)
         self.direction = there(gathered.direction, torch.int64)
         self.source = there(gathered.source, torch.int64)
-        self.radiance, self.weight, self.eps = (
-            there(x) for x in (gathered.radiance, gathered.weight, gathered.eps[:, None])
-        )
+        self.radiance, self.weight, self.eps = map(there, (seen.radiance, seen.weight, seen.eps[:, None]))
         self.beside = torch.full_like(self.radiance, math.nan)
-        self.beside[there(gathered.mixed, torch.int64)] = there(gathered.beside)
+        self.beside[there(seen.row, torch.int64) >= 0] = there(seen.beside)
         self.mixed = self.beside.isfinite().any(1)[:, None]
 
     def answers(
@@ -159,8 +127,7 @@ class _Batch:
         leaning, rough = normals.float(), roughness.float()
         rows = rows_reference(
             leaning.reshape(-1, 3), rough.reshape(-1), self.views.float().repeat_interleave(k, 0),
-            scene.directions, rough.new_ones(()), scene.full_diffuse, scene.floor,
-            self.material.repeat_interleave(k, 0),
+            scene.directions, scene.full_diffuse, scene.floor, self.material.repeat_interleave(k, 0),
         )  # fmt: skip
         table = rough.new_zeros(blocks, p // blocks, 2, k, d + 1)
         for half, row in enumerate(rows):
@@ -188,12 +155,8 @@ class _Batch:
         share = table.gather(2, at) * self.scene.cell
         table.scatter_(2, at, 0.0)
         few = max(1, THROWN // (self.direction.shape[1] * self.scene.thrown.shape[1]))
-        return torch.cat(
-            [
-                share[begin : begin + few] @ self.scene.thrown[self.source[begin : begin + few]]
-                for begin in range(0, len(table), few)
-            ]
-        )
+        parts = (slice(begin, begin + few) for begin in range(0, len(table), few))
+        return torch.cat([share[part] @ self.scene.thrown[self.source[part]] for part in parts])
 
     def _shone(
         self, normals: Float[Tensor, "p k 3"], roughness: Float[Tensor, "p k"]
@@ -220,7 +183,7 @@ class _Batch:
         ])  # fmt: skip
 
     def spread(
-        self, answers: Float[Tensor, "2 p k v"], at: "_Standing", config: GaussNewtonConfig
+        self, answers: Float[Tensor, "2 p k v"], at: "_Standing", config: gauss_newton.GaussNewtonConfig
     ) -> Float[Tensor, " p"]:
         """`gauss_newton._residual_scale`, by the first of the answers."""
         model = at.albedo.float().repeat(1, answers.shape[3] // 3) * answers[0, :, 0] + answers[1, :, 0]
@@ -232,18 +195,18 @@ class _Batch:
         residual = torch.where(known, (logs * self.weight.sqrt()).abs(), math.inf).sort(dim=1)[0]
         count = known.sum(1)
         middle = torch.stack([(count - 1) // 2, count // 2], 1).clamp(min=0)
-        spread = OF_MEDIAN * residual.gather(1, middle).double().mean(1)
+        spread = gauss_newton.OF_MEDIAN * residual.gather(1, middle).double().mean(1)
         return torch.where(count > 0, spread, 1.0).clamp(min=config.least_residual_scale)
 
     def equations(
-        self, answers: Float[Tensor, "2 p k v"], at: "_Standing", spread: Float[Tensor, " p"], cauchy: float,
+        self, answers: Float[Tensor, "2 p k v"], at: "_Standing", spread: Float[Tensor, " p"],
         columns: slice = slice(None), prior: float = 1.0,
-    ) -> tuple[Float[Tensor, " p"], Float[Tensor, "p 7 7"], Float[Tensor, "p 7"]]:  # fmt: skip
-        """`gauss_newton._normal_equations` of some of the columns: misfit, system, slope (double precision)."""
+    ) -> "_Equations":  # fmt: skip
+        """`gauss_newton._normal_equations` of some of the columns."""
         (diffuse, specular), share = answers[..., columns], at.background_fraction.float()[:, None]
         radiance, weight, beside = (x[:, columns] for x in (self.radiance, self.weight, self.beside))
         colour = at.albedo.float().repeat(1, diffuse.shape[2] // 3)
-        width = (cauchy * spread) ** 2
+        width = (self.cauchy * spread) ** 2
         model = colour * diffuse[:, 0] + specular[:, 0]
         other = torch.where(self.mixed, beside - model, 0.0)
         over = 1 / ((model + share * other).clamp(min=0) + self.eps)
@@ -252,7 +215,7 @@ class _Batch:
         robust = weight / (1 + ratio)
         own = over * (1 - share)
         moved = colour[:, None] * (diffuse[:, 1:] - diffuse[:, :1]) + specular[:, 1:] - specular[:, :1]
-        steps = torch.stack([torch.full_like(at.inward, STEP)] * 2 + [at.inward], 1).float()
+        steps = torch.stack([torch.full_like(at.inward, gauss_newton.STEP)] * 2 + [at.inward], 1).float()
         first, second, rougher = (moved * own[:, None] / steps[:, :, None]).unbind(1)
         channels = torch.eye(3, device=own.device).repeat(1, own.shape[1] // 3)
         tints = (colour * diffuse[:, 0] * own)[:, None] * channels
@@ -265,14 +228,23 @@ class _Batch:
         misfit = width * ratio.log1p().sum(1, dtype=torch.float64)
         expected = (
             (5, at.roughness - at.roughness_prior[:, 0], at.roughness_prior[:, 1]),
-            (6, at.background_fraction, SHARE_SPREAD),
+            (6, at.background_fraction, gauss_newton.SHARE_SPREAD),
         )
         for unknown, off, wide in expected:
             tight = prior * (spread / wide) ** 2
             misfit = misfit + tight * off**2
             slope[:, unknown] -= tight * off
             system[:, unknown, unknown] += tight
-        return misfit, system, slope
+        return _Equations(misfit, system, slope)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    """`gauss_newton.NormalEquations` on the device; double precision."""
+
+    cost: Float[Tensor, " p"]
+    hessian: Float[Tensor, "p 7 7"]
+    gradient: Float[Tensor, "p 7"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,13 +260,14 @@ class _Standing:
     @property
     def inward(self) -> Float[Tensor, " p"]:
         """The signed step of the rougher variant, as `gauss_newton.perturbed` has it."""
-        return torch.where(self.roughness + STEP > ROUGHNESS[1], -STEP, STEP).to(self.roughness)
+        step = gauss_newton.STEP
+        return torch.where(self.roughness + step > gauss_newton.ROUGHNESS[1], -step, step).to(self.roughness)
 
     def variants(self) -> tuple[Float[Tensor, "p 4 3"], Float[Tensor, "p 4"]]:
         """`gauss_newton.perturbed`."""
         n, r = self.normals, self.roughness
         first, second = _tangents(n)
-        leaning = torch.stack([n, n + STEP * first, n + STEP * second, n], 1)
+        leaning = torch.stack([n, n + gauss_newton.STEP * first, n + gauss_newton.STEP * second, n], 1)
         leaning = leaning / leaning.norm(dim=2, keepdim=True)
         return leaning, torch.stack([r, r, r, r + self.inward], 1)
 
@@ -309,9 +282,9 @@ class _Standing:
         return replace(
             self,
             normals=n / n.norm(dim=1, keepdim=True),
-            albedo=(self.albedo * move[:, 2:5].exp()).clamp(*ALBEDO),
-            roughness=(self.roughness + move[:, 5]).clamp(*ROUGHNESS),
-            background_fraction=(self.background_fraction + move[:, 6]).clamp(*SHARE),
+            albedo=(self.albedo * move[:, 2:5].exp()).clamp(*gauss_newton.ALBEDO),
+            roughness=(self.roughness + move[:, 5]).clamp(*gauss_newton.ROUGHNESS),
+            background_fraction=(self.background_fraction + move[:, 6]).clamp(*gauss_newton.SHARE),
         )
 
     def far(self, before: "_Standing", step: float) -> Bool[Tensor, " p"]:
@@ -345,7 +318,8 @@ def _within_memory() -> Iterator[None]:
         yield
     except RuntimeError as error:
         # A device that is full from the start refuses even its context, and the library of products its handle.
-        if not isinstance(error, torch.OutOfMemoryError) and not any(sign in str(error) for sign in FULL):
+        told = any(sign in str(error) for sign in ("out of memory", "ALLOC_FAILED"))
+        if not isinstance(error, torch.OutOfMemoryError) and not told:
             raise
         raise SurfaceError(
             "the GPU has too little memory free to solve pixels; close what else uses it, or use --device cpu"
@@ -353,23 +327,24 @@ def _within_memory() -> Iterator[None]:
 
 
 def _batches(
-    state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
-    progress: Progress, doing: str,
-) -> Iterator[tuple[_Batch, _Standing]]:  # fmt: skip
+    state: gauss_newton.PixelEstimate,
+    problem: gauss_newton.PixelProblem,
+    transport: LightTransport,
+    progress: Progress,
+    doing: str,
+) -> Iterator[tuple[_Batch, _Standing]]:
     """Batch by batch, and where its pixels stand."""
-    if not blocks:
+    if not problem.blocks:
         return
-    transport.check(geometry)
+    transport.check(problem.geometry)
     # Blocks of a size side by side: all of a batch are padded to its largest.
-    blocks = sorted(blocks, key=len)
+    blocks = sorted(problem.blocks, key=len)
     lamps = transport.incident.area_lights.centres
     wide = max(len(transport.incident.directions), lamps.shape[0] * lamps.shape[1])
-    few = max(1, ROWS // (2 * LEANING * len(blocks[-1]) * wide))
+    few = max(1, ROWS // (2 * 4 * len(blocks[-1]) * wide))
     groups = [blocks[begin : begin + few] for begin in range(0, len(blocks), few)]
     scene = _Scene(transport)
-    for i, gathered in enumerate(
-        abreast(lambda group: _gather(transport, geometry, observations, group), groups)
-    ):
+    for i, gathered in enumerate(abreast(lambda group: _gather(problem, transport, group), groups)):
         progress.step(i / len(groups), doing)
         batch, pixels = _Batch(scene, gathered), gathered.pixels
         values = (getattr(state, name)[pixels] for name in _Standing.__slots__)
@@ -378,25 +353,23 @@ def _batches(
 
 @_within_memory()
 def minimize(
-    state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
-    steps: int, progress: Progress, reset_scale: bool, config: GaussNewtonConfig,
-) -> PixelEstimate:  # fmt: skip
+    state: gauss_newton.PixelEstimate, problem: gauss_newton.PixelProblem, transport: LightTransport, steps: int, progress: Progress,
+    reset_scale: bool, config: gauss_newton.GaussNewtonConfig,
+) -> gauss_newton.PixelEstimate:  # fmt: skip
     """`gauss_newton.minimize`.
 
     Raises:
         SurfaceError: the device has too little memory.
     """
     kept = state.copy()
-    for batch, stand in _batches(
-        state, transport, geometry, blocks, observations, progress, "solving pixels"
-    ):
+    names = ("residual_scale", "lm_lambda", "cost", "hessian", "gradient")
+    for batch, stand in _batches(state, problem, transport, progress, "solving pixels"):
         there, pixels = batch.scene.there, batch.pixels
-        rest, longest = (there(np.array(x), torch.float64) for x in (config.step_tolerance, config.max_step))
+        rest = there(np.array(config.step_tolerance), torch.float64)
         spread, damping, misfit, system, slope = (
-            there(getattr(state, name)[pixels], torch.float64)
-            for name in ("residual_scale", "lm_lambda", "cost", "hessian", "gradient")
+            there(getattr(state, name)[pixels], torch.float64) for name in names
         )
-        # The row of the share, which the systems that others see have eliminated.
+        # The row of the share, which the systems that others see have eliminated; and its slope.
         tie, tie_slope = system.new_zeros(len(pixels), 7), system.new_zeros(len(pixels))
         best, tried, active = stand, stand, there(batch.own, torch.bool)
         answers, shared = batch.answers(*tried.variants())
@@ -404,24 +377,19 @@ def minimize(
             if reset_scale and turn == 0:
                 spread = batch.spread(answers, tried, config)
                 misfit = torch.full_like(spread, math.inf)
-            now, whole, whole_slope = batch.equations(answers, tried, spread, observations.cauchy)
-            better = active & (now <= misfit)
-            best, misfit = best.taking(better, tried), torch.where(better, now, misfit)
+            now = batch.equations(answers, tried, spread)
+            whole, better = now.hessian, active & (now.cost <= misfit)
+            best, misfit = best.taking(better, tried), torch.where(better, now.cost, misfit)
             ties = whole[:, :6, 6] / whole[:, 6:, 6]
             system[better] = (whole[:, :6, :6] - ties[:, :, None] * whole[:, 6:, :6])[better]
-            slope[better] = (whole_slope[:, :6] - ties * whole_slope[:, 6:])[better]
-            tie[better], tie_slope[better] = whole[better, 6], whole_slope[better, 6]
-            eased, stiffened = (
-                (damping * config.lambda_down).clamp(min=config.lambda_bounds[0]),
-                (damping * config.lambda_up).clamp(max=config.lambda_bounds[1]),
-            )
+            slope[better] = (now.gradient[:, :6] - ties * now.gradient[:, 6:])[better]
+            tie[better], tie_slope[better] = whole[better, 6], now.gradient[better, 6]
+            eased = (damping * config.lambda_down).clamp(min=config.lambda_bounds[0])
+            stiffened = (damping * config.lambda_up).clamp(max=config.lambda_bounds[1])
             damping = torch.where(better, eased, torch.where(active, stiffened, damping))
             if turn + 1 == steps:
                 break
-            move = _damped_step(system, slope, damping, config.ridge).clamp(-longest[:6], longest[:6])
-            stiff = torch.where(tie[:, 6] > 0, tie[:, 6], math.inf)
-            shift = (tie_slope - (tie[:, :6] * move).sum(1)) / stiff
-            move = torch.cat([move, shift[:, None]], 1).clamp(-longest, longest)
+            move = _damped_step(system, slope, damping, torch.column_stack([tie, tie_slope]), config)
             active &= (move.abs() > rest).any(1)
             if not active.any():
                 break
@@ -430,15 +398,9 @@ def minimize(
             answers, shared = _followed(
                 answers, shared, *batch.answers(*tried.variants()), far, config.max_light_ratio
             )
-        found = {
-            name: getattr(best, name) for name in ("normals", "albedo", "roughness", "background_fraction")
-        }
+        found = dict(zip(names, (spread, damping, misfit, system, slope), strict=True))
         found |= {
-            "residual_scale": spread,
-            "lm_lambda": damping,
-            "cost": misfit,
-            "hessian": system,
-            "gradient": slope,
+            name: getattr(best, name) for name in ("normals", "albedo", "roughness", "background_fraction")
         }
         for name, values in found.items():
             getattr(kept, name)[pixels[batch.own]] = values.cpu().numpy()[batch.own]
@@ -457,29 +419,34 @@ def _followed(
 
 @_within_memory()
 def hessians_by_view_group(
-    state: PixelEstimate, transport: LightTransport, geometry: SurfaceGeometry, blocks: list[Int[np.ndarray, " _"]], observations: Observations,
-    ends: Int[np.ndarray, " e"], progress: Progress, doing: str, config: GaussNewtonConfig,
-) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p g 7 7"], Float[np.ndarray, "p g 7"]]:  # fmt: skip
-    """Of `gauss_newton.hessians_by_view_group` the spreads, systems and slopes; stretches end at these columns.
+    state: gauss_newton.PixelEstimate, problem: gauss_newton.PixelProblem, transport: LightTransport, ends: Int[np.ndarray, " e"],
+    found: gauss_newton.NormalEquations, progress: Progress, doing: str,
+) -> None:  # fmt: skip
+    """`gauss_newton.hessians_by_view_group` into what is `found`, and the spreads into the state; stretches end at these columns.
 
     Raises:
         SurfaceError: as `minimize`.
     """
-    count = len(state.normals)
-    spread, system, slope = (np.empty((count, *[len(ends) - 1] * bool(s), *s)) for s in ((), (7, 7), (7,)))
-    for batch, stand in _batches(state, transport, geometry, blocks, observations, progress, doing):
+    share = 1 / (len(ends) - 1)
+    for batch, stand in _batches(state, problem, transport, progress, doing):
         answers, _ = batch.answers(*stand.variants())
-        wide, own = batch.spread(answers, stand, config), batch.pixels[batch.own]
-        spread[own] = wide.cpu().numpy()[batch.own]
+        wide, own = batch.spread(answers, stand, gauss_newton.CONFIG), batch.pixels[batch.own]
+        state.residual_scale[own] = wide.cpu().numpy()[batch.own]
         for k, (begin, end) in enumerate(itertools.pairwise(ends)):
-            share = 1 / (len(ends) - 1)
-            told = batch.equations(answers, stand, wide, observations.cauchy, slice(begin, end), share)
-            system[own, k], slope[own, k] = (x.cpu().numpy()[batch.own] for x in told[1:])
-    return spread, system, slope
+            told = batch.equations(answers, stand, wide, slice(begin, end), share)
+            for name in gauss_newton.NormalEquations.__slots__:
+                getattr(found, name)[own, k] = getattr(told, name).cpu().numpy()[batch.own]
 
 
 def _damped_step(
-    system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"], ridge: float
-) -> Float[Tensor, "p 6"]:
-    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + ridge
-    return torch.linalg.solve_ex(system + stiffer.diag_embed(), slope[..., None])[0][..., 0]
+    system: Float[Tensor, "p 6 6"], slope: Float[Tensor, "p 6"], damping: Float[Tensor, " p"],
+    tie: Float[Tensor, "p 8"], config: gauss_newton.GaussNewtonConfig,
+) -> Float[Tensor, "p 7"]:  # fmt: skip
+    """`gauss_newton._damped_step`; of the share its row and its slope."""
+    longest = torch.tensor(config.max_step, dtype=slope.dtype, device=slope.device)
+    stiffer = system.diagonal(dim1=1, dim2=2) * damping[:, None] + config.ridge
+    move = torch.linalg.solve_ex(system + stiffer.diag_embed(), slope[..., None])[0][..., 0]
+    move = move.clamp(-longest[:6], longest[:6])
+    stiff = torch.where(tie[:, 6] > 0, tie[:, 6], math.inf)
+    shift = (tie[:, 7] - (tie[:, :6] * move).sum(1)) / stiff
+    return torch.cat([move, shift[:, None]], 1).clamp(-longest, longest)

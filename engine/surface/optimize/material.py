@@ -16,9 +16,15 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
 from engine.progress import Progress
-from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import exhaustive_search
-from engine.surface.optimize.pixel_sample import PixelSample, interior, random_subset, sample_pixels
+from engine.surface.optimize.gauss_newton import (
+    PixelEstimate,
+    PixelProblem,
+    minimize,
+    update_residual_scale,
+    where,
+)
+from engine.surface.optimize.pixel_sample import interior, random_subset, sample_pixels
 from engine.surface.params import SurfaceParams
 from engine.surface.reflectance.brdf import PAINT
 from engine.surface.rendering.object_pixels import ObjectPixels
@@ -63,52 +69,51 @@ CONFIG = MaterialConfig()
 class Trial:
     """Some pixels in the views that fit them and in those that judge, and what they are taken for so far."""
 
-    fitted: tuple[PixelSample, IncidentLight]
-    kept: tuple[PixelSample, IncidentLight]
-    state: gauss_newton.PixelEstimate
+    fitted: PixelProblem
+    kept: PixelProblem
+    state: PixelEstimate
 
     @property
     def data(self) -> int:
         """Views times channels that judge each pixel."""
-        return self.kept[0].observations.radiance.shape[1]
+        return self.kept.observations.radiance.shape[1]
 
-    def tried(self, material: tuple[float, float], progress: Progress) -> gauss_newton.PixelEstimate:
+    def tried(self, material: tuple[float, float], progress: Progress) -> PixelEstimate:
         """The pixels as of one material, by the views that fit."""
-        spread, count = self.state.residual_scale, len(self.state.residual_scale)
-        made = np.tile(material, (count, 1))
-        answer = _solved(self.fitted, self.state, made, CONFIG.gauss_newton_steps, progress.part(0, 0.5))
-        so_far = self.fitted[0].geometry.material
+        problem, so_far = as_of(self.fitted, material), self.fitted.geometry.material
+        first, searching, last = (progress.part(*span) for span in ((0, 0.5), (0.5, 0.6), (0.6, 1)))
+        answer = minimize(self.state.begun_anew(), problem, CONFIG.gauss_newton_steps, first)
         if np.any((PAINT[1] if so_far is None else so_far[:, 1]) != material[1]):
-            # As another kind of thing it may have ended anywhere.
-            begun = replace(_sought(self.fitted, made, progress.part(0.5, 0.6)), residual_scale=spread)
-            other = _solved(self.fitted, begun, made, CONFIG.gauss_newton_steps, progress.part(0.6, 1))
-            answer = gauss_newton.where(other.cost < answer.cost, other, answer)
+            # As another kind of thing it may have ended anywhere; from nothing, with nothing hidden.
+            bare = replace(problem, geometry=replace(problem.geometry, visibility=None))
+            begun = exhaustive_search(bare, CONFIG.candidates, searching)
+            begun = begun.begun_anew(residual_scale=self.state.residual_scale)
+            other = minimize(begun, problem, CONFIG.gauss_newton_steps, last)
+            answer = where(other.cost < answer.cost, other, answer)
         return answer
 
-    def likelihood(
-        self, answer: gauss_newton.PixelEstimate, material: tuple[float, float]
-    ) -> Float[np.ndarray, " p"]:
+    def likelihood(self, answer: PixelEstimate, material: tuple[float, float]) -> Float[np.ndarray, " p"]:
         """Of every pixel's kept views by what was `tried` as this material, per view and channel; a logarithm, up to what is
         alike for all materials: residuals are as wide as they are so far."""
         # What is expected of roughness is no photograph's word.
-        free = replace(answer, roughness_prior=np.tile([0.5, CONFIG.no_prior], (len(answer.cost), 1)))
-        judged = _solved(self.kept, free, np.tile(material, (len(free.residual_scale), 1)), 1, Progress())
+        free = answer.begun_anew(roughness_prior=np.tile([0.5, CONFIG.no_prior], (len(answer.cost), 1)))
+        judged = minimize(free, as_of(self.kept, material), 1, Progress())
         return -judged.cost / (2 * self.data * self.state.residual_scale**2)
 
-    def spread(
-        self, answer: gauss_newton.PixelEstimate, material: tuple[float, float]
-    ) -> Float[np.ndarray, " p"]:
+    def spread(self, answer: PixelEstimate, material: tuple[float, float]) -> Float[np.ndarray, " p"]:
         """How wide the residuals of every pixel's kept views are by what was `tried` as this material."""
-        of, light = self.kept
-        geometry = replace(of.geometry, material=np.tile(material, (len(answer.residual_scale), 1)))
-        return gauss_newton.update_residual_scale(
-            answer, of.light_transport(light), geometry, of.regions, of.observations
-        ).residual_scale
+        return update_residual_scale(answer, as_of(self.kept, material)).residual_scale
+
+
+def as_of(problem: PixelProblem, material: tuple[float, float]) -> PixelProblem:
+    """The same pixels as if all were of one material."""
+    made = np.tile(material, (len(problem.geometry.points), 1))
+    return replace(problem, geometry=replace(problem.geometry, material=made))
 
 
 def classify(
     object_pixels: ObjectPixels,
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
     light: IncidentLight,
     geometry: SurfaceGeometry,
     exactly: bool,
@@ -134,15 +139,10 @@ def classify(
         level = levels(said[heard], region[chosen][heard], int(region.max()) + 1)[region]
     metal = np.zeros(len(level), bool)
     if shiny.mean() >= CONFIG.metal_share:
-        everybody = _trial(
-            object_pixels,
-            np.arange(len(level)),
-            state,
-            light,
-            geometry,
-            params,
-            pixel_blocks(object_pixels.mask),
-        )
+        everybody = _trial(object_pixels, np.arange(len(level)), state, light, geometry, params)
+        blocks = pixel_blocks(object_pixels.mask)
+        fitted, kept = (replace(some, blocks=blocks) for some in (everybody.fitted, everybody.kept))
+        everybody = replace(everybody, fitted=fitted, kept=kept)
         voices = np.zeros(object_pixels.mask.shape)
         first, second = next(spans).parts(2)
         voices[object_pixels.mask] = metallic(everybody, everybody.tried(PAINT, first), second)
@@ -152,9 +152,7 @@ def classify(
     return np.where(metal[:, None], METAL, np.stack([level, np.full(len(level), PAINT[1])], 1))
 
 
-def metallic(
-    trial: Trial, as_paint: gauss_newton.PixelEstimate, progress: Progress
-) -> Float[np.ndarray, " p"]:
+def metallic(trial: Trial, as_paint: PixelEstimate, progress: Progress) -> Float[np.ndarray, " p"]:
     """How much narrower each pixel's residuals are as metal's than as paint's: a logarithm, above 0 where that is enough."""
     as_metal = trial.tried(METAL, progress)
     gained = np.log(trial.spread(as_paint, PAINT) / trial.spread(as_metal, METAL)) - np.log(CONFIG.narrower)
@@ -217,50 +215,17 @@ def _level(said: Float[np.ndarray, "k l"], usual: float) -> float | None:
 def _trial(
     object_pixels: ObjectPixels,
     chosen: Int[np.ndarray, " k"],
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
     light: IncidentLight,
     geometry: SurfaceGeometry,
     params: SurfaceParams,
-    blocks: list[Int[np.ndarray, " _"]] | None = None,
 ) -> Trial:
-    """Of some pixels; `parts` of them share their light (a few large ones where left out)."""
+    """Of some pixels; a few large parts of them share their light."""
     every = np.arange(light.energy.shape[2] // 3)
     back = every[CONFIG.kept_back - 1 :: CONFIG.kept_back]
     seen = []
     for views in (np.setdiff1d(every, back), back):
         here = light.views(views)
-        of = sample_pixels(object_pixels, geometry, 1.0, chosen, params, views, here)
-        seen.append((of if blocks is None else replace(of, regions=blocks), here))
+        sample = sample_pixels(object_pixels, geometry, 1.0, chosen, params, views, here)
+        seen.append(sample.problem(here))
     return Trial(seen[0], seen[1], state.part(chosen))
-
-
-def _solved(
-    witness: tuple[PixelSample, IncidentLight],
-    begun: gauss_newton.PixelEstimate,
-    material: Float[np.ndarray, "p 2"],
-    passes: int,
-    progress: Progress,
-) -> gauss_newton.PixelEstimate:
-    """Every pixel as of a material; with one pass its misfit as begun."""
-    of, light = witness
-    count = len(begun.cost)
-    begun = replace(
-        begun, cost=np.full(count, np.inf), lm_lambda=np.full(count, gauss_newton.CONFIG.lambda_initial)
-    )
-    geometry = replace(of.geometry, material=material)
-    return gauss_newton.minimize(
-        begun, of.light_transport(light), geometry, of.regions, of.observations, passes, progress
-    )
-
-
-def _sought(
-    witness: tuple[PixelSample, IncidentLight], material: Float[np.ndarray, "p 2"], progress: Progress
-) -> gauss_newton.PixelEstimate:
-    """Every pixel from nothing, with nothing hidden."""
-    of, light = replace(witness[0], bounce=False), witness[1]
-    geometry = replace(of.geometry, material=material, visibility=None)
-    return gauss_newton.initial_estimate(
-        *exhaustive_search(
-            of.light_transport(light), geometry, of.observations, of.regions, CONFIG.candidates, progress
-        )
-    )

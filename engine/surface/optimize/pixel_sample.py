@@ -3,15 +3,15 @@
 Camera frame.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import binary_erosion
 
 from engine.surface.data.observations import Observations, compensate_exposure, pixel_index
+from engine.surface.optimize.gauss_newton import PixelProblem
 from engine.surface.params import SurfaceParams
-from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.interreflection import radiance_of_hidden_patches
 from engine.surface.rendering.object_pixels import ObjectPixels, coarse_regions
 from engine.surface.rendering.transport import IncidentLight, LightTransport, SurfaceGeometry
@@ -26,6 +26,9 @@ class PixelSampleConfig:
     explained_share: float = 0.3  # of the pixels, explained best, to pick them from
 
 
+CONFIG = PixelSampleConfig()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelSample:
     """The pixels that vote: where they are up to the one factor, what they see, what they were seen as."""
@@ -36,32 +39,27 @@ class PixelSample:
     regions: list[Int[np.ndarray, " _"]]
     full_diffuse: bool
     bounce: bool
-    walls: Float[np.ndarray, "w v"] | None = None  # the same of the walls that no photograph shows
+    # The same of the walls that no photograph shows.
+    walls: Float[np.ndarray, "w _"] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
-    def geometry_at(self, distance: float) -> SurfaceGeometry:
-        """What the pixels see when the object stands at `distance`."""
-        return self.geometry.at(distance)
-
-    def light_transport(self, light: IncidentLight) -> LightTransport:
-        """How they answer a light."""
-        return LightTransport(light, self.photographed, self.full_diffuse, self.bounce, "cpu", self.walls)
+    def problem(self, light: IncidentLight, distance: float = 1.0) -> PixelProblem:
+        """The pixels under a light when the object stands at `distance`."""
+        transport = LightTransport(
+            light, self.photographed, self.full_diffuse, self.bounce, "cpu", self.walls
+        )
+        return PixelProblem(transport, self.geometry.at(distance), self.regions, self.observations)
 
     def with_exposure_compensated(self, drift: Float[np.ndarray, " n"]) -> "PixelSample":
         """The same had no view's log exposure drifted."""
-        return replace(
-            self,
-            observations=self.observations.with_exposure_compensated(drift),
-            photographed=compensate_exposure(self.photographed, drift),
-        )
+        seen = self.observations.with_exposure_compensated(drift)
+        return replace(self, observations=seen, photographed=compensate_exposure(self.photographed, drift))
 
 
-def interior(
-    object_pixels: ObjectPixels, config: PixelSampleConfig = PixelSampleConfig()
-) -> Int[np.ndarray, " k"]:
+def interior(object_pixels: ObjectPixels) -> Int[np.ndarray, " k"]:
     """The pixels away from the object's rim, or all where those are few."""
     index = pixel_index(object_pixels.mask)
     found = index[np.asarray(binary_erosion(object_pixels.mask, np.ones((5, 5), bool)), bool)]
-    return found if len(found) >= config.enough_inside else index[object_pixels.mask]
+    return found if len(found) >= CONFIG.enough_inside else index[object_pixels.mask]
 
 
 def random_subset(candidates: Int[np.ndarray, " k"], count: int, seed: int) -> Int[np.ndarray, " p"]:
@@ -70,25 +68,12 @@ def random_subset(candidates: Int[np.ndarray, " k"], count: int, seed: int) -> I
     return np.sort(np.random.default_rng(seed).choice(candidates, few, replace=False))
 
 
-def calibration_pixels(
-    object_pixels: ObjectPixels,
-    geometry: SurfaceGeometry,
-    distance: float,
-    count: int,
-    params: SurfaceParams,
-    seed: int,
-    views: Int[np.ndarray, " m"] | None = None,
-    spread: Float[np.ndarray, " q"] | None = None,
-    light: IncidentLight | None = None,
-    config: PixelSampleConfig = PixelSampleConfig(),
-) -> tuple[Int[np.ndarray, " p"], PixelSample]:
-    """A random part of the pixels, away from the rim where there is enough of it, and of the best explained once
-    `spread` of the residuals tells them: their indices, and what they know (`sample_pixels`)."""
-    open_to = interior(object_pixels, config)
-    if spread is not None:
-        open_to = open_to[spread[open_to] <= np.quantile(spread[open_to], config.explained_share)]
-    chosen = random_subset(open_to, count, seed)
-    return chosen, sample_pixels(object_pixels, geometry, distance, chosen, params, views, light)
+def well_explained(
+    candidates: Int[np.ndarray, " k"], residual_scale: Float[np.ndarray, " p"]
+) -> Int[np.ndarray, " _"]:
+    """Those of them whose residuals spread least."""
+    spread = residual_scale[candidates]
+    return candidates[spread <= np.quantile(spread, CONFIG.explained_share)]
 
 
 def sample_pixels(
@@ -102,21 +87,14 @@ def sample_pixels(
 ) -> PixelSample:
     """What some pixels know, in all views or in some, given by their places among the object's. The object stands at
     `distance` in `geometry`. Walls shine as under `light`, which has the same views."""
-    seen = (
-        object_pixels.observations
-        if views is None
-        else object_pixels.observations.part(np.arange(object_pixels.mask.sum()), views)
-    )
-    hidden = geometry.visibility.part(chosen) if geometry.visibility is not None else None
-    made = of_pixels(geometry.material, chosen)
-    return PixelSample(
-        SurfaceGeometry(geometry.points[chosen] / distance, geometry.views[chosen], hidden, material=made),
-        seen.part(chosen),
-        seen.radiance,
-        coarse_regions(np.isin(pixel_index(object_pixels.mask), chosen)),
-        params.diffuse == "disney",
-        params.models("interreflections"),
-        radiance_of_hidden_patches(geometry, light, seen.radiance)
-        if light is not None and params.models("interreflections")
-        else None,
-    )
+    seen, bounce = object_pixels.observations, params.models("interreflections")
+    if views is not None:
+        seen = seen.part(np.arange(object_pixels.mask.sum()), views)
+    at = geometry.part(chosen)
+    sample = PixelSample(
+        replace(at, points=at.points / distance), seen.part(chosen), seen.radiance,
+        coarse_regions(np.isin(pixel_index(object_pixels.mask), chosen)), params.diffuse == "disney", bounce,
+    )  # fmt: skip
+    if light is None or not bounce:
+        return sample
+    return replace(sample, walls=radiance_of_hidden_patches(geometry, light, seen.radiance))

@@ -9,12 +9,12 @@ among themselves is how far the expectation is trusted.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from engine.progress import Progress
-from engine.surface.data.observations import Observations, shifted_neighbours
-from engine.surface.optimize.gauss_newton import CONFIG, PixelEstimate, minimize, where
-from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
+from engine.surface.data.observations import shifted_neighbours
+from engine.surface.optimize.gauss_newton import CONFIG as GAUSS_NEWTON
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, minimize, where
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +31,19 @@ class RoughnessPriorConfig:
     pixels_at_once: int = 32_768
 
 
+CONFIG = RoughnessPriorConfig()
+
+
 def apply_roughness_prior(
-    state: PixelEstimate,
-    transport: TransportModel,
-    geometry: SurfaceGeometry,
-    blocks: list[Int[np.ndarray, " _"]],
-    observations: Observations,
-    mask: Bool[np.ndarray, "h w"],
-    passes: int,
-    progress: Progress,
-    config: RoughnessPriorConfig = RoughnessPriorConfig(),
+    state: PixelEstimate, problem: PixelProblem, mask: Bool[np.ndarray, "h w"], steps: int, progress: Progress
 ) -> PixelEstimate:
     """The state under what its pixels may expect; those far off it begin once more with it, and keep what explains better."""
-    expected = expected_roughness(state, mask, geometry.material, config)
-    state = with_roughness_prior(state, expected)
+    state = with_roughness_prior(state, expected_roughness(state, mask, problem.geometry.material))
     mean, spread = state.roughness_prior.T
-    surprised = np.abs(state.roughness - mean) > config.unexpected * spread
-    few = [part for block in blocks if len(part := block[surprised[block]])]
-    other = replace(
-        state,
-        roughness=np.where(surprised, mean, state.roughness),
-        cost=np.full(len(mean), np.inf),
-        lm_lambda=np.full(len(mean), CONFIG.lambda_initial),
-    )
-    other = minimize(other, transport, geometry, few, observations, passes, progress)
+    surprised = np.abs(state.roughness - mean) > CONFIG.unexpected * spread
+    few = [part for block in problem.blocks if len(part := block[surprised[block]])]
+    other = state.begun_anew(roughness=np.where(surprised, mean, state.roughness))
+    other = minimize(other, replace(problem, blocks=few), steps, progress)
     return where(surprised & (other.cost < state.cost), other, state)
 
 
@@ -74,32 +63,31 @@ def expected_roughness(
     state: PixelEstimate,
     mask: Bool[np.ndarray, "h w"],
     material: Float[np.ndarray, "p 2"] | None = None,
-    config: RoughnessPriorConfig = RoughnessPriorConfig(),
 ) -> Float[np.ndarray, "p 2"]:
     """Mean and spread of the roughness that every pixel may expect, `material` as in `SurfaceGeometry`."""
     count = len(state.roughness)
-    asked, known = np.arange(config.neighbours), config.known**2
+    asked, known = np.arange(CONFIG.neighbours), CONFIG.known**2
     turn = np.pi * (3 - np.sqrt(5)) * asked
-    reach = config.reach * np.sqrt(count) * np.sqrt((asked + 0.5) / config.neighbours)
+    reach = CONFIG.reach * np.sqrt(count) * np.sqrt((asked + 0.5) / CONFIG.neighbours)
     steps = np.rint(np.stack([reach * np.sin(turn), reach * np.cos(turn)], 1)).astype(int)
     steps = np.unique(steps[(steps != 0).any(1)], axis=0)
-    answer = np.tile(np.asarray(CONFIG.roughness_prior), (count, 1))
+    answer = np.tile(np.asarray(GAUSS_NEWTON.roughness_prior), (count, 1))
     if not len(steps):  # a handful of pixels has no neighbourhood
         return answer
     others = shifted_neighbours(mask, steps)
     logs, error = np.log(state.albedo), own_error(state)
-    for first in range(0, count, config.pixels_at_once):
-        part = slice(first, first + config.pixels_at_once)
+    for first in range(0, count, CONFIG.pixels_at_once):
+        part = slice(first, first + CONFIG.pixels_at_once)
         other = others[part]
-        away = ((logs[other] - logs[part][:, None]) ** 2).mean(-1) / config.alike**2
+        away = ((logs[other] - logs[part][:, None]) ** 2).mean(-1) / CONFIG.alike**2
         weight = np.exp(-away / 2) * (other >= 0) * known / (error[other] ** 2 + known)
         if material is not None:
             weight = weight * (material[other, 1] == material[part, None, 1])
         told = state.roughness[other]
         mean = weighted_median(told, weight)
         spread = 1.4826 * weighted_median(np.abs(told - mean[:, None]), weight)
-        enough = weight.sum(1) > config.least_weight
-        found = np.stack([mean, np.maximum(spread, config.least_spread)], 1)
+        enough = weight.sum(1) > CONFIG.least_weight
+        found = np.stack([mean, np.maximum(spread, CONFIG.least_spread)], 1)
         answer[part] = np.where(enough[:, None], found, answer[part])
     return answer
 

@@ -17,8 +17,6 @@ from engine.geometry import tangents
 from engine.surface.data.observations import shifted_neighbours
 from engine.surface.optimize.gauss_newton import ALBEDO, ROUGHNESS, PixelEstimate, rotate_normals
 
-LINES = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""Steps in rows and columns."""
 ALIKE = (slice(0, 2), slice(2, 5), slice(5, 6))
 """Unknowns that share one usual departure: tilts, log albedos, roughness."""
 
@@ -74,19 +72,18 @@ class Answers:
         return Answers(normals, *middle)
 
 
-def regularize_spatially(
-    state: PixelEstimate, mask: Bool[np.ndarray, "h w"], config: RegularizationConfig = CONFIG
-) -> PixelEstimate:
+def regularize_spatially(state: PixelEstimate, mask: Bool[np.ndarray, "h w"]) -> PixelEstimate:
     """The state after the pixels heard their neighbours; errors and systems stay each pixel's own."""
-    pairs = [shifted_neighbours(mask, np.array([step, (-step[0], -step[1])])) for step in LINES]
+    lines = np.array([(0, 1), (1, 0), (1, 1), (1, -1)])  # steps in rows and columns
+    pairs = [shifted_neighbours(mask, np.stack([step, -step])) for step in lines]
     known = [np.all(pair >= 0, axis=1) for pair in pairs]
     own = state.hessian / np.maximum(state.residual_scale, 1.0)[:, None, None] ** 2 + 1e-6 * np.eye(6)
     covariance = np.linalg.inv(own)
     variance = np.einsum("pii->pi", covariance)
     start = Answers.of(state)
-    usual = _departures(start, pairs, known, variance, config)
+    usual = _departures(start, pairs, known, variance)
     now = start
-    for _ in range(config.sweeps):
+    for _ in range(CONFIG.sweeps):
         system, pull = own.copy(), np.zeros((len(own), 6))
         at = start.offsets(now)
         for pair, there in zip(pairs, known, strict=True):
@@ -94,18 +91,14 @@ def regularize_spatially(
             weight = np.zeros_like(middle)
             for like in ALIKE:
                 away = ((at - middle)[:, like] ** 2).mean(1, keepdims=True) / usual[like]
-                weight[:, like] = 1 / usual[like] / (1 + away / config.cauchy**2) / len(LINES)
+                weight[:, like] = 1 / usual[like] / (1 + away / CONFIG.cauchy**2) / len(lines)
             weight[~there] = 0
             system += weight[:, :, None] * np.eye(6)
             pull += weight * middle
         settled = np.linalg.solve(system, pull[..., None])[..., 0]
-        now = start.moved(at + config.step * (settled - at))
-    return replace(
-        state,
-        normals=now.normals,
-        albedo=np.clip(np.exp(now.albedo), *ALBEDO),
-        roughness=np.clip(now.roughness, *ROUGHNESS),
-    )
+        now = start.moved(at + CONFIG.step * (settled - at))
+    albedo, roughness = np.clip(np.exp(now.albedo), *ALBEDO), np.clip(now.roughness, *ROUGHNESS)
+    return replace(state, normals=now.normals, albedo=albedo, roughness=roughness)
 
 
 def _departures(
@@ -113,7 +106,6 @@ def _departures(
     pairs: list[Int[np.ndarray, "p 2"]],
     known: list[Bool[np.ndarray, " p"]],
     variance: Float[np.ndarray, "p 6"],
-    config: RegularizationConfig,
 ) -> Float[np.ndarray, " 6"]:
     """The square of a usual departure from half-way, for every unknown."""
     away, error = [], []
@@ -125,5 +117,5 @@ def _departures(
     usual = np.full(6, np.inf)
     for like in ALIKE if len(squares) else ():
         seen = np.median(squares[:, like]) / 0.4549  # the median of a squared standard normal variable
-        usual[like] = max(seen - np.median(errors[:, like]), config.real_share * seen, config.least_departure)
+        usual[like] = max(seen - np.median(errors[:, like]), CONFIG.real_share * seen, CONFIG.least_departure)
     return usual

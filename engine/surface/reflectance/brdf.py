@@ -21,7 +21,7 @@ from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 PAINT = (0.5, 0.0)
 """The material of which nothing is known: a dielectric of index 1.5, a reflectance of 0.04 head on, as in the paper's model.
@@ -99,7 +99,7 @@ def lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse, bend, metal):
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
-def _rows(normals, roughness, views, matter, dx, dy, dz, visible, full_diffuse, floor, diffuse, specular):
+def _rows(normals, roughness, views, matter, dx, dy, dz, full_diffuse, floor, diffuse, specular):
     for p in range(normals.shape[0]):
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
@@ -112,7 +112,7 @@ def _rows(normals, roughness, views, matter, dx, dy, dz, visible, full_diffuse, 
         fv = mv * mv * mv * mv * mv
         for d in range(dx.shape[0]):
             nl = nx * dx[d] + ny * dy[d] + nz * dz[d]
-            nl = max(nl, np.float32(0)) * visible[p, d]
+            nl = max(nl, np.float32(0))
             lv = vx * dx[d] + vy * dy[d] + vz * dz[d]
             diffuse[p, d], specular[p, d] = lobes(nl, nv, smith_v, fv, lv, r, a2, full_diffuse, bend, metal)
 
@@ -122,37 +122,16 @@ def rows(
     roughness: Float[np.ndarray, " p"],
     views: Float[np.ndarray, "p 3"],
     directions: Float[np.ndarray, "d 3"],
-    visible: UInt8[np.ndarray, "p d"],
     full_diffuse: bool,
     floor: float,
     material: Float[np.ndarray, "p 2"] | None = None,
-) -> tuple[Float[np.ndarray, "p d"], Float[np.ndarray, "p d"]]:
-    """(diffuse, specular) rows of `p` pixels in float32; `visible` is 0 or 1; `floor` from `lobe_floor`; no `material`: all
-    `PAINT`."""
-    shape = (len(normals), len(directions))
-    diffuse, specular = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    rows_into(
-        normals, roughness, views, material, directions, visible, full_diffuse, floor, diffuse, specular
-    )
-    return diffuse, specular
-
-
-def rows_into(
-    normals: Float[np.ndarray, "p 3"],
-    roughness: Float[np.ndarray, " p"],
-    views: Float[np.ndarray, "p 3"],
-    material: Float[np.ndarray, "p 2"] | None,
-    directions: Float[np.ndarray, "d 3"],
-    visible: UInt8[np.ndarray, "p d"],
-    full_diffuse: bool,
-    floor: float,
-    diffuse: Float[np.ndarray, "p d"],
-    specular: Float[np.ndarray, "p d"],
-) -> None:
-    """`rows`, into arrays the caller keeps (the solver fills the same ones thousands of times)."""
+) -> Float[np.ndarray, "2 p d"]:
+    """Diffuse and specular rows of `p` pixels in float32; `floor` from `lobe_floor`; no `material`: all `PAINT`."""
+    out = np.empty((2, len(normals), len(directions)), np.float32)
     d = np.ascontiguousarray(directions.T, dtype=np.float32)
     _rows(
         np.ascontiguousarray(normals, np.float32), np.ascontiguousarray(roughness, np.float32),
-        np.ascontiguousarray(views, np.float32), optics(material, len(normals)), d[0], d[1], d[2], visible,
-        full_diffuse, np.float32(floor), diffuse, specular,
+        np.ascontiguousarray(views, np.float32), optics(material, len(normals)), d[0], d[1], d[2], full_diffuse,
+        np.float32(floor), out[0], out[1],
     )  # fmt: skip
+    return out

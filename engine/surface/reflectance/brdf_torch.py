@@ -36,10 +36,8 @@ def lobes_reference(
         diffuse = diffuse * (1 + retro * (1 - nl) ** 5) * (1 + retro * (1 - nv) ** 5)
     facets = ggx * masking * nl
     white = (1 - lh).clamp(min=0) ** 5
-    return (
-        (1 - metal) * diffuse + metal * facets * (1 - white),
-        facets * ((1 - metal) * fresnel + metal * white),
-    )
+    coloured = (1 - metal) * diffuse + metal * facets * (1 - white)
+    return coloured, facets * ((1 - metal) * fresnel + metal * white)
 
 
 def rows_reference(
@@ -47,13 +45,12 @@ def rows_reference(
     roughness: Float[Tensor, " p"],
     views: Float[Tensor, "p 3"],
     directions: Float[Tensor, "d 3"],
-    visible: Tensor,
     full_diffuse: bool,
     floor: float,
     material: Float[Tensor, "p 2"] | None = None,
 ) -> tuple[Float[Tensor, "p d"], Float[Tensor, "p d"]]:
     """(diffuse, specular) rows in the tensors' own precision; arguments as `brdf.rows` takes them."""
-    nl = (normals @ directions.T).clamp(min=0) * visible
+    nl = (normals @ directions.T).clamp(min=0)
     nv = (normals * views).sum(1).clamp(min=1e-3)[:, None]
     rough = roughness[:, None]
     if material is None:

@@ -20,19 +20,15 @@ from jaxtyping import Float, Int
 from engine.geometry import fibonacci_sphere, sphere_solid_angle, transform
 from engine.light.fitting.lamp_model import lamp_transmittance
 from engine.light.incident.direction_grid import FACES, CellMap, interpolated_cells
-from engine.surface.reflectance.brdf import lobes, optics
+from engine.surface.reflectance.brdf import lobes
+from engine.surface.visibility.ray_visibility import SparseVisibility
 from engine.types import Gaussians, Lamps
-
-SIDE = 128
-"""Pixels along an edge of the cube map that says which cells are around a direction: less than a degree each."""
-DISC = 37
-"""Points that a lamp's disc is spread over the cells by."""
 
 
 @functools.lru_cache(4)
 def cells_around(count: int) -> CellMap:
-    """Which three of `count` direction cells are around each direction of a cube map, and their shares."""
-    return interpolated_cells(fibonacci_sphere(count), SIDE)
+    """Which three of `count` direction cells are around each direction of a cube map, less than a degree each, and their shares."""
+    return interpolated_cells(fibonacci_sphere(count), 128)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,18 +64,16 @@ class AreaLights:
         return replace(self, radiance=self.radiance * gain.astype(np.float32))
 
     def visible(
-        self,
-        points: Float[np.ndarray, "p 3"],
-        hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"]] | None,
+        self, points: Float[np.ndarray, "p 3"], hidden: SparseVisibility | None
     ) -> Float[np.ndarray, "p n l"]:
-        """The share of each lamp that each point sees (float32); 0 where the room hides it from all of them.
-
-        `hidden`: the points' hidden cells, point p owning the entries start[p]:start[p + 1] of the second array.
-        """
+        """The share of each lamp that each point sees (float32); 0 where the room hides it from all of them. `hidden` is of
+        the same points."""
         seen = np.zeros((len(points), *self.centres.shape[:2]), np.float32)
         if not len(self.radii):
             return seen
-        start, direction = hidden or (np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32))
+        start, direction = np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32)
+        if hidden is not None:
+            start, direction = hidden.start, hidden.direction
         around = cells_around(self.cells)
         _visible(
             points, self.centres, self.radiance.max(2) > 0, start, direction, self.cells, around.index, around.share,
@@ -87,69 +81,9 @@ class AreaLights:
         )  # fmt: skip
         return seen
 
-    def each(
-        self,
-        points: Float[np.ndarray, "p 3"],
-        views: Float[np.ndarray, "p 3"],
-        normals: Float[np.ndarray, "p k 3"],
-        roughness: Float[np.ndarray, "p k"],
-        seen: Float[np.ndarray, "p n l"],
-        full_diffuse: bool,
-        material: Float[np.ndarray, "p 2"] | None = None,
-    ) -> tuple[Float[np.ndarray, "p k n l"], Float[np.ndarray, "p k n l"]]:
-        """(diffuse, specular) of variants of each point to every lamp at unit radiance, no albedo; float32. No `material`: all
-        of paint."""
-        shape = (*normals.shape[:2], *seen.shape[1:])
-        diffuse, specular = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        # As if every lamp shone in a channel of its own.
-        apart = np.tile(np.eye(len(self.radii), dtype=np.float32), (len(self.centres), 1, 1))
-        self._send(points, views, normals, roughness, material, seen, full_diffuse, apart, diffuse, specular)
-        return diffuse, specular
-
-    def add(
-        self,
-        points: Float[np.ndarray, "p 3"],
-        views: Float[np.ndarray, "p 3"],
-        normals: Float[np.ndarray, "p k 3"],
-        roughness: Float[np.ndarray, "p k"],
-        seen: Float[np.ndarray, "p n l"],
-        full_diffuse: bool,
-        diffuse: Float[np.ndarray, "p k v"],
-        specular: Float[np.ndarray, "p k v"],
-        material: Float[np.ndarray, "p 2"] | None = None,
-    ) -> None:
-        """Add what all lamps send to the answers of variants of each point."""
-        if not len(self.radii):
-            return
-        shape = (*normals.shape[:2], len(self.centres), 3)
-        self._send(
-            points, views, normals, roughness, material, seen, full_diffuse, self.radiance,
-            diffuse.reshape(shape), specular.reshape(shape),
-        )  # fmt: skip
-
-    def _send(
-        self, points, views, normals, roughness, material, seen, full_diffuse, radiance, diffuse, specular
-    ) -> None:
-        views, normals, roughness = (np.ascontiguousarray(x, np.float32) for x in (views, normals, roughness))
-        _add(
-            points, views, normals, roughness, optics(material, len(points)), self.centres, self.radii, seen,
-            full_diffuse, radiance, diffuse, specular,
-        )  # fmt: skip
-
     def shone(self, unit: Float[np.ndarray, "p k n l"]) -> Float[np.ndarray, "p k n 3"]:
         """The sum over the lamps, each at its radiance."""
         return np.einsum("pknl,nlc->pknc", unit, self.radiance, optimize=True)
-
-    def spread(self, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "d v"]:
-        """Radiance times solid angle of the lamps at one point, sorted into the cells (float32)."""
-        out = np.zeros((len(self.centres), self.cells, 3), np.float32)
-        if len(self.radii):
-            around = cells_around(self.cells)
-            _spread(
-                np.asarray(point, float), self.centres, self.radii, self.radiance, around.index, around.share,
-                FACES, out,
-            )  # fmt: skip
-        return out.transpose(1, 0, 2).reshape(self.cells, -1)
 
     def levels(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "l 3"]:
         """Radiance times solid angle of each lamp, summed over points and views."""
@@ -175,7 +109,7 @@ def area_lights_of(
 # Inlined: a cached kernel that calls another may be given that one as compiled elsewhere, which rounds differently.
 @numba.njit(inline="always", error_model="numpy")
 @no_type_check
-def _place(faces, side, x, y, z):
+def place_in_cube(faces, side, x, y, z):
     """Face, row and column of a direction in a cube map."""
     best, face, a, b = -1e30, 0, 0.0, 0.0
     for f in range(6):
@@ -204,7 +138,7 @@ def _visible(points, centres, shines, start, direction, cells, index, share, fac
                 x = centres[n, l, 0] - points[p, 0]
                 y = centres[n, l, 1] - points[p, 1]
                 z = centres[n, l, 2] - points[p, 2]
-                face, v, u = _place(faces, side, x, y, z)
+                face, v, u = place_in_cube(faces, side, x, y, z)
                 lost = np.float32(0)
                 for s in range(3):
                     lost += share[face, v, u, s] * dark[index[face, v, u, s]]
@@ -245,9 +179,10 @@ def _answers(nl, nv, lv, sine, r, full_diffuse, bend, metal):
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 @no_type_check
-def _add(
+def add_lamps(
     points, views, normals, roughness, matter, centres, radii, seen, full_diffuse, radiance, diffuse, specular
 ):  # fmt: skip
+    """Add what all lamps send to variants of each point, no albedo applied; `seen` as `AreaLights.visible` has it."""
     for p in range(points.shape[0]):
         vx, vy, vz = views[p, 0], views[p, 1], views[p, 2]
         bend, metal = matter[p, 0], matter[p, 1]
@@ -269,42 +204,3 @@ def _add(
                     for c in range(radiance.shape[2]):
                         diffuse[p, k, n, c] += a * radiance[n, l, c]
                         specular[p, k, n, c] += b * radiance[n, l, c]
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-@no_type_check
-def _spread(point, centres, radii, radiance, index, share, faces, out):
-    side = index.shape[1]
-    golden = math.pi * (1 + math.sqrt(5.0))
-    for n in range(centres.shape[0]):
-        for l in range(centres.shape[1]):
-            if radiance[n, l].max() <= 0:
-                continue
-            x = centres[n, l, 0] - point[0]
-            y = centres[n, l, 1] - point[1]
-            z = centres[n, l, 2] - point[2]
-            distance = math.sqrt(x * x + y * y + z * z)
-            x, y, z = x / distance, y / distance, z / distance
-            sine = min(radii[l] / distance, 0.99)
-            rim = math.sqrt(1 - sine * sine)
-            power = 2 * math.pi * sine * sine / (1 + rim) / DISC
-            # Two vectors across the way to the lamp.
-            if abs(x) < 0.7:
-                ax, ay, az = 0.0, z, -y
-            else:
-                ax, ay, az = -z, 0.0, x
-            length = math.sqrt(ax * ax + ay * ay + az * az)
-            ax, ay, az = ax / length, ay / length, az / length
-            bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-            for i in range(DISC):
-                up = 1 - (i + 0.5) / DISC * (1 - rim)  # even in area
-                flat = math.sqrt(1 - up * up)
-                c, s = flat * math.cos(golden * (i + 0.5)), flat * math.sin(golden * (i + 0.5))
-                face, v, u = _place(
-                    faces, side, up * x + c * ax + s * bx, up * y + c * ay + s * by, up * z + c * az + s * bz
-                )
-                for j in range(3):
-                    part = power * share[face, v, u, j]
-                    at = index[face, v, u, j]
-                    for ch in range(3):
-                        out[n, at, ch] += part * radiance[n, l, ch]

@@ -12,11 +12,8 @@ from jaxtyping import Float, Int
 
 from engine.color import luminance
 from engine.parallel import abreast
-from engine.surface.optimize.gauss_newton import PixelEstimate
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem
 from engine.surface.rendering.transport import IncidentLight, LightTransport, SurfaceGeometry, predict
-
-ONCE_MORE = 2
-"""Times that walls are lit: first as if other walls were black, then under what these threw."""
 
 
 def radiance_of_hidden_patches(
@@ -31,7 +28,7 @@ def radiance_of_hidden_patches(
     # Matt: it looks the same from everywhere, so that its normal may stand for the direction it is seen from.
     around = SurfaceGeometry(walls.points, walls.normals, replace(walls.hidden, hidden_surfaces=walls))
     rough = np.ones((count, 1))
-    for _ in range(ONCE_MORE):
+    for _ in range(2):  # first as if other walls were black, then under what these threw
         before = thrown
         thrown = np.empty_like(before)
         transport = LightTransport(light, photographed, False, True, "cpu", before)
@@ -46,24 +43,16 @@ def radiance_of_hidden_patches(
     return thrown
 
 
-def hidden_light_fraction(
-    state: PixelEstimate,
-    transport: LightTransport,
-    geometry: SurfaceGeometry,
-    blocks: list[Int[np.ndarray, " _"]],
-) -> Float[np.ndarray, " p"]:
+def hidden_light_fraction(state: PixelEstimate, problem: PixelProblem) -> Float[np.ndarray, " p"]:
     """Of each pixel's light in all views the share that comes from walls that no photograph shows."""
-    share = np.zeros(len(state.normals))
-    if not len(transport.walls) or geometry.visibility is None:
+    share, transport, geometry = np.zeros(len(state.normals)), problem.transport, problem.geometry
+    if not isinstance(transport, LightTransport) or not len(transport.walls) or geometry.visibility is None:
         return share
     start, source = geometry.visibility.start, geometry.visibility.occluder
     before = np.concatenate([[0], np.cumsum(source >= len(transport.photographed))])
     lit_by_walls = np.diff(before[start]) > 0
-    blocks = [part[lit_by_walls[part]] for part in blocks if lit_by_walls[part].any()]
-    black = LightTransport(
-        transport.incident, transport.photographed, transport.full_diffuse, transport.bounce, transport.device,
-        np.zeros_like(transport.walls),
-    )  # fmt: skip
+    blocks = [part[lit_by_walls[part]] for part in problem.blocks if lit_by_walls[part].any()]
+    black = replace(transport, walls=np.zeros_like(transport.walls))
     whole, without = (
         predict(one, geometry, blocks, state.normals, state.albedo, state.roughness)
         for one in (transport, black)

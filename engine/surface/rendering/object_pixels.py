@@ -13,11 +13,17 @@ from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface.data.observations import CAUCHY, PLAIN, Observations, gather_radiance, observe
 from engine.surface.depth.normal_integration import integrate_normals
-from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.exhaustive_search import exhaustive_search
+from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.interreflection import radiance_of_hidden_patches
-from engine.surface.rendering.transport import IncidentLight, LightTransport, SurfaceGeometry, predict
+from engine.surface.rendering.transport import (
+    IncidentLight,
+    LightTransport,
+    SurfaceGeometry,
+    pixel_blocks,
+    predict,
+)
 from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera, Frames
 
@@ -40,37 +46,20 @@ class ObjectPixels:
         """Unit viewing directions."""
         return rays(self.camera)[self.mask]
 
-    @property
-    def pixel_angle(self) -> float:
-        """Angle between the rays of neighbouring pixels, radians."""
-        every = rays(self.camera)
-        beside = self.mask[:, 1:] & self.mask[:, :-1]
-        return float(np.median(np.linalg.norm((every[:, 1:] - every[:, :-1])[beside], axis=1)))
-
-    def geometry_at_distance(self, distance: float) -> SurfaceGeometry:
-        """All points at one z, nothing hidden."""
-        return self.geometry_at(np.full(int(self.mask.sum()), distance))
-
-    def geometry_at(self, z: Float[np.ndarray, " p"]) -> SurfaceGeometry:
-        """The points at their z, nothing hidden."""
+    def geometry_at(self, z: float | Float[np.ndarray, " p"]) -> SurfaceGeometry:
+        """The points at their z, or all at one; nothing hidden."""
         directions = self.rays
+        z = np.broadcast_to(z, len(directions))
         return SurfaceGeometry(
             directions / directions[:, 2:] * z[:, None], -directions, None, material=self.material
         )
 
-    def geometry_of_depth(self, depth: Float[np.ndarray, "h w"]) -> SurfaceGeometry:
-        """The points where a depth puts them; nothing hidden yet."""
-        return self.geometry_at(depth[self.mask])
-
-    def light_transport(
-        self,
-        light: IncidentLight,
-        params: SurfaceParams,
-        device: str,
-        geometry: SurfaceGeometry | None = None,
-    ) -> LightTransport:
-        """How the pixels answer a light; `geometry` knows the walls that throw some of it, if there are any."""
-        return light_transport(self.observations.radiance, light, geometry, params, device)
+    def problem(
+        self, light: IncidentLight, geometry: SurfaceGeometry, params: SurfaceParams, device: str
+    ) -> PixelProblem:
+        """The pixels under a light; the geometry knows the walls that throw some of it, if there are any."""
+        transport = light_transport(self.observations.radiance, light, geometry, params, device)
+        return PixelProblem(transport, geometry, pixel_blocks(self.mask), self.observations)
 
 
 def observe_object(
@@ -82,9 +71,8 @@ def observe_object(
 ) -> ObjectPixels:
     """The object in some views, at the photographs' resolution."""
     cauchy = CAUCHY if params.models("robust_loss") else PLAIN
-    return ObjectPixels(
-        camera, mask, observe(frames, mask, views, params.model_error, cauchy, params.models("mixed_pixels"))
-    )
+    seen = observe(frames, mask, views, params.model_error, cauchy, params.models("mixed_pixels"))
+    return ObjectPixels(camera, mask, seen)
 
 
 def search_initial_normals(
@@ -93,61 +81,52 @@ def search_initial_normals(
     geometry: SurfaceGeometry,
     params: SurfaceParams,
     progress: Progress,
-) -> gauss_newton.PixelEstimate:
+) -> PixelEstimate:
     """A first surface from nothing."""
-    transport = object_pixels.light_transport(light, params, "cpu")
-    regions = coarse_regions(object_pixels.mask)
-    return gauss_newton.initial_estimate(
-        *exhaustive_search(
-            transport, geometry, object_pixels.observations, regions, params.normal_candidates, progress
-        )
-    )
+    problem = object_pixels.problem(light, replace(geometry, visibility=None), params, "cpu")
+    problem = replace(problem, blocks=coarse_regions(object_pixels.mask))
+    return exhaustive_search(problem, params.normal_candidates, progress)
 
 
 def depth_from_normals(
-    object_pixels: ObjectPixels, state: gauss_newton.PixelEstimate, distance: float, progress: Progress
+    object_pixels: ObjectPixels, state: PixelEstimate, distance: float, progress: Progress
 ) -> Float[np.ndarray, "h w"]:
     """Depth from the normals; its mean is `distance`."""
-    return integrate_normals(
-        object_pixels.camera, image(object_pixels.mask, state.normals), object_pixels.mask, distance, progress
-    )
+    mask = object_pixels.mask
+    return integrate_normals(object_pixels.camera, image(mask, state.normals), mask, distance, progress)
 
 
 def geometry_with_visibility(
     object_pixels: ObjectPixels,
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
     depth: Float[np.ndarray, "h w"],
     directions: Float[np.ndarray, "d 3"],
     params: SurfaceParams,
     progress: Progress,
 ) -> SurfaceGeometry:
     """Where the depth puts the points, and what of it hides the room from them."""
-    hidden = None
+    hidden, mask = None, object_pixels.mask
     if params.models("self_shadowing"):
         q = rays(object_pixels.camera)
         points = q / q[..., 2:] * depth[..., None]
         albedo = state.albedo if params.models("interreflections", "hidden_surfaces") else None
-        normals = image(object_pixels.mask, state.normals)
-        hidden = trace_occlusion(points, normals, object_pixels.mask, directions, progress, albedo=albedo)
-    return replace(object_pixels.geometry_of_depth(depth), visibility=hidden)
+        hidden = trace_occlusion(points, image(mask, state.normals), mask, directions, progress, albedo)
+    return replace(object_pixels.geometry_at(depth[mask]), visibility=hidden)
 
 
 def light_transport(
     photographed: Float[np.ndarray, "p v"],
     light: IncidentLight,
-    geometry: SurfaceGeometry | None,
+    geometry: SurfaceGeometry,
     params: SurfaceParams,
     device: str,
 ) -> LightTransport:
-    """How pixels answer a light in whose views they were `photographed`; `geometry` knows the walls that throw some of it."""
-    walls = (
-        radiance_of_hidden_patches(geometry, light, photographed)
-        if geometry is not None and params.models("interreflections")
-        else None
-    )
-    return LightTransport(
-        light, photographed, params.diffuse == "disney", params.models("interreflections"), device, walls
-    )
+    """How pixels answer a light in whose views they were `photographed`; the geometry knows the walls that throw some of it."""
+    bounce = params.models("interreflections")
+    transport = LightTransport(light, photographed, params.diffuse == "disney", bounce, device)
+    if not bounce:
+        return transport
+    return replace(transport, walls=radiance_of_hidden_patches(geometry, light, photographed))
 
 
 def photographed_radiance(
@@ -162,7 +141,7 @@ def render_pixels(
     transport: LightTransport,
     geometry: SurfaceGeometry,
     blocks: list[Int[np.ndarray, " _"]],
-    state: gauss_newton.PixelEstimate,
+    state: PixelEstimate,
 ) -> Float[np.ndarray, "p k 3"]:
     """What the answer sends in every view of the responses' light; float32."""
     sent = np.zeros((len(state.normals), transport.photographed.shape[1] // 3, 3), np.float32)

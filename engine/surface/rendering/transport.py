@@ -11,7 +11,7 @@ flattened to one axis `v` = 3 n, view-major.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol, no_type_check, runtime_checkable
 
 import numba
@@ -20,15 +20,13 @@ from jaxtyping import Bool, Float, Int
 
 from engine.geometry import fibonacci_sphere, unproject
 from engine.parallel import abreast
-from engine.surface.reflectance.brdf import lobe_floor, of_pixels, rows_into
-from engine.surface.rendering.area_lights import AreaLights
-from engine.surface.visibility.ray_visibility import SparseVisibility, owned
+from engine.surface.reflectance.brdf import lobe_floor, of_pixels, optics, rows
+from engine.surface.rendering.area_lights import AreaLights, add_lamps
+from engine.surface.visibility.ray_visibility import SparseVisibility
 from engine.types import Camera
 
 BLOCK = 16
 """Pixels along one side of a block that shares products with one light."""
-UNEVEN = 0.01
-"""What the probes' weights may be off at the pixels of a block, root mean square; the light differs in as many ways as that takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,20 +45,15 @@ class ProbeGrid:
 
     def points(self) -> Float[np.ndarray, "m 3"]:
         """The probes, camera frame, last lattice axis fastest."""
-        axes = [
-            np.linspace(lo, hi, k) if k > 1 else np.array([(lo + hi) / 2])
-            for lo, hi, k in zip(self.low[:2], self.high[:2], self.shape[:2], strict=True)
-        ]
+        spans = zip(self.low[:2], self.high[:2], self.shape[:2], strict=True)
+        axes = [np.linspace(lo, hi, k) if k > 1 else np.array([(lo + hi) / 2]) for lo, hi, k in spans]
         x, y, z = np.meshgrid(*axes, self.depths(), indexing="ij")
         return np.stack([x * z, y * z, z], -1).reshape(-1, 3)
 
     def weights(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p m"]:
         """Trilinear weights of the probes at some points; points outside take the nearest face's values."""
         at = np.stack([points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], np.log(points[:, 2])])
-        low, high = (
-            np.append(self.low[:2], np.log(self.low[2])),
-            np.append(self.high[:2], np.log(self.high[2])),
-        )
+        low, high = (np.append(corner[:2], np.log(corner[2])) for corner in (self.low, self.high))
         every, per_axis = np.arange(len(points)), []
         for i, count in enumerate(self.shape):
             axis = np.zeros((len(points), count))
@@ -119,27 +112,22 @@ class IncidentLight:
         """Energy at a point of the camera frame, without the lamps."""
         return self._sums(self.probe_grid.weights(point[None]))[0]
 
-    def among(
-        self, points: Float[np.ndarray, "p 3"]
-    ) -> tuple[Float[np.ndarray, "d v"], Float[np.ndarray, "r d v"], Float[np.ndarray, "p r"]]:
-        """The mean energy of some points, without the lamps, the ways in which theirs differs from it, and how much each
-        point's does so in each way."""
-        middle, ways, apart = self.shares(points)
-        sums = self._sums(np.concatenate([middle[None], ways]))
-        return sums[0], sums[1:], apart
+    def among(self, points: Float[np.ndarray, "p 3"]) -> "LightModes":
+        """What reaches some points, without the lamps."""
+        told = self.shares(points)
+        sums = self._sums(np.concatenate([told.mean[None], told.modes]))
+        return replace(told, mean=sums[0], modes=sums[1:])
 
-    def shares(
-        self, points: Float[np.ndarray, "p 3"]
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "r m"], Float[np.ndarray, "p r"]]:
-        """The probes' weights in the first two of `among`, and its third: the principal components of the weights at the points."""
+    def shares(self, points: Float[np.ndarray, "p 3"]) -> "LightModes":
+        """The same in weights of the probes: their principal components at the points."""
         weights = self.probe_grid.weights(points)
         middle = weights.mean(0)
         apart = weights - middle
-        strength, ways = np.linalg.eigh(apart.T @ apart / len(points))
-        # The rest is what the weakest leave out, which come first.
-        told = np.sqrt(np.cumsum(np.maximum(strength, 0))) > UNEVEN
-        ways = ways.T[told]
-        return middle, ways, (apart @ ways.T).astype(np.float32)
+        strength, modes = np.linalg.eigh(apart.T @ apart / len(points))
+        # The rest is what the weakest leave out, which come first: the weights may be off by so much, root mean square.
+        told = np.sqrt(np.cumsum(np.maximum(strength, 0))) > 0.01
+        modes = modes.T[told]
+        return LightModes(middle, modes, (apart @ modes.T).astype(np.float32))
 
     def _sums(self, weights: Float[np.ndarray, "j m"]) -> Float[np.ndarray, "j d v"]:
         probes = np.nonzero(weights.any(0))[0]
@@ -161,6 +149,15 @@ class IncidentLight:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LightModes:
+    """What neighbouring points share of the light, and the ways in which theirs differs from it."""
+
+    mean: Float[np.ndarray, " *c"]
+    modes: Float[np.ndarray, "r *c"]
+    coefficients: Float[np.ndarray, "p r"]  # how far each point's light does so in each
+
+
 def pixel_blocks(mask: Bool[np.ndarray, "h w"]) -> list[Int[np.ndarray, " _"]]:
     """Indices (into the mask's pixels in row order) of each block's pixels."""
     v, u = np.nonzero(mask)
@@ -179,15 +176,17 @@ class SurfaceGeometry:
     visibility: SparseVisibility | None  # None: nothing hides anything
     material: Float[np.ndarray, "p 2"] | None = None  # as `brdf` has it; None: all of paint
 
-    def middle(self, pixels: Int[np.ndarray, " k"]) -> Float[np.ndarray, " 3"]:
-        """The mean direction to the camera of a few pixels, unit."""
-        middle = self.views[pixels].mean(0)
-        return middle / np.linalg.norm(middle)
-
     def at(self, scale: float) -> "SurfaceGeometry":
         """The same with the object so many times as far away: what hides what does not change."""
         occlusion = self.visibility and self.visibility.at(scale)
         return replace(self, points=self.points * scale, visibility=occlusion)
+
+    def part(self, pixels: Int[np.ndarray, " k"]) -> "SurfaceGeometry":
+        """The same of a few pixels."""
+        hidden = self.visibility and self.visibility.part(pixels)
+        return SurfaceGeometry(
+            self.points[pixels], self.views[pixels], hidden, of_pixels(self.material, pixels)
+        )
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True)
@@ -215,33 +214,54 @@ def _bounce(table, start, direction, source, photographed, walls, cell, variants
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Some neighbouring pixels and what reaches them, whatever their normals and roughness are.
+    """Some neighbouring pixels and what reaches them, whatever their normals and roughness are."""
 
-    `hidden` as `Occlusion.of` has it.
-    """
-
-    points: Float[np.ndarray, "p 3"]
-    views: Float[np.ndarray, "p 3"]  # unit, from the point to the camera
-    energy: Float[np.ndarray, "d v"]  # the light they share: the mean of all but the lamps
-    light_modes: Float[np.ndarray, "r d v"]  # in which it differs among them
-    mode_coefficients: Float[np.ndarray, "p r"]  # how far each pixel's does so in each
-    hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]] | None
+    geometry: SurfaceGeometry
+    light: LightModes  # of all but the lamps: energies
     lamps: Float[np.ndarray, "p n l"]  # the share of each lamp that each pixel sees
-    material: Float[np.ndarray, "p 2"] | None = None  # as in `SurfaceGeometry`
 
     def part(self, pixels: Int[np.ndarray, " k"]) -> "Block":
         """The same of a few of them; the light they share stays that of all."""
-        hidden = None if self.hidden is None else owned(self.hidden, pixels)
-        material = of_pixels(self.material, pixels)
-        return Block(
-            self.points[pixels], self.views[pixels], self.energy, self.light_modes, self.mode_coefficients[pixels], hidden,
-            self.lamps[pixels], material,
-        )  # fmt: skip
+        light = replace(self.light, coefficients=self.light.coefficients[pixels])
+        return Block(self.geometry.part(pixels), light, self.lamps[pixels])
 
     def under(self, energy: Float[np.ndarray, "d v"]) -> "Block":
         """The same under another light, which is the same for all of them."""
-        ways, apart = np.zeros((0, *energy.shape), np.float32), self.mode_coefficients[:, :0]
-        return replace(self, energy=energy, light_modes=ways, mode_coefficients=apart)
+        alike = np.zeros((0, *energy.shape), np.float32), self.light.coefficients[:, :0]
+        return replace(self, light=LightModes(energy, *alike))
+
+    def add_lamps(
+        self,
+        lamps: AreaLights,
+        radiance: Float[np.ndarray, "n l c"],
+        normals: Float[np.ndarray, "p k 3"],
+        roughness: Float[np.ndarray, "p k"],
+        full_diffuse: bool,
+        sent: Float[np.ndarray, "2 p k n c"],
+    ) -> None:
+        """Add what all lamps send at some radiance, diffuse and specular, to variants of each pixel; no albedo applied."""
+        at = self.geometry
+        views, normals, roughness = (
+            np.ascontiguousarray(x, np.float32) for x in (at.views, normals, roughness)
+        )
+        add_lamps(
+            at.points, views, normals, roughness, optics(at.material, len(views)), lamps.centres, lamps.radii, self.lamps,
+            full_diffuse, radiance, sent[0], sent[1],
+        )  # fmt: skip
+
+    def each_lamp(
+        self,
+        lamps: AreaLights,
+        normals: Float[np.ndarray, "p k 3"],
+        roughness: Float[np.ndarray, "p k"],
+        full_diffuse: bool,
+    ) -> Float[np.ndarray, "2 p k n l"]:
+        """The same of every lamp at unit radiance; float32."""
+        # As if every lamp shone in a channel of its own.
+        apart = np.tile(np.eye(len(lamps.radii), dtype=np.float32), (len(lamps.centres), 1, 1))
+        sent = np.zeros((2, *roughness.shape, *self.lamps.shape[1:]), np.float32)
+        self.add_lamps(lamps, apart, normals, roughness, full_diffuse, sent)
+        return sent
 
 
 @runtime_checkable
@@ -274,29 +294,27 @@ class TransportModel(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class LightTransport:
     """Diffuse and specular responses of blocks of pixels in every view, under one light."""
 
-    def __init__(
-        self,
-        incident: IncidentLight,
-        photographed: Float[np.ndarray, "q v"],
-        full_diffuse: bool,
-        bounce: bool,
-        device: str,
-        walls: Float[np.ndarray, "w v"] | None = None,
-    ):
-        """`photographed` and `walls` (what `interreflection.radiance_of_hidden_patches` says of the geometry's; None: it has none)
-        throw light."""
-        self.incident = incident
-        self.photographed = photographed
-        self.walls = np.zeros((0, photographed.shape[1]), np.float32) if walls is None else walls
-        self.bounce = bounce
-        self.full_diffuse = full_diffuse
-        self.device = device
-        self.towards = incident.directions.T.astype(np.float32)
-        self.floor = lobe_floor(len(incident.directions))
-        self.cell = np.float32(4 * np.pi / len(incident.directions))
+    incident: IncidentLight
+    photographed: Float[np.ndarray, "q v"]  # of all the object's pixels, which throw light at one another
+    full_diffuse: bool
+    bounce: bool
+    device: str
+    # What the geometry's walls throw (`interreflection.radiance_of_hidden_patches`); left out: it has none.
+    walls: Float[np.ndarray, "w _"] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+
+    @property
+    def floor(self) -> float:
+        """What a direction cell's extent adds to alpha**2."""
+        return lobe_floor(len(self.incident.directions))
+
+    @property
+    def cell(self) -> np.float32:
+        """Solid angle of a direction cell, steradians."""
+        return np.float32(4 * np.pi / len(self.incident.directions))
 
     def check(self, geometry: SurfaceGeometry) -> None:
         """Whether what throws light is what this geometry knows.
@@ -305,79 +323,59 @@ class LightTransport:
             ValueError: the geometry knows other walls than were lit.
         """
         hides = geometry.visibility and geometry.visibility.hidden_surfaces
-        if self.bounce and len(self.walls) != (len(hides.points) if hides else 0):
+        if self.bounce and geometry.visibility and len(self.walls) != (len(hides.points) if hides else 0):
             raise ValueError(f"{len(self.walls)} walls are lit, but not those that the geometry knows")
 
     def block(self, geometry: SurfaceGeometry, pixels: Int[np.ndarray, " p"]) -> Block:
         """What reaches a block of pixels.
 
         Raises:
-            ValueError: the geometry knows other walls than were lit.
+            ValueError: as `check`.
         """
         self.check(geometry)
-        points = geometry.points[pixels]
-        hidden = None if geometry.visibility is None else geometry.visibility.of(pixels)
-        lamps = self.incident.area_lights.visible(points, hidden[:2] if hidden else None)
-        material = of_pixels(geometry.material, pixels)
-        return Block(points, geometry.views[pixels], *self.incident.among(points), hidden, lamps, material)
+        part = geometry.part(pixels)
+        lamps = self.incident.area_lights.visible(part.points, part.visibility)
+        return Block(part, self.incident.among(part.points), lamps)
 
     def __call__(
         self, block: Block, normals: Float[np.ndarray, "p k 3"], roughness: Float[np.ndarray, "p k"]
     ) -> tuple[Float[np.ndarray, "p k v"], Float[np.ndarray, "p k v"]]:
         """(diffuse, specular) of `k` variants of each of the block's pixels; no albedo applied. What sets a pixel's light apart
         from the block's is told for its first variant, and taken to be the same for the others."""
-        count, variants = roughness.shape
+        at, variants = block.geometry, roughness.shape[1]
         # Neighbouring pixels share a horizon: directions below all of theirs need no row and no product.
         first = normals[:, 0].astype(np.float32)
         lean = np.linalg.norm(normals - normals[:, :1], axis=2).max()
-        kept = np.nonzero((first @ self.towards).max(0) > -lean)[0]
-        hidden = None
-        if block.hidden is not None:
-            start, direction, source = block.hidden
-            if not self.bounce:
-                source = np.full_like(source, -1)
-            column = np.full(self.towards.shape[1], -1, np.int32)
-            column[kept] = np.arange(len(kept))
-            hidden = start, column[direction], source
-        material = None if block.material is None else np.repeat(block.material, variants, 0)
-        answer = self._products(
-            normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(block.views, variants, 0), material,
-            self.incident.directions[kept], block.energy[kept], hidden, variants,
-            [(way[kept], block.mode_coefficients[:, j]) for j, way in enumerate(block.light_modes)],
-        )  # fmt: skip
-        diffuse, specular = answer.reshape(2, count, variants, -1)
-        self.incident.area_lights.add(
-            block.points,
-            block.views,
-            normals,
-            roughness,
-            block.lamps,
-            self.full_diffuse,
-            diffuse,
-            specular,
-            block.material,
-        )
-        return diffuse, specular
+        kept = np.nonzero((first @ self.incident.directions.T.astype(np.float32)).max(0) > -lean)[0]
+        table = rows(
+            normals.reshape(-1, 3), roughness.reshape(-1), np.repeat(at.views, variants, 0),
+            self.incident.directions[kept], self.full_diffuse, self.floor,
+            None if at.material is None else np.repeat(at.material, variants, 0),
+        ).reshape(2 * roughness.size, len(kept))  # fmt: skip
+        out = np.zeros((len(table), block.light.mean.shape[1]), np.float32)
+        if at.visibility is not None and len(at.visibility.direction):
+            self._throw(at.visibility, kept, variants, table, out)
+        out += table @ block.light.mean[kept]
+        if len(block.light.modes):
+            first, apart = table[::variants], np.tile(block.light.coefficients.T, 2)[..., None]
+            modes = [(first @ mode[kept]) * far for mode, far in zip(block.light.modes, apart, strict=True)]
+            every = out.reshape(-1, variants, out.shape[1])
+            every += np.sum(modes, 0)[:, None]
+        sent = out.reshape(2, *roughness.shape, -1)
+        lamps = self.incident.area_lights
+        if len(lamps.radii):
+            by_view = sent.reshape(*sent.shape[:3], len(lamps.centres), 3)
+            block.add_lamps(lamps, lamps.radiance, normals, roughness, self.full_diffuse, by_view)
+        return sent[0], sent[1]
 
-    def _products(self, normals, roughness, views, material, directions, energy, hidden, variants, ways):
-        size, d = len(normals), len(directions)
-        table = np.empty((2 * size, d), np.float32)
-        everything = np.ones((size, d), np.uint8)
-        rows_into(
-            normals, roughness, views, material, directions, everything, self.full_diffuse, self.floor,
-            table[:size], table[size:],
+    def _throw(self, hidden: SparseVisibility, kept, variants, table, out) -> None:
+        """Add what stands before hidden directions throws, whose entries in the table of the `kept` become 0."""
+        column = np.full(len(self.incident.directions), -1, np.int32)
+        column[kept] = np.arange(len(kept))
+        source = hidden.occluder if self.bounce else np.full_like(hidden.occluder, -1)
+        _bounce(
+            table, hidden.start, column[hidden.direction], source, self.photographed, self.walls, self.cell, variants, out
         )  # fmt: skip
-        if hidden is None or not len(hidden[1]):
-            out = table @ energy
-        else:
-            start, column, source = hidden
-            out = np.zeros((2 * size, energy.shape[1]), np.float32)
-            _bounce(table, start, column, source, self.photographed, self.walls, self.cell, variants, out)
-            out += table @ energy
-        if ways:
-            first, every = table[::variants], out.reshape(-1, variants, out.shape[1])
-            every += np.sum([(first @ way) * np.tile(apart, 2)[:, None] for way, apart in ways], 0)[:, None]
-        return out
 
 
 def direction_cells(count: int) -> Float[np.ndarray, "d 3"]:
@@ -386,7 +384,7 @@ def direction_cells(count: int) -> Float[np.ndarray, "d 3"]:
 
 
 def predict(
-    transport: LightTransport,
+    transport: TransportModel,
     geometry: SurfaceGeometry,
     blocks: list[Int[np.ndarray, " _"]],
     normals: Float[np.ndarray, "p 3"],

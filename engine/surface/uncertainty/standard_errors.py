@@ -11,26 +11,17 @@ alike in all views, neither can know: of the light `LightVariance` tells it, and
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, UInt8
 from scipy.ndimage import correlate1d, uniform_filter
 from scipy.spatial import KDTree
 
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
-from engine.surface.optimize.gauss_newton import (
-    PixelEstimate,
-    eliminate_last,
-    hessians_by_view_group,
-    with_ridge,
-)
+from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.spatial_regularization import Answers
-from engine.surface.rendering.transport import SurfaceGeometry, TransportModel
+from engine.surface.rendering.transport import SurfaceGeometry
 
-GRAZING, SHADOWED, SATURATED, ILL, GUESSED = 1, 2, 4, 8, 16
-FLAGS = {
-    "grazing": GRAZING, "shadowed": SHADOWED, "saturated": SATURATED, "ill_conditioned": ILL,
-    "guessed_light": GUESSED,
-}  # fmt: skip
+FLAGS = {"grazing": 1, "shadowed": 2, "saturated": 4, "ill_conditioned": 8, "guessed_light": 16}
 """The bits of `Surface.flags` by name."""
 
 
@@ -53,6 +44,9 @@ class StandardErrorsConfig:
     neighbours: int = 8  # pixels of the most alike normals that tell what the light's doubt is worth
 
 
+CONFIG = StandardErrorsConfig()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StandardErrors:
     """One standard error per quantity and the flags of `Surface.flags`."""
@@ -70,45 +64,39 @@ class LightVariance:
     normals: Float[np.ndarray, "q 3"]
     variance: Float[np.ndarray, "q 6"]
 
-    def of(
-        self, normals: Float[np.ndarray, "p 3"], config: StandardErrorsConfig = StandardErrorsConfig()
-    ) -> Float[np.ndarray, "p 6"]:
+    def of(self, normals: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 6"]:
         """Variances of pixels of these normals."""
-        near = KDTree(self.normals).query(normals, min(config.neighbours, len(self.normals)))[1]
+        near = KDTree(self.normals).query(normals, min(CONFIG.neighbours, len(self.normals)))[1]
         return self.variance[near.reshape(len(normals), -1)].mean(1)
 
 
 def formal(system: Float[np.ndarray, "p 6 6"], spread: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 6"]:
     """Variances that the system gives if residuals are independent."""
-    variance = np.einsum("pii->pi", np.linalg.inv(with_ridge(system)))
+    variance = np.einsum("pii->pi", np.linalg.inv(gauss_newton.with_ridge(system)))
     return np.maximum(variance * np.maximum(spread, 1.0)[:, None] ** 2, 0)
 
 
 def jackknife(
-    state: PixelEstimate,
-    transport: TransportModel,
-    geometry: SurfaceGeometry,
-    blocks: list[Int[np.ndarray, " _"]],
-    observations: Observations,
-    progress: Progress,
-    config: StandardErrorsConfig = StandardErrorsConfig(),
-) -> tuple[PixelEstimate, Float[np.ndarray, "p 6"]]:
+    state: gauss_newton.PixelEstimate, problem: gauss_newton.PixelProblem, progress: Progress
+) -> tuple[gauss_newton.PixelEstimate, Float[np.ndarray, "p 6"]]:
     """The state with its residuals' spread measured, and its variances by leaving out stretches of the views, no less than the
     formal ones."""
-    count = config.stretches
-    state, systems, slopes = hessians_by_view_group(
-        state, transport, geometry, blocks, observations, count, progress
-    )
-    system, slope = systems.sum(1), slopes.sum(1)
+    count = CONFIG.stretches
+    state, groups = gauss_newton.hessians_by_view_group(state, problem, count, progress)
+    system, slope = groups.hessian.sum(1), groups.gradient.sum(1)
     without = np.stack([
-        np.linalg.solve(with_ridge(system - systems[:, k]), (slope - slopes[:, k])[..., None])[..., 0]
+        np.linalg.solve(gauss_newton.with_ridge(system - groups.hessian[:, k]), (slope - groups.gradient[:, k])[..., None])[..., 0]
         for k in range(count)
     ])  # fmt: skip
-    variance = (count - 1) * without[..., :6].var(0) * np.array(config.variance_factor)
-    return state, np.maximum(variance, formal(eliminate_last(system, slope)[0], state.residual_scale))
+    variance = (count - 1) * without[..., :6].var(0) * np.array(CONFIG.variance_factor)
+    return state, np.maximum(
+        variance, formal(gauss_newton.eliminate_last(system, slope)[0], state.residual_scale)
+    )
 
 
-def grid_refinement_error(coarse: PixelEstimate, state: PixelEstimate) -> Float[np.ndarray, "p 6"]:
+def grid_refinement_error(
+    coarse: gauss_newton.PixelEstimate, state: gauss_newton.PixelEstimate
+) -> Float[np.ndarray, "p 6"]:
     """Variances of the unknowns of an object that has not come to rest: the squares of how far they have come since the `coarse`
     answer.
 
@@ -120,26 +108,29 @@ def grid_refinement_error(coarse: PixelEstimate, state: PixelEstimate) -> Float[
 
 
 def standard_errors(
-    state: PixelEstimate,
+    state: gauss_newton.PixelEstimate,
     variance: Float[np.ndarray, "p 6"],
     observations: Observations,
     geometry: SurfaceGeometry,
     guessed: Float[np.ndarray, " p"],
-    config: StandardErrorsConfig = StandardErrorsConfig(),
 ) -> StandardErrors:
     """Standard errors and flags at the solver's answer, given the variances of its unknowns; `guessed` is the share of
     each pixel's light that comes from what no photograph shows."""
     normal = np.minimum(np.sqrt(variance[:, 0] + variance[:, 1]), np.pi / 2)
     albedo = (np.sqrt(variance[:, 2:5]) * state.albedo).mean(1)
     roughness = np.sqrt(variance[:, 5])
-    flags = np.zeros(len(normal), np.uint8)
     cosine = (state.normals * geometry.views).sum(1)
-    flags[(cosine < config.grazing_cosine) | observations.edge] |= GRAZING
-    if geometry.visibility is not None:
-        flags[geometry.visibility.hidden_share > config.hidden_share] |= SHADOWED
-    flags[observations.saturated > config.saturated_share] |= SATURATED
-    flags[normal > np.radians(config.ill_normal_deg)] |= ILL
-    flags[guessed > config.guessed_share] |= GUESSED
+    hidden = np.zeros(len(normal)) if geometry.visibility is None else geometry.visibility.hidden_share
+    found = {
+        "grazing": (cosine < CONFIG.grazing_cosine) | observations.edge,
+        "shadowed": hidden > CONFIG.hidden_share,
+        "saturated": observations.saturated > CONFIG.saturated_share,
+        "ill_conditioned": normal > np.radians(CONFIG.ill_normal_deg),
+        "guessed_light": guessed > CONFIG.guessed_share,
+    }
+    flags = np.zeros(len(normal), np.uint8)
+    for name, here in found.items():
+        flags[here] |= FLAGS[name]
     return StandardErrors(normal, np.minimum(albedo, 1.0), np.minimum(roughness, 1.0), flags)
 
 

@@ -16,10 +16,6 @@ from engine.surface.data.observations import pixel_index
 
 JUMP = 8.0
 """Step in depth between neighbours, in widths of a pixel, from which on the front ends there."""
-DEEP, LEAST = 0.5, 2.0
-"""How far behind its rim a front reaches, in widths of itself and in pixels at least. Of thin strands under their true depth 1.3 %
-of the hemisphere are then open that are not, and 1.2 % the other way round; at .35 and .65 2.5 and .7, 1.0 and 2.4."""
-AXES = ((0, 1), (1, 1), (1, 0), (1, -1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +54,9 @@ def depth_mesh(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
     other, one = edges[rim].T
     below = len(z)
     walls = np.stack([one, other, other + below, one, other + below, one + below], 1).reshape(-1, 3)
-    return DepthMesh(
-        np.concatenate([vertices, vertices * (1 + deep / z)[:, None]]),
-        np.concatenate([triangles[kept], walls]),
-        np.concatenate([triangles[kept], walls % below]),
-        deep,
-    )
+    pixels = np.concatenate([triangles[kept], walls % below])
+    vertices = np.concatenate([vertices, vertices * (1 + deep / z)[:, None]])
+    return DepthMesh(vertices, np.concatenate([triangles[kept], walls]), pixels, deep)
 
 
 def _opens(
@@ -76,9 +69,13 @@ def _opens(
 
 
 def thickness(points: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, " p"]:
-    """How deep what each pixel shows is taken to be, in logarithms of z."""
+    """How deep what each pixel shows is taken to be, in logarithms of z: half of its own width, and two pixels at least.
+
+    Of thin strands under their true depth 1.3 % of the hemisphere are then open that are not, and 1.2 % the other way round;
+    at .35 and .65 of the width 2.5 and .7, 1.0 and 2.4.
+    """
     pitch = pitch_of(points, mask)
-    across = np.maximum(DEEP * widths(points[..., 2], mask, JUMP * pitch)[mask], LEAST)
+    across = np.maximum(0.5 * widths(points[..., 2], mask, JUMP * pitch)[mask], 2.0)
     return np.log1p(across * pitch)
 
 
@@ -86,9 +83,7 @@ def halves(mask: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "t 3"]:
     """Two triangles for every four neighbours, as far as they are of the mask; pixels are numbered in its row order."""
     index = pixel_index(mask)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    triangles = np.concatenate(
-        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
-    )
+    triangles = np.concatenate([np.stack(three, -1).reshape(-1, 3) for three in ((a, c, b), (b, c, d))])
     return triangles[(triangles >= 0).all(1)]
 
 
@@ -103,10 +98,10 @@ def widths(
 ) -> Float[np.ndarray, "h w"]:
     """How wide in pixels what each pixel shows is, the narrowest way but one across it: it ends with the mask or where the
     depth jumps back by this share of itself. The narrowest may just cut off a corner."""
-    across = np.empty((len(AXES), *z.shape))
-    for axis, (v, u) in enumerate(AXES):
-        run = _run(z, mask, jump, v, u) + _run(z, mask, jump, -v, -u) - 1
-        across[axis] = run * np.hypot(v, u)
+    across = [
+        (_run(z, mask, jump, v, u) + _run(z, mask, jump, -v, -u) - 1) * np.hypot(v, u)
+        for v, u in ((0, 1), (1, 1), (1, 0), (1, -1))
+    ]
     return np.partition(across, 1, axis=0)[1]
 
 

@@ -31,15 +31,16 @@ class HiddenSurfacesConfig:
     tile_px: int = 16  # along a side of the squares whose patches are lit together
 
 
+CONFIG = HiddenSurfacesConfig()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenPatches:
     """The walls of a mesh, or its back, cut up."""
 
     of: Int[np.ndarray, "t b"]  # each triangle's patches, of a wall from rim to foot; -1: it has none
     points: Float[np.ndarray, "w 3"]  # of a wall's on the mesh
-    normals: Float[
-        np.ndarray, "w 3"
-    ]  # a wall's across the viewing ray: if it leaned to the camera it would be seen
+    normals: Float[np.ndarray, "w 3"]  # a wall's across the viewing ray: leaning to it, it would be seen
     albedo: Float[np.ndarray, "w 3"]  # of a wall's rim, of a back's front: geometric mean
     parts: list[Int[np.ndarray, " _"]]  # patches of one place
 
@@ -68,13 +69,12 @@ def standing(
     mesh: DepthMesh,
     faces: Float[np.ndarray, "t 3"],
     normals: Float[np.ndarray, "p 3"],
-    config: HiddenSurfacesConfig = HiddenSurfacesConfig(),
 ) -> Bool[np.ndarray, " t"]:
     """Which triangles are walls that no pixel shows; `normals` are those of the pixels."""
     middle = mesh.vertices[mesh.triangles].mean(1)
     ahead = -(faces * middle).sum(1) / np.linalg.norm(middle, axis=1)
     alike = np.einsum("ti,tki->tk", faces, normals[mesh.pixels]).max(1)
-    return (ahead < config.ray_cosine) & (alike < np.cos(np.radians(config.corner_deg)))
+    return (ahead < CONFIG.ray_cosine) & (alike < np.cos(np.radians(CONFIG.corner_deg)))
 
 
 def patches(
@@ -82,25 +82,24 @@ def patches(
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
-    config: HiddenSurfacesConfig = HiddenSurfacesConfig(),
 ) -> HiddenPatches:
     """The walls of a depth map's mesh; normals and albedo are those of the mask's pixels."""
     faces, areas = faces_of(mesh.vertices, mesh.triangles)
-    bands = config.bands
-    walls = np.nonzero(standing(mesh, faces, normals, config))[0]
+    bands = CONFIG.bands
+    walls = np.nonzero(standing(mesh, faces, normals))[0]
     of = np.full((len(mesh.triangles), bands), -1, np.int32)
     if not len(walls):
         return none_of(len(of))
     corners, whose = mesh.vertices[mesh.triangles[walls]], mesh.pixels[walls]
     pixel = _places(mask)[whose].mean(1)
-    away = _smoothed(pixel, faces[walls], areas[walls], config.smooth_px)
+    away = _smoothed(pixel, faces[walls], areas[walls])
     ray = corners.mean(1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     away -= ray * (away * ray).sum(1, keepdims=True)
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-30)
-    sector = (np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) + 0.5) * config.sectors
-    sector = sector.astype(int) % config.sectors
-    tile, cell = ((pixel // side) @ [mask.shape[1] + 1, 1] for side in (config.tile_px, config.cell_px))
+    sector = (np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) + 0.5) * CONFIG.sectors
+    sector = sector.astype(int) % CONFIG.sectors
+    tile, cell = ((pixel // side) @ [mask.shape[1] + 1, 1] for side in (CONFIG.tile_px, CONFIG.cell_px))
     band = np.arange(bands)
     key = np.stack(
         np.broadcast_arrays(tile[:, None], cell[:, None], sector[:, None], band[None]), -1
@@ -109,7 +108,7 @@ def patches(
     of[walls] = member.reshape(-1, bands)
     count = len(found)
     # Every patch stands where one of its triangles has a point: a mean of points may lie within the solid.
-    at = _shares(config.split)
+    at = _shares(CONFIG.split)
     points = np.einsum("sk,tki->tsi", at, corners)
     within = _band(points[..., 2], corners[..., 2], bands)
     owner = np.take_along_axis(of[walls], within, 1).ravel()
@@ -134,7 +133,6 @@ def behind(
     normals: Float[np.ndarray, "p 3"],
     albedo: Float[np.ndarray, "p 3"],
     mask: Bool[np.ndarray, "h w"],
-    config: HiddenSurfacesConfig = HiddenSurfacesConfig(),
 ) -> HiddenPatches:
     """What lies behind the triangles that rays have `struck` from behind, where the front is known to end: its mirror image, as
     deep as it is wide, of the same paint."""
@@ -142,7 +140,7 @@ def behind(
     if not len(struck) or not mesh.deep.any():
         return unseen
     of, whose = unseen.of, mesh.pixels[struck]
-    cell = _places(mask)[whose[:, 0]] // config.cell_px
+    cell = _places(mask)[whose[:, 0]] // CONFIG.cell_px
     found, first, member = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     of[struck, 0], count, alike = member, len(found), np.ones(len(struck))
     front = _means(member, mesh.vertices[mesh.triangles[struck]].mean(1), alike, count)
@@ -152,7 +150,7 @@ def behind(
     ray = front / np.linalg.norm(front, axis=1, keepdims=True)
     ahead = (facing * ray).sum(1, keepdims=True)
     deep = 2 * mesh.deep[whose[first]].mean(1, keepdims=True)
-    _, tile = np.unique(found * config.cell_px // config.tile_px, axis=0, return_inverse=True)
+    _, tile = np.unique(found * CONFIG.cell_px // CONFIG.tile_px, axis=0, return_inverse=True)
     order = np.argsort(tile, kind="stable")
     parts = np.split(order, np.nonzero(np.diff(tile[order]))[0] + 1)
     return HiddenPatches(of, front - ray * ahead * deep, facing - 2 * ahead * ray, paint, parts)
@@ -171,13 +169,10 @@ def none_of(triangles: int) -> HiddenPatches:
 
 
 def _smoothed(
-    pixel: Float[np.ndarray, "k 2"],
-    faces: Float[np.ndarray, "k 3"],
-    areas: Float[np.ndarray, " k"],
-    reach_px: float,
+    pixel: Float[np.ndarray, "k 2"], faces: Float[np.ndarray, "k 3"], areas: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k 3"]:
     """Mean normal of the walls around each that look about the same way, not of unit length."""
-    pairs = KDTree(pixel).query_pairs(reach_px, output_type="ndarray")
+    pairs = KDTree(pixel).query_pairs(CONFIG.smooth_px, output_type="ndarray")
     one, other = pairs[(faces[pairs[:, 0]] * faces[pairs[:, 1]]).sum(1) > 0].T
     whole = faces * areas[:, None]
     total = whole.copy()
@@ -208,7 +203,5 @@ def _means(
 ) -> Float[np.ndarray, "w 3"]:
     """Weighted means of what belongs to each of `count`."""
     total = np.bincount(of, weight, count)
-    return (
-        np.stack([np.bincount(of, weight * x, count) for x in values.T], 1)
-        / np.maximum(total, 1e-30)[:, None]
-    )
+    sums = np.stack([np.bincount(of, weight * x, count) for x in values.T], 1)
+    return sums / np.maximum(total, 1e-30)[:, None]

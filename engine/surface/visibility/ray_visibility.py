@@ -19,8 +19,6 @@ from engine.surface.data.observations import shifted_neighbours
 from engine.surface.visibility.depth_mesh import DepthMesh, depth_mesh, pitch_of
 from engine.surface.visibility.hidden_surfaces import behind, faces_of, none_of, patches
 
-NEARLY_CONVEX = 0.01
-"""Mean share of the hemisphere that an object hides from itself, up to which it hides as good as nothing."""
 BACKFACE = -2
 """Source, less its number, of a triangle that was struck from behind."""
 
@@ -31,7 +29,11 @@ class RayConfig:
     horizon must not come in as if nothing stood there."""
 
     below_sine: float = 0.5  # of how far below
+    nearly_convex: float = 0.01  # mean share of the hemisphere up to which an object hides as good as nothing
     lift_px: tuple[float, float] = (0.05, 0.5)  # above the surface that rays begin: at least and at most
+
+
+CONFIG = RayConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,52 +51,46 @@ class HiddenSurfaces:
         return replace(self, points=self.points * scale)
 
 
-def owned(
-    hidden: tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]],
-    pixels: Int[np.ndarray, " p"],
-) -> tuple[Int[np.ndarray, " t"], Int[np.ndarray, " f"], Int[np.ndarray, " f"]]:
-    """(start, direction, source) of a few pixels: pixel p owns the entries start[p]:start[p + 1] of the others."""
-    start, direction, source = hidden
-    lengths = start[pixels + 1] - start[pixels]
-    begins = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    take = np.repeat(start[pixels] - begins[:-1], lengths) + np.arange(begins[-1])
-    return begins, direction[take], source[take]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SparseVisibility:
     """Hidden directions of each pixel, as rows of a sparse matrix (pixels in mask order)."""
 
     start: Int[np.ndarray, " s"]  # pixel p owns entries start[p]:start[p + 1]
     direction: Int[np.ndarray, " e"]  # direction cell
-    occluder: Int[
-        np.ndarray, " e"
-    ]  # the pixel that hides it, or after all pixels the wall's patch; -1: unknown
+    # The pixel that hides it, or after all pixels the wall's patch; -1: unknown.
+    occluder: Int[np.ndarray, " e"]
     hidden_share: Float[np.ndarray, " p"]  # hidden part of the cosine-weighted hemisphere
     hidden_surfaces: HiddenSurfaces | None = None
 
     def part(self, pixels: Int[np.ndarray, " p"]) -> "SparseVisibility":
         """The same of a few pixels, in their order; their sources keep their numbers."""
-        return SparseVisibility(*self.of(pixels), self.hidden_share[pixels], self.hidden_surfaces)
+        lengths = self.start[pixels + 1] - self.start[pixels]
+        begins = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        take = np.repeat(self.start[pixels] - begins[:-1], lengths) + np.arange(begins[-1])
+        rows = begins, self.direction[take], self.occluder[take]
+        return SparseVisibility(*rows, self.hidden_share[pixels], self.hidden_surfaces)
 
     @property
     def is_nearly_convex(self) -> bool:
         """Whether the object hides next to nothing of the room from itself."""
-        return float(self.hidden_share.mean()) <= NEARLY_CONVEX
+        return float(self.hidden_share.mean()) <= CONFIG.nearly_convex
 
     def at(self, scale: float) -> "SparseVisibility":
         """The same with the object so many times as far away."""
-        return (
-            self
-            if self.hidden_surfaces is None
-            else replace(self, hidden_surfaces=self.hidden_surfaces.at(scale))
-        )
+        walls = self.hidden_surfaces
+        return self if walls is None else replace(self, hidden_surfaces=walls.at(scale))
 
     def through(self, backs: Int[np.ndarray, " t"]) -> "SparseVisibility":
         """The same when what a ray meets that strikes a triangle from behind is known."""
         struck = self.occluder <= BACKFACE
         number = np.where(struck, BACKFACE - self.occluder, 0)
         return replace(self, occluder=np.where(struck, backs[number], self.occluder))
+
+    def upsampled(self, parent: Int[np.ndarray, " p"]) -> "SparseVisibility":
+        """The same of pixels of twice the size, each seeing what its `parent` does."""
+        behind = np.full(len(self.hidden_share), -1, np.int32)
+        behind[parent] = np.arange(len(parent))
+        return self.part(parent).told(len(behind), behind, len(parent))
 
     def told(self, count: int, by: Int[np.ndarray, " p"], new: int) -> "SparseVisibility":
         """The same when pixel `q` of the `count` that hide is number `by[q]` of `new`."""
@@ -106,12 +102,6 @@ class SparseVisibility:
             walls = replace(walls, hidden=walls.hidden.told(count, by, new))
         return replace(self, occluder=source, hidden_surfaces=walls)
 
-    def of(
-        self, pixels: Int[np.ndarray, " p"]
-    ) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
-        """The same three arrays for a few pixels, in their order."""
-        return owned((self.start, self.direction, self.occluder), pixels)
-
 
 def trace_occlusion(
     points: Float[np.ndarray, "h w 3"],
@@ -120,7 +110,6 @@ def trace_occlusion(
     directions: Float[np.ndarray, "d 3"],
     progress: Progress,
     albedo: Float[np.ndarray, "p 3"] | None = None,
-    config: RayConfig = RayConfig(),
 ) -> SparseVisibility:
     """Cast every pixel's rays at the depth mesh.
 
@@ -133,8 +122,8 @@ def trace_occlusion(
     footprint = footprint_of(points, mask)
     cut = none_of(len(mesh.triangles)) if albedo is None else patches(mesh, flat_normals, albedo, mask)
     cast = _Mesh(mesh, None if albedo is None else flat_normals, cut.of, len(vertices))
-    origins = vertices + clearance(vertices, flat_normals, footprint, mask, config)
-    found = cast.hidden(origins, flat_normals, directions, -config.below_sine, progress)
+    origins = vertices + clearance(vertices, flat_normals, footprint, mask)
+    found = cast.hidden(origins, flat_normals, directions, -CONFIG.below_sine, progress)
     if albedo is None:
         return found
     struck = BACKFACE - np.unique(found.occluder[found.occluder <= BACKFACE])
@@ -147,10 +136,8 @@ def trace_occlusion(
     # A wall askew has teeth as high as half a pixel, which its smooth normals do not know.
     clear = unseen.points + unseen.normals * (footprint.mean() * unseen.points[:, 2:] / vertices[:, 2].mean())
     hidden = cast.hidden(clear, unseen.normals, directions, 0.0, progress).through(backs)
-    return replace(
-        found,
-        hidden_surfaces=HiddenSurfaces(unseen.points, unseen.normals, unseen.albedo, unseen.parts, hidden),
-    )
+    walls = HiddenSurfaces(unseen.points, unseen.normals, unseen.albedo, unseen.parts, hidden)
+    return replace(found, hidden_surfaces=walls)
 
 
 def clearance(
@@ -158,7 +145,6 @@ def clearance(
     normals: Float[np.ndarray, "p 3"],
     footprint: Float[np.ndarray, " p"],
     mask: Bool[np.ndarray, "h w"],
-    config: RayConfig = RayConfig(),
 ) -> Float[np.ndarray, "p 3"]:
     """From every pixel's point to where its rays begin: as far up as its neighbours' points rise above its own plane, for so
     far do facets and normals disagree.
@@ -172,7 +158,7 @@ def clearance(
     for other in beside.T:
         above = ((points[other] - points) * normals).sum(1)
         rise = np.maximum(rise, np.where(other >= 0, above, 0))
-    far = np.clip(rise, *(share * footprint for share in config.lift_px))
+    far = np.clip(rise, *(share * footprint for share in CONFIG.lift_px))
     towards = -points / np.linalg.norm(points, axis=1, keepdims=True)
     return (normals + towards) * far[:, None]
 

@@ -20,7 +20,6 @@ from engine.pipeline.settings import Settings
 from engine.progress import Progress
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import geometry_with_visibility
-from engine.surface.rendering.transport import pixel_blocks
 from engine.types import Frames, Masks, Poses
 from hardware.errors import StudioError
 from hardware.virtual.studio import shoot, tracer
@@ -89,11 +88,9 @@ def test_under_its_light_the_true_surface_sends_what_was_photographed(made, file
     sight = geometry_with_visibility(
         known.object_pixels, true, on.truth.depth, known.light.directions, params, Progress()
     )
-    responses, (pixels, *_) = (
-        known.object_pixels.light_transport(known.light, params, "cpu", sight),
-        pixel_blocks(on.truth.mask)[3:],
-    )
-    sent, _ = derivatives(responses, sight, pixels, true)
+    problem = known.object_pixels.problem(known.light, sight, params, "cpu")
+    pixels = problem.blocks[3]
+    sent, _ = derivatives(problem.transport, sight, pixels, true)
     taken = on.stored.frames.radiance[:, on.truth.mask][:, pixels].transpose(1, 0, 2)
     np.testing.assert_allclose(sent.mean((0, 1)), taken.mean((0, 1)), rtol=0.1)  # of few paths each
     assert np.corrcoef(sent.mean((0, 2)), taken.mean((0, 2)))[0, 1] > 0.98

@@ -29,7 +29,7 @@ def lit() -> Stored:
 
 
 def test_what_ours_found_of_a_lamp_is_in_the_lamp_and_in_its_gaussian(lit: Stored):
-    room = build_room_light(lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0)
+    room = build_room_light(lit.captured, SurfaceParams(), 0)
     assert len(lit.lamps.radii) > 0
     gain = np.ones((len(room.kind), 3))
     gain[-1] = [3.0, 2.0, 1.0]
@@ -88,14 +88,12 @@ def test_the_reference_before_its_first_step_takes_no_time_and_solves_as_many_pi
 
 def test_what_our_row_found_is_handed_to_the_rows_beside_it(lit: Stored, monkeypatch: pytest.MonkeyPatch):
     solved: list[SurfaceParams] = []
-    emitters = build_room_light(
-        lit.gaussians, lit.lamps, lit.frames, lit.masks, lit.poses, 12, 0.02, 0
-    ).emitters
+    emitters = build_room_light(lit.captured, SurfaceParams(), 0).emitters
 
     def solve(*given, leave_out=()):
-        solved.append(given[5])
+        solved.append(given[1])
         report = SimpleNamespace(held_out_error=0.1, distance=SimpleNamespace(value=DISTANCE))
-        return None, None, None, emitters, report
+        return SimpleNamespace(surface=None, emitters=emitters, report=report)
 
     monkeypatch.setattr(rows, "solve", solve)
     monkeypatch.setattr(alike, "solve", solve)
@@ -119,7 +117,8 @@ def test_the_training_of_the_papers_own_light_counts_in_its_seconds(
     report = SimpleNamespace(
         seconds_per_pixel=2.0, object_pixels=10, emitter_seconds=5.0, pixels=4, held_out_error=0.1
     )
-    monkeypatch.setattr("engine.reference.solver.solve", lambda *given: (None, None, None, None, report))
+    found = SimpleNamespace(surface=None, report=report)
+    monkeypatch.setattr("engine.reference.solver.solve", lambda *given: found)
     *_, two, _ = rows.switched(QUICK)
     assert two.solve(lit, "cpu", 0, Progress()).seconds == 25
 

@@ -49,10 +49,7 @@ def in_an_even_room() -> np.ndarray:
     count = furnace.PARAMS["directions"]
     cells = fibonacci_sphere(count)
     away = -rays(furnace.CAMERA)[s.mask]
-    everything = np.ones((len(away), count), np.uint8)
-    diffuse, specular = rows(
-        s.normal[s.mask], s.roughness[s.mask], away, cells, everything, False, lobe_floor(count)
-    )
+    diffuse, specular = rows(s.normal[s.mask], s.roughness[s.mask], away, cells, False, lobe_floor(count))
     share = 4 * np.pi / count
     return furnace.GLOW * share * (s.albedo[s.mask] * diffuse.sum(1)[:, None] + specular.sum(1)[:, None])
 

@@ -77,10 +77,9 @@ def exactly(energy: np.ndarray) -> np.ndarray:
     mask = s.mask
     normal, away = (torch.from_numpy(v[mask].astype(float)) for v in (s.normal, -rays(s.camera)))
     cells = torch.from_numpy(fibonacci_sphere(CELLS))
-    seen = torch.ones((int(mask.sum()), CELLS), dtype=torch.float64)
     rough = torch.from_numpy(s.roughness[mask].astype(float))
     diffuse, specular = (
-        answer.numpy() for answer in rows_reference(normal, rough, away, cells, seen, True, lobe_floor(CELLS))
+        answer.numpy() for answer in rows_reference(normal, rough, away, cells, True, lobe_floor(CELLS))
     )
     return s.albedo[mask] * (diffuse @ energy) + specular @ energy
 
@@ -272,14 +271,12 @@ def test_what_hides_the_room_throws_its_own_light(tmp_path: Path) -> None:
     assert corner > 0.02
     assert corner > 3 * max(far, 1e-3)
     # No more comes back than an even room would have given with nothing in the way.
-    everything = np.ones((32 * 32, CELLS), np.uint8)
     views = -rays(camera).reshape(-1, 3)
     diffuse, specular = rows(
         normal.reshape(-1, 3),
         np.ones(32 * 32),
         views,
         fibonacci_sphere(CELLS),
-        everything,
         False,
         lobe_floor(CELLS),
     )

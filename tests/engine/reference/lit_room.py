@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from engine.geometry import rays
 from engine.light.gaussians.gaussians import Y00
-from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses
+from engine.types import Camera, CapturedScene, Frames, Gaussians, Lamps, Masks, Poses
 from tests.engine.light import clouds
 
 CAMERA = Camera(36, 30, 45.0, 45.0, 18.0, 15.0)  # the ball has 410 pixels
@@ -28,6 +28,10 @@ class Scene:
     normals: np.ndarray  # p 3
     albedo: np.ndarray  # p 3
     points: np.ndarray  # p 3
+
+    @property
+    def captured(self) -> CapturedScene:
+        return CapturedScene(*self.given)
 
 
 def ball(camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -30,7 +30,7 @@ from engine.surface.rendering.transport import (
     pixel_blocks,
     predict,
 )
-from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses, Surface
+from engine.types import Camera, CapturedScene, Frames, Gaussians, Lamps, Masks, Poses, Surface
 from tests.engine.box_room import look
 from tests.engine.light import clouds
 
@@ -115,7 +115,8 @@ def few(maps: str, **changes) -> ReferenceParams:
 
 def run(session, params: ReferenceParams, seed: int = 0, progress: Progress | None = None):
     frames, masks, poses = session
-    return solve(frames, masks, poses, light(), NO_LAMPS, params, "cpu", seed, progress or Progress())
+    captured = CapturedScene(frames, masks, poses, light(), NO_LAMPS)
+    return solve(captured, params, "cpu", seed, progress or Progress())
 
 
 def errors(found: Surface) -> tuple[float, float]:
@@ -125,8 +126,8 @@ def errors(found: Surface) -> tuple[float, float]:
 
 
 def test_errors_fall_on_pictures_that_another_model_made(session, maps: str) -> None:
-    before, *_ = run(session, few(maps, epochs=0))
-    after, renders, emitters, report = run(session, few(maps))
+    before, found = run(session, few(maps, epochs=0)).surface, run(session, few(maps))
+    after, renders, emitters, report = found.surface, found.renders, found.emitters, found.report
     (angle, albedo), (angle_now, albedo_now) = errors(before), errors(after)
     assert angle > 8
     assert angle_now < 0.7 * angle
@@ -145,7 +146,7 @@ def test_errors_fall_on_pictures_that_another_model_made(session, maps: str) -> 
 
 def test_the_same_seed_repeats_and_another_draws_otherwise(session, maps: str) -> None:
     params = few(maps, epochs=2, samples=8, pixels=20)
-    one, two, other = (run(session, params, seed)[0] for seed in (3, 3, 4))
+    one, two, other = (run(session, params, seed).surface for seed in (3, 3, 4))
     for name in ("mask", "normal", "albedo", "roughness", "depth"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert (one.normal != other.normal).any()
@@ -153,7 +154,7 @@ def test_the_same_seed_repeats_and_another_draws_otherwise(session, maps: str) -
 
 
 def test_the_ablation_finds_its_way_too(session, maps: str) -> None:
-    found, *_, report = run(session, few(maps, emitter_sampling=False, epochs=12, pixels=24))
+    report = run(session, few(maps, emitter_sampling=False, epochs=12, pixels=24)).report
     assert report.colour_loss[-1] < 0.7 * report.colour_loss[0]
     assert report.title == "reference at 48 samples, 12 epochs, without emitter sampling"
 
@@ -169,7 +170,8 @@ def test_a_view_kept_out_is_the_mean_of_several_renderings(
         return drawn[-1][None]
 
     monkeypatch.setattr(solver, "render", lambda *given: torch.as_tensor(spy(*given)))
-    found, renders, *_ = run(session, few(maps, epochs=0, samples=4, pixels=16, validation_views=1))
+    solved = run(session, few(maps, epochs=0, samples=4, pixels=16, validation_views=1))
+    found, renders = solved.surface, solved.renders
     assert len(drawn) == solver.PICTURES > 1
     assert (drawn[0] != drawn[1]).any()
     np.testing.assert_allclose(renders.radiance[0][found.mask], np.mean(drawn, axis=0), rtol=1e-5)
@@ -188,7 +190,8 @@ def test_the_papers_own_light_takes_the_place_of_ours(
 
     monkeypatch.setattr("engine.reference.emitter.light.train", train)
     params = few(maps, epochs=0, samples=4, pixels=16, emitter=stages, emitter_share=0.1, emitter_most=500)
-    *_, emitters, report = run(session, params)
+    solved = run(session, params)
+    emitters, report = solved.emitters, solved.report
     assert emitters.gaussians is other
     assert len(emitters.lamps.radii) == 0
     assert (report.emitter, report.gaussians) == (stages, 300)

@@ -10,7 +10,7 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import passes
 from engine.surface.data.scene import Picture, Scene, build_scene
-from engine.surface.estimate import Estimate
+from engine.surface.estimate import Estimate, known
 from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
 from engine.surface.passes import Pass
@@ -28,8 +28,9 @@ PARAMS = replace(
 
 @pytest.fixture(scope="module")
 def saved() -> tuple[Scene, Estimate]:
-    frames, masks, poses, gaussians, lamps = BALL.given
-    room = build_room_light(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
+    frames, masks, poses, *_ = BALL.given
+    steady = replace(PARAMS, light_groups=4, without=("view_exposures", "lamp_directions"))
+    room = build_room_light(BALL.captured, steady, 0)
     picture = Picture(frames, masks.object, poses.camera)
     seen = build_scene(picture, poses, np.arange(1, 16), (0,), PARAMS, "cpu", 0)
     phases = [one for one in schedule(PARAMS, False) if one.name in ("initialise", "coarse", "place")]
@@ -39,7 +40,7 @@ def saved() -> tuple[Scene, Estimate]:
 def after(saved: tuple[Scene, Estimate], one: Pass, **changes) -> Estimate:
     """What a pass makes of the saved estimate, some of whose pixels' answers are others."""
     seen, now = saved
-    return one(seen, replace(now, state=replace(now.known_state, **changes)), Progress())
+    return one(seen, replace(now, state=replace(known(now.state), **changes)), Progress())
 
 
 def turned(normals: np.ndarray, degrees: float) -> np.ndarray:
@@ -48,19 +49,19 @@ def turned(normals: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def off_deg(now: Estimate) -> float:
-    return float(np.degrees(angle_between(now.known_state.normals, BALL.normals)).mean())
+    return float(np.degrees(angle_between(known(now.state).normals, BALL.normals)).mean())
 
 
 def test_solve_pixels_finds_normals_that_were_lost(saved):
-    lost = turned(saved[1].known_state.normals, 5)
+    lost = turned(known(saved[1].state).normals, 5)
     assert np.degrees(angle_between(lost, BALL.normals)).mean() > 5
     assert off_deg(after(saved, passes.solve_pixels, normals=lost)) < 1.5
 
 
 def test_expect_roughness_draws_pixels_towards_those_that_look_alike(saved):
     before, found = (
-        saved[1].known_state.roughness,
-        after(saved, passes.expect_roughness).known_state.roughness,
+        known(saved[1].state).roughness,
+        known(after(saved, passes.expect_roughness).state).roughness,
     )
     assert abs(np.median(found) - ROUGHNESS) < 0.03
     assert np.std(found) <= np.std(before)
@@ -68,7 +69,7 @@ def test_expect_roughness_draws_pixels_towards_those_that_look_alike(saved):
 
 def test_integrate_depth_lies_where_the_ball_does(saved):
     found = after(saved, passes.integrate_depth, normals=BALL.normals)
-    z = found.known_depth[saved[0].picture.mask]
+    z = known(found.depth)[saved[0].picture.mask]
     assert np.median(np.abs(z / z.mean() - BALL.points[:, 2] / BALL.points[:, 2].mean())) < 0.004
 
 
@@ -80,12 +81,12 @@ def test_trace_visibility_of_a_ball_hides_next_to_nothing(saved):
 
 def test_calibrate_light_in_place_undoes_a_gain(saved):
     seen, now = saved
-    right = now.known_light_parameters
-    brightest = int(np.argmax(now.known_grouped_light.incident.energy.sum((0, 1, 2)))) % len(right.gain)
+    right = known(now.light_parameters)
+    brightest = int(np.argmax(known(now.grouped_light).incident.energy.sum((0, 1, 2)))) % len(right.gain)
     gain = right.gain.copy()
     gain[brightest] *= 1.3
     wrong = replace(now, light_parameters=replace(right, gain=gain))
-    found = passes.calibrate_light_in_place(seen, wrong, Progress()).known_light_parameters
+    found = known(passes.calibrate_light_in_place(seen, wrong, Progress()).light_parameters)
     assert np.abs(np.log(found.gain[brightest] / right.gain[brightest])).max() < 0.1
     assert found.distance == right.distance
 
@@ -93,7 +94,7 @@ def test_calibrate_light_in_place_undoes_a_gain(saved):
 def test_refine_distance_moves_the_object_to_where_it_stands(saved):
     seen, now = saved
     true = BALL.points[:, 2].mean()
-    away = now.with_light_parameters(replace(now.known_light_parameters, distance=1.1 * true))
+    away = now.with_light_parameters(replace(known(now.light_parameters), distance=1.1 * true))
     free = replace(seen, params=replace(PARAMS, object_distance=0.0))
     found = passes.refine_distance(free, away, Progress())
     assert abs(found.distance.value / true - 1) < 0.05
@@ -103,7 +104,7 @@ def test_refine_distance_moves_the_object_to_where_it_stands(saved):
 def test_regularize_lets_neighbours_agree_and_loses_nothing(saved):
     found = after(saved, passes.regularize)
     assert found.regularized
-    assert 0 < np.degrees(angle_between(found.known_state.normals, saved[1].known_state.normals)).max() < 5
+    assert 0 < np.degrees(angle_between(known(found.state).normals, known(saved[1].state).normals)).max() < 5
     assert off_deg(found) < off_deg(saved[1]) + 0.05
 
 

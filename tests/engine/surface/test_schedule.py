@@ -27,10 +27,11 @@ def test_what_renders_the_validation_views_worse_is_undone(monkeypatch: pytest.M
         return np.linspace(0.99, 1.01, 4)[:, None] * np.full((4, 9), ERRORS[int(now.probe_distance)])
 
     monkeypatch.setattr(schedule, "validation_error", error)
-    frames, masks, poses, *light = lit_room.scene(views=9).given
+    lit = lit_room.scene(views=9)
+    frames, masks, poses, *_ = lit.given
     picture, params = Picture(frames, masks.object, poses.camera), replace(SurfaceParams(), coarse_views=8)
     scene = build_scene(picture, poses, np.arange(9), (), params, "cpu", 0)
-    begun = initial_state(scene, build_room_light(*light, frames, masks, poses, 1, 0.02, 0))
+    begun = initial_state(scene, build_room_light(lit.captured, replace(params, light_groups=1), 0))
     phases = (Phase("fine", scene.smallest, (deepen,), 3), Phase("finish", scene.smallest, ()))
     found = run(scene, begun, phases, Progress())
     assert found.probe_distance == 1

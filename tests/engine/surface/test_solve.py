@@ -11,6 +11,7 @@ from engine.progress import Progress
 from engine.surface import solve as solving
 from engine.surface.data.observations import evenly_spaced
 from engine.surface.data.scene import Picture, build_scene
+from engine.surface.estimate import known
 from engine.surface.lighting.room_light import build_room_light, gather_incident_light
 from engine.surface.params import PARTS, SurfaceParams
 from engine.surface.passes import emitters_of
@@ -40,7 +41,8 @@ def test_few_views_all_serve_the_fit(views: int, expected: int):
 def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and_the_rest_is_fetched(
     directions: int,
 ):
-    frames, masks, poses, gaussians, lamps = scene(lambert).given
+    lit = scene(lambert)
+    frames, masks, poses, *_ = lit.given
     params = replace(
         SurfaceParams(),
         coarse_views=8,
@@ -51,7 +53,8 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
         probe_resolution=32,
         object_distance=DISTANCE,  # looking for it gathers nothing that serves again
     )
-    room = build_room_light(gaussians, lamps, frames, masks, poses, 4, 0.02, 0)
+    steady = replace(params, light_groups=4, without=("view_exposures", "lamp_directions"))
+    room = build_room_light(lit.captured, steady, 0)
     picture, fitted = Picture(frames, masks.object, poses.camera), np.arange(1, 16)
     seen = build_scene(picture, poses, fitted, (0,), params, "cpu", 0)
     phases = {phase.name: phase for phase in schedule(params, False)}
@@ -78,7 +81,7 @@ def test_the_light_that_the_coarse_phases_gathered_serves_again_in_its_views_and
     np.testing.assert_allclose(light.area_lights.centres, anew.area_lights.centres)
     np.testing.assert_allclose(light.area_lights.radiance, anew.area_lights.radiance, rtol=1e-5)
     np.testing.assert_allclose(light.energy.sum(1), anew.energy.sum(1), rtol=0.01)
-    assert (light.probe_grid is coarse.known_grouped_light.incident.probe_grid) == (directions == 400)
+    assert (light.probe_grid is known(coarse.grouped_light).incident.probe_grid) == (directions == 400)
 
 
 def test_a_pass_that_is_left_out_runs_in_no_phase():
@@ -105,7 +108,8 @@ def test_a_metal_ball_is_taken_for_metal(material: bool, together: int):
         probe_grid_xy=2, probe_resolution=32,
     )  # fmt: skip
     ball = scene(metal(0.5), views=16, lamps=8)
-    surface, *_, report = solve(*ball.given, params, "cpu", 0, Progress())
+    found = solve(ball.captured, params, "cpu", 0, Progress())
+    surface, report = found.surface, found.report
     off = np.degrees(angle_between(surface.normal[surface.mask], ball.normals))
     if not material:
         assert surface.material is None
@@ -135,7 +139,7 @@ def test_rounds_end_as_soon_as_the_surface_stands_still(
         SurfaceParams(), coarse_views=8, coarse_iterations=1, directions=400, object_distance=1.1, fine_iterations=3, probe_grid_xy=1,
         probe_grid_z=1, probe_resolution=32, without=("self_shadowing", "light_gains", *METAL),
     )  # fmt: skip
-    *_, report = solve(*scene(lambert).given, params, "cpu", 0, Progress())
+    report = solve(scene(lambert).captured, params, "cpu", 0, Progress()).report
     assert report.rounds == expected
 
 
@@ -146,7 +150,8 @@ def test_the_fewest_views_that_are_allowed_are_solved():
         probe_grid_z=1, probe_resolution=32, without=METAL,
     )  # fmt: skip
     eight = scene(lambert, views=8)
-    surface, renders, *_, report = solve(*eight.given, params, "cpu", 0, Progress())
+    found = solve(eight.captured, params, "cpu", 0, Progress())
+    surface, renders, report = found.surface, found.renders, found.report
     assert (report.fitted_views, renders.views) == (8, ())
     assert np.degrees(np.median(angle_between(surface.normal[surface.mask], eight.normals))) < 3
     assert surface.part is not None

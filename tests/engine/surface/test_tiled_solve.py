@@ -40,15 +40,17 @@ def ball():
 @pytest.fixture(scope="module")
 def as_if_bare(ball):
     """All pixels at once, where nobody looks what hides the room."""
-    return solve(*ball.given, BARE, "cpu", 0, Progress())
+    return solve(ball.captured, BARE, "cpu", 0, Progress())
 
 
 def test_tiles_find_what_all_pixels_together_find(ball, monkeypatch: pytest.MonkeyPatch):
     frames, masks, *_ = ball.given
-    at_once, *_, whole = solve(*ball.given, PARAMS, "cpu", 0, Progress())
+    found = solve(ball.captured, PARAMS, "cpu", 0, Progress())
+    at_once, whole = found.surface, found.report
     monkeypatch.setattr(tiled_solve, "TILE", 16)
     few = replace(PARAMS, tile_above_pixels=int(masks.object.sum()) // 3)
-    tiled, renders, _, report = solve(*ball.given, few, "cpu", 0, Progress())
+    found = solve(ball.captured, few, "cpu", 0, Progress())
+    tiled, renders, report = found.surface, found.renders, found.report
     assert whole.together == whole.pixels == report.pixels
     assert 0 < report.together <= few.tile_above_pixels
     mask = at_once.mask
@@ -72,9 +74,10 @@ def test_what_hides_nothing_of_the_room_from_itself_is_solved_at_half_the_size_a
     """Where nobody looks whether it does, all its pixels are."""
     monkeypatch.setattr(scenes, "HALVED_FROM", 100)
     monkeypatch.setattr(schedule, "HALF_SUFFICES_PIXELS", 100)
-    whole, *_, all_pixels = as_if_bare
+    whole, all_pixels = as_if_bare.surface, as_if_bare.report
     params = PARAMS if visibility else BARE
-    found, renders, _, report = solve(*ball.given, params, "cpu", 0, Progress())
+    solved = solve(ball.captured, params, "cpu", 0, Progress())
+    found, renders, report = solved.surface, solved.renders, solved.report
     assert all_pixels.together == report.pixels
     assert (report.together < report.pixels / 3) == visibility
     mask = found.mask
@@ -91,8 +94,8 @@ def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_qu
     params = replace(BARE, full_phase=False)
     found = []
     for still in (500.0, 0.0):
-        monkeypatch.setattr(solving, "MOVING_DEG", still)
-        found.append(solve(*ball.given, params, "cpu", 0, Progress())[0])
+        monkeypatch.setattr(tiled_solve, "MOVING_DEG", still)
+        found.append(solve(ball.captured, params, "cpu", 0, Progress()).surface)
     at_rest, moving = found
     mask = moving.mask
     assert (moving.normal == at_rest.normal).all()
@@ -109,7 +112,8 @@ def test_a_quarter_that_stands_still_or_hides_nothing_goes_on_at_half(ball, monk
         "schedule",
         lambda *asked: tuple(replace(one, still_deg=500.0 * (one.still_deg > 0)) for one in usual(*asked)),
     )
-    found, *_, report = solve(*ball.given, replace(PARAMS, coarse_iterations=5), "cpu", 0, Progress())
+    solved = solve(ball.captured, replace(PARAMS, coarse_iterations=5), "cpu", 0, Progress())
+    found, report = solved.surface, solved.report
     assert report.pixels / 5 < report.together < report.pixels / 3
     assert (
         len([one for one in report.history if one.phase in ("coarse", "place", "full")]) == 3
@@ -131,7 +135,7 @@ def test_half_the_picture_is_enough_where_little_is_hidden_and_many_pixels_tell(
     none = np.zeros(0, np.int32)
     hidden = SparseVisibility(np.zeros(3, np.int64), none, none, np.array([0.0, 2 * share]))
     seen = SurfaceGeometry(np.zeros((2, 3)), np.zeros((2, 3)), hidden)
-    room = build_room_light(*ball.given[3:], frames, masks, poses, 4, 0.02, 0)
+    room = build_room_light(ball.captured, PARAMS, 0)
     now = Estimate(schedule.HALF, np.arange(16), object_pixels, room, Distance(1.0, 0.0, "given"), seen)
     assert schedule.half_suffices(now) == enough
 
@@ -142,8 +146,7 @@ def test_a_tile_knows_nothing_of_where_it_was_cut(ball, monkeypatch: pytest.Monk
     answers = []
     for tile in (16, 48):
         monkeypatch.setattr(tiled_solve, "TILE", tile)
-        surface, *_ = solve(*ball.given, few, "cpu", 0, Progress())
-        answers.append(surface)
+        answers.append(solve(ball.captured, few, "cpu", 0, Progress()).surface)
     one, other = answers
     assert np.median(angle_between(one.normal[one.mask], other.normal[one.mask])) < 1e-3
 
@@ -184,6 +187,6 @@ def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: 
     monkeypatch.setattr(
         tiled_solve, "minimize", lambda state, *a, **k: began.append(state) or evaluated(state, *a, **k)
     )
-    solve(*dull.given, few, "cpu", 0, Progress())
+    solve(dull.captured, few, "cpu", 0, Progress())
     expected = np.concatenate([state.roughness_prior[:, 0] for state in began])
     assert (expected < 0.35).mean() > 0.3  # of anything it is a half

@@ -30,7 +30,7 @@ SCENES = {
 @cache
 def solved(name: str, scene: str) -> tuple[Surface, lit_room.Scene]:
     known = SCENES[scene]()
-    return BASELINES[name].solve(*known.given, PARAMS, "cpu", 0, Progress()), known
+    return BASELINES[name].solve(known.captured, PARAMS, "cpu", 0, Progress()), known
 
 
 def degrees_off(name: str, scene: str) -> float:
@@ -100,10 +100,9 @@ def test_every_baseline_answers_on_the_photographs_grid_with_matt_roughness():
 
 
 def test_a_brighter_light_makes_a_darker_object():
-    frames, masks, poses, gaussians, lamps = lit_room.scene().given
-    before = solved("harmonics", "far matt")[0]
-    brighter = replace(gaussians, radiance=2 * gaussians.radiance)
-    lit = replace(lamps, radiance=2 * lamps.radiance)
-    after = BASELINES["harmonics"].solve(frames, masks, poses, brighter, lit, PARAMS, "cpu", 0, Progress())
+    captured, before = lit_room.scene().captured, solved("harmonics", "far matt")[0]
+    brighter, lit = (replace(x, radiance=2 * x.radiance) for x in (captured.gaussians, captured.lamps))
+    captured = replace(captured, gaussians=brighter, lamps=lit)
+    after = BASELINES["harmonics"].solve(captured, PARAMS, "cpu", 0, Progress())
     ratio = after.albedo[before.mask] / before.albedo[before.mask]
     assert np.median(ratio) == pytest.approx(0.5, rel=1e-3)

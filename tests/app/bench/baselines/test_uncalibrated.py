@@ -10,7 +10,7 @@ from engine.geometry import fibonacci_sphere, rays
 from engine.progress import Progress
 from engine.surface.data.observations import observe
 from engine.surface.optimize import gauss_newton
-from engine.types import Camera, Frames, Gaussians, Lamps, Masks, Poses
+from engine.types import Camera, CapturedScene, Frames, Gaussians, Lamps, Masks, Poses
 
 LENS = Camera(48, 40, 500.0, 500.0, 24.0, 20.0)
 VIEWS = 30
@@ -101,10 +101,9 @@ def test_dents_that_no_balloon_has_are_found_without_the_light():
     dark = Lamps(nobody, np.zeros(0), nobody, np.zeros(0, bool))
     # Poses that tell nothing: the method must not look.
     poses = Poses(LENS, np.zeros((VIEWS, 3, 4)), np.ones(VIEWS, bool), nobody, "unknown", float("nan"))
-    answer = BASELINES["uncalibrated"].solve(
-        frames, Masks(mask, ~mask & np.ones((VIEWS, 1, 1), bool)), poses, room, dark, UncalibratedParams(),
-        "cpu", 0, Progress(),
-    )  # fmt: skip
+    masks = Masks(mask, ~mask & np.ones((VIEWS, 1, 1), bool))
+    captured = CapturedScene(frames, masks, poses, room, dark)
+    answer = BASELINES["uncalibrated"].solve(captured, UncalibratedParams(), "cpu", 0, Progress())
     start, end = angle(balloon(LENS, mask), normals), angle(answer.normal[mask], normals)
     # Not nearer: the light above second order, an eighth of a glow, bends what is found.
     assert start > 12

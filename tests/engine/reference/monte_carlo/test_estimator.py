@@ -106,8 +106,7 @@ def test_the_density_is_the_one_the_fitted_mixture_has() -> None:
 @pytest.mark.parametrize("full_diffuse", [False, True])
 def test_the_response_is_the_one_our_solver_has_but_for_schlicks_fresnel(full_diffuse: bool) -> None:
     directions = torch.tensor(fibonacci_sphere(300))
-    seen_all = torch.ones((1, 300), dtype=torch.float64)
-    diffuse, specular = rows_reference(NORMAL, DULL, VIEW, directions, seen_all, full_diffuse, 0.0)
+    diffuse, specular = rows_reference(NORMAL, DULL, VIEW, directions, full_diffuse, 0.0)
     half = ((1 + VIEW @ directions.T) / 2).sqrt()  # l.h
     inside = (1 - (1 - half**2) / 1.5**2).sqrt()  # cosine of the refracted ray
     across, along = (

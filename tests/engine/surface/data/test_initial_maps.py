@@ -15,9 +15,10 @@ from engine.pipeline.stages import counted_params
 from engine.progress import Progress
 from engine.surface import passes
 from engine.surface.data import initial_maps
-from engine.surface.data.pyramid import downsample
+from engine.surface.data.scene import Picture
+from engine.surface.optimize.gauss_newton import PixelProblem
 from engine.surface.params import SurfaceParams
-from engine.surface.rendering.object_pixels import ObjectPixels, image, observe_object, search_initial_normals
+from engine.surface.rendering.object_pixels import image, observe_object, search_initial_normals
 from engine.surface.solve import solve
 from tests.engine.reference.lit_room import lambert, scene
 from tests.engine.surface.rendering.test_object_pixels import (
@@ -45,11 +46,12 @@ def test_begun_from_normals_that_are_about_right_the_pixels_end_where_the_search
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
     object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), PARAMS)
-    geometry, truth = object_pixels.geometry_at_distance(0.5), ball()[1][mask]
+    geometry, truth = object_pixels.geometry_at(0.5), ball()[1][mask]
     lean = truth + rng.normal(0, 0.08, truth.shape)
     lean /= np.linalg.norm(lean, axis=1, keepdims=True)
     maps = initial_maps.InitialMaps(mask, lean, None, None)
-    begun = initial_maps.estimate_from_maps(maps, object_pixels, light, geometry, PARAMS, Progress())
+    problem = object_pixels.problem(light, geometry, PARAMS, "cpu")
+    begun = initial_maps.estimate_from_maps(maps, problem, Progress())
     found = search_initial_normals(object_pixels, light, geometry, PARAMS, Progress())
     one, other = (
         solve_and_expect_roughness(object_pixels, each, light, geometry, PARAMS, "cpu", Progress())
@@ -70,9 +72,9 @@ class Begun(Exception):
 def test_a_networks_map_takes_the_place_of_the_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def begun(maps: initial_maps.InitialMaps, object_pixels: ObjectPixels, *_: object) -> None:
+    def begun(maps: initial_maps.InitialMaps, problem: PixelProblem, *_: object) -> None:
         off = np.degrees(angle_between(maps.normals, LIT.normals))
-        raise Begun(f"{np.median(off):.1f} {np.array_equal(maps.mask, object_pixels.mask)}")
+        raise Begun(f"{np.median(off):.1f} {len(maps.normals) == len(problem.geometry.points)}")
 
     monkeypatch.setattr(passes, "search_initial_normals", None)
     monkeypatch.setattr(initial_maps, "estimate_from_maps", begun)
@@ -81,7 +83,7 @@ def test_a_networks_map_takes_the_place_of_the_search(
         initial_normals=png(tmp_path / "normal.png", NORMAL), normals_frame="opengl",
     )  # fmt: skip
     with pytest.raises(Begun, match=r"^0\.0 True$"):
-        solve(*LIT.given, asked, "cpu", 0, Progress())
+        solve(LIT.captured, asked, "cpu", 0, Progress())
 
 
 def test_albedo_and_roughness_are_what_explains_the_photographs() -> None:
@@ -91,15 +93,12 @@ def test_albedo_and_roughness_are_what_explains_the_photographs() -> None:
     object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), PARAMS)
     count = int(mask.sum())
     maps = initial_maps.InitialMaps(mask, ball()[1][mask], np.full(count, 0.45), None)
-    state = initial_maps.estimate_from_maps(
-        maps, object_pixels, light, object_pixels.geometry_at_distance(0.5), PARAMS, Progress()
-    )
+    problem = object_pixels.problem(light, object_pixels.geometry_at(0.5), PARAMS, "cpu")
+    state = initial_maps.estimate_from_maps(maps, problem, Progress())
     assert np.median(np.abs(state.albedo - [0.6, 0.4, 0.3])) < 0.01
     np.testing.assert_allclose(state.roughness, 0.45)
     untold = replace(maps, roughness=None)
-    state = initial_maps.estimate_from_maps(
-        untold, object_pixels, light, object_pixels.geometry_at_distance(0.5), PARAMS, Progress()
-    )
+    state = initial_maps.estimate_from_maps(untold, problem, Progress())
     assert (state.roughness == 0.5).mean() > 0.9  # of those tried, the nearest to 0.45
 
 
@@ -109,9 +108,11 @@ def test_at_half_the_size_normals_are_those_of_the_pixels_behind_and_of_length_o
     mask = mask.copy()
     mask[:, ::7] = False
     frames, _ = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 400))
-    _, small, _ = downsample(frames, mask, CAMERA)
     maps = initial_maps.InitialMaps(mask, normals[mask], np.nonzero(mask)[1] / 64, None)
-    half = initial_maps.downsample(maps, small)
+    half, small = (
+        getattr(Picture(frames, mask, CAMERA, maps).downsampled(), x) for x in ("initial_maps", "mask")
+    )
+    assert half is not None
     np.testing.assert_allclose(np.linalg.norm(half.normals, axis=1), 1)
     sums = np.where(mask[..., None], normals, 0).reshape(24, 2, 32, 2, 3).sum((1, 3))[small]
     cosine = (half.normals * sums).sum(1) / np.linalg.norm(sums, axis=1)

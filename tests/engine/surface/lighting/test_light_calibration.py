@@ -15,7 +15,6 @@ from engine.surface.data.observations import observe
 from engine.surface.lighting import light_calibration
 from engine.surface.lighting.distance_search import find_distance
 from engine.surface.lighting.emitter_groups import CLIPPED, FILLED, KNOWN, UNSEEN
-from engine.surface.lighting.exposure_offset import EXPOSURE_SIGMA
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.lighting.light_calibration import (
     CalibrationConfig,
@@ -26,6 +25,7 @@ from engine.surface.lighting.light_calibration import (
     light_variance,
     prior_light,
 )
+from engine.surface.lighting.room_light import RoomLightConfig
 from engine.surface.optimize import gauss_newton
 from engine.surface.optimize.pixel_sample import PixelSample
 from engine.surface.params import SurfaceParams
@@ -104,14 +104,8 @@ def sample_of(
     blank = observe(frames, mask, np.arange(VIEWS), 0.01, mixed=False)
     regions = coarse_regions(mask)
     sample = PixelSample(SurfaceGeometry(q, -r, None), blank, blank.radiance, regions, True, False)
-    for pixels, answer in predict(
-        sample.light_transport(grouped_light.with_gains(gain)),
-        sample.geometry_at(TRUE_Z),
-        regions,
-        normals,
-        albedo,
-        roughness,
-    ):
+    problem = sample.problem(grouped_light.with_gains(gain), TRUE_Z)
+    for pixels, answer in predict(problem.transport, problem.geometry, regions, normals, albedo, roughness):
         rows = np.argwhere(mask)[pixels]
         frames.radiance[:, rows[:, 0], rows[:, 1]] = answer.transpose(1, 0, 2)
     seen = observe(frames, mask, np.arange(VIEWS), 0.01, mixed=False)
@@ -119,11 +113,15 @@ def sample_of(
     return sample, gauss_newton.initial_estimate(normals, albedo, roughness), albedo
 
 
+def so_often(rounds: int, steps: int) -> CalibrationConfig:
+    return CalibrationConfig(rounds=rounds, gauss_newton_steps=steps)
+
+
 def test_distance_is_found_from_the_parallax_of_near_lamps():
     parts = parts_of_lamps(np.random.default_rng(0), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
     start = prior_light(parts, TRUE_Z * 1.2)
-    found, _ = calibrate(start, parts, sample, state, True, False, 8, 3, Progress())
+    found, _ = calibrate(start, parts, sample, state, True, False, Progress(), so_often(8, 3))
     assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
     assert 0 < found.distance_stderr < 0.05
     np.testing.assert_allclose(found.gain, 1, rtol=1e-6)  # the light was not to be touched
@@ -135,9 +133,9 @@ def test_the_distance_is_found_from_either_side(off: float):
     parts = parts_of_lamps(np.random.default_rng(0), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
     wrong, state = calibrate(
-        prior_light(parts, TRUE_Z * off), parts, sample, state, False, True, 3, 3, Progress()
+        prior_light(parts, TRUE_Z * off), parts, sample, state, False, True, Progress(), so_often(3, 3)
     )
-    found = calibrate_with_distance(wrong, parts, sample, state, True, 2, 3, Progress())
+    found = calibrate_with_distance(wrong, parts, sample, state, True, Progress(), so_often(2, 3))
     assert found.distance == pytest.approx(TRUE_Z, rel=0.01)
     assert 1e-4 < found.distance_stderr < 0.05
 
@@ -153,7 +151,9 @@ def test_no_distance_is_told_where_every_distance_misfits_alike():
         ),
     )
     sample, state, _ = sample_of(far, np.ones((4, 3)))
-    found = calibrate_with_distance(prior_light(far, TRUE_Z), far, sample, state, False, 1, 2, Progress())
+    found = calibrate_with_distance(
+        prior_light(far, TRUE_Z), far, sample, state, False, Progress(), so_often(1, 2)
+    )
     assert found.distance_stderr > 0.1
 
 
@@ -163,7 +163,9 @@ def test_a_clipped_lamp_is_as_bright_as_the_shading_says(clipped: float, brighte
     gain = np.ones((4, 3))
     gain[2] = brighter
     sample, state, albedo = sample_of(parts, gain)
-    found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
+    found, state = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(8, 3)
+    )
     np.testing.assert_allclose(found.gain[2], brighter, rtol=0.1)
     np.testing.assert_allclose(found.gain[:2], 1, atol=0.06)
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
@@ -185,7 +187,9 @@ def test_the_less_of_a_lamp_is_clipped_the_better_is_its_light_known():
 def test_the_sum_of_light_that_is_not_clipped_stays_the_backgrounds():
     parts = parts_of_lamps(np.random.default_rng(2), False)
     sample, state, _ = sample_of(parts, np.full((4, 3), 1.3))  # as if the whole room were brighter
-    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 4, 3, Progress())
+    found, _ = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(4, 3)
+    )
     levels = parts.levels()
     np.testing.assert_allclose((levels * found.gain).sum(0) / levels.sum(0), 1, atol=0.02)
 
@@ -198,7 +202,9 @@ def test_light_that_no_photograph_shows_is_as_bright_as_the_shading_says():
     gain = np.ones((4, 3))
     gain[1] = [5.0, 4.0, 0.4]
     sample, state, albedo = sample_of(parts, gain)
-    found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 10, 3, Progress())
+    found, state = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(10, 3)
+    )
     np.testing.assert_allclose(found.gain[1], gain[1], rtol=0.1)
     np.testing.assert_allclose(found.gain[[0, 2]], 1, atol=0.06)
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.05)
@@ -217,14 +223,14 @@ def test_distance_and_unseen_light_are_found_from_nothing():
     gain = np.ones((4, 3))
     gain[:2] = [[12.0], [4.0]]
     sample, _, _ = sample_of(parts, gain)
-    found, _, tried, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
-    layers = parts.incident.probe_grid.depths()
+    told = find_distance(parts, sample, SurfaceParams(), Progress())
+    found, layers = told.light_parameters, parts.incident.probe_grid.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
-    assert tried == tuple(layers)
-    assert found.cost == min(misfits)
+    assert told.distances == tuple(layers)
+    assert found.cost == min(told.misfits)
     np.testing.assert_allclose(np.log(found.gain[:2] / gain[:2]), 0, atol=0.5)
-    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), without=("light_gains",)), Progress())
-    assert (left.gain == 1).all()
+    left = find_distance(parts, sample, SurfaceParams(without=("light_gains",)), Progress())
+    assert (left.light_parameters.gain == 1).all()
 
 
 def nearest_layer(grouped_light: GroupedLight) -> GroupedLight:
@@ -248,12 +254,12 @@ def test_a_lamp_recorded_at_a_three_hundredth_of_its_radiance_is_found_from_noth
     gain[2] = [250.0, 300.0, 350.0]
     sample, _, _ = sample_of(parts, gain)
     parts = nearest_layer(parts) if given else parts
-    found, _, _, misfits = find_distance(parts, sample, SurfaceParams(), Progress())
-    layers = parts.incident.probe_grid.depths()
+    told = find_distance(parts, sample, SurfaceParams(), Progress())
+    found, layers = told.light_parameters, parts.incident.probe_grid.depths()
     assert found.distance == layers[np.argmin(np.abs(layers - TRUE_Z))]
-    assert found.cost == min(misfits)
+    assert found.cost == min(told.misfits)
     np.testing.assert_allclose(np.log(found.gain[2] / gain[2]), 0, atol=0.5)
-    left, *_ = find_distance(parts, sample, replace(SurfaceParams(), without=("light_gains",)), Progress())
+    left = find_distance(parts, sample, SurfaceParams(without=("light_gains",)), Progress()).light_parameters
     np.testing.assert_array_equal(left.gain, prior_light(parts, TRUE_Z).gain)
 
 
@@ -262,7 +268,9 @@ def test_a_clipped_lamp_is_never_dimmer_than_it_was_recorded():
     gain = np.ones((4, 3))
     gain[2] = 0.5
     sample, state, _ = sample_of(parts, gain)
-    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    found, _ = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(6, 3)
+    )
     assert (found.gain[2] >= 1).all()
 
 
@@ -289,11 +297,15 @@ def jitter(spread: float) -> np.ndarray:
 
 
 def test_exposures_that_drift_by_3_percent_are_known_to_half_a_percent():
-    parts = replace(parts_of_lamps(np.random.default_rng(9), False), exposure_sigma=EXPOSURE_SIGMA)
+    parts = replace(
+        parts_of_lamps(np.random.default_rng(9), False), exposure_sigma=RoomLightConfig().exposure_sigma
+    )
     sample, state, albedo = sample_of(parts, np.ones((4, 3)))
     drift = jitter(0.03)
     sample = drifted(sample, drift)
-    found, state = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    found, state = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(6, 3)
+    )
     assert np.abs(found.exposure_offset - drift).max() < 0.005
     assert abs(found.exposure_offset.mean()) < 1e-4
     assert np.median(state.albedo / albedo) == pytest.approx(1, abs=0.01)
@@ -304,9 +316,8 @@ def test_exposures_that_drift_by_3_percent_are_known_to_half_a_percent():
         state,
         False,
         True,
-        3,
-        3,
         Progress(),
+        so_often(3, 3),
     )
     assert (left.exposure_offset == 0).all()
 
@@ -321,7 +332,9 @@ def test_a_lamp_two_degrees_off_is_put_right_to_half_a_degree(clipped: bool):
     parts = replace(parts_of_lamps(np.random.default_rng(10), clipped), lamp_offset_sigma=np.radians(0.5))
     true = aside_of(parts)
     sample, state, _ = sample_of(replace(parts, area_lights=parts.lamps_moved(true)), np.ones((4, 3)))
-    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 8, 3, Progress())
+    found, _ = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(8, 3)
+    )
     assert np.degrees(np.linalg.norm(found.lamp_offset - true)) < 0.5
     at = parts.with_gains(found.gain, found.lamp_offset).area_lights.centres
     back = np.einsum("nji,nlj->nli", parts.cam_from_world_rotation, at - parts.area_lights.centres)
@@ -335,9 +348,8 @@ def test_a_lamp_two_degrees_off_is_put_right_to_half_a_degree(clipped: bool):
         state,
         False,
         True,
-        1,
-        1,
         Progress(),
+        so_often(1, 1),
     )
     assert (left.lamp_offset == 0).all()
 
@@ -345,7 +357,7 @@ def test_a_lamp_two_degrees_off_is_put_right_to_half_a_degree(clipped: bool):
 def test_where_nothing_is_off_nothing_moves():
     parts = replace(
         parts_of_lamps(np.random.default_rng(9), False),
-        exposure_sigma=EXPOSURE_SIGMA,
+        exposure_sigma=RoomLightConfig().exposure_sigma,
         lamp_offset_sigma=np.radians(0.5),
     )
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
@@ -354,7 +366,9 @@ def test_where_nothing_is_off_nothing_moves():
     sample = replace(
         sample, observations=replace(sample.observations, radiance=radiance), photographed=radiance
     )
-    found, _ = calibrate(prior_light(parts, TRUE_Z), parts, sample, state, False, True, 6, 3, Progress())
+    found, _ = calibrate(
+        prior_light(parts, TRUE_Z), parts, sample, state, False, True, Progress(), so_often(6, 3)
+    )
     # 108 pixels in three channels tell a view's mean to 0.6 permille, were their residuals all their own.
     assert found.exposure_offset.std() < 0.002
     assert np.degrees(np.linalg.norm(found.lamp_offset)) < 0.2
@@ -367,16 +381,13 @@ def test_pixels_follow_the_light_as_its_doubt_takes_it():
     setting = replace(prior_light(parts, TRUE_Z), gain=np.ones((4, 3)))
 
     def solved(gain: np.ndarray) -> gauss_newton.PixelEstimate:
-        transport, geometry = sample.light_transport(parts.with_gains(gain)), sample.geometry_at(TRUE_Z)
-        under = transport, geometry, sample.regions, sample.observations
+        problem = sample.problem(parts.with_gains(gain), TRUE_Z)
         return gauss_newton.minimize(
-            gauss_newton.update_residual_scale(state, *under), *under, 12, Progress()
+            gauss_newton.update_residual_scale(state, problem), problem, 12, Progress()
         )
 
     at = solved(setting.gain)
-    following = light_calibration._system(setting, parts, sample, at, light_calibration.CalibrationConfig())[
-        3
-    ]
+    following = light_calibration._Linearization(setting, parts, sample, at).equations().following
     lamp, step = 2, 0.01
     brighter = setting.gain.copy()
     brighter[lamp] *= np.exp(step)

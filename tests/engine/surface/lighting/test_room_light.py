@@ -12,6 +12,7 @@ from engine.light.fitting.lamp_model import with_lamps, without_lamps
 from engine.light.gaussians.gaussians import part
 from engine.progress import Progress
 from engine.surface.data.scene import Picture, build_scene
+from engine.surface.estimate import known
 from engine.surface.lighting.emitter_groups import FILLED, KNOWN, UNSEEN, EmitterGroupsConfig
 from engine.surface.lighting.light_calibration import CalibrationConfig, prior_light, split_groups
 from engine.surface.lighting.room_light import (
@@ -42,10 +43,7 @@ def opened() -> Stored:
 
 
 def room_of(stored: Stored) -> RoomLight:
-    return build_room_light(
-        stored.gaussians, stored.lamps, stored.frames, stored.masks, stored.poses, SurfaceParams().light_groups,
-        SurfaceParams().light_gain_sigma, 0,
-    )  # fmt: skip
+    return build_room_light(stored.captured, SurfaceParams(without=("view_exposures", "lamp_directions")), 0)
 
 
 @pytest.fixture(scope="module")
@@ -189,4 +187,4 @@ def test_a_given_distance_stays_as_given_while_the_unseen_is_looked_for(stored: 
     assert (found.distance.value, found.distance.source) == (1.1, "given")
     assert (found.room_light.kind == UNSEEN).sum() >= (room.kind == UNSEEN).sum()
     unseen = np.append(found.room_light.kind == UNSEEN, False)
-    assert (found.known_light_parameters.gain[unseen] == 1).all() != relight
+    assert (known(found.light_parameters).gain[unseen] == 1).all() != relight

@@ -9,9 +9,8 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import PLAIN
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.gauss_newton import CONFIG
-from engine.surface.optimize.pixel_sample import PixelSample
-from engine.surface.rendering.transport import LightTransport, predict
+from engine.surface.optimize.gauss_newton import CONFIG, PixelProblem
+from engine.surface.rendering.transport import TransportModel, predict
 from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_of_lamps, sample_of
 
 
@@ -19,7 +18,7 @@ from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_o
 class Counted:
     """Rows that remember how many variants of how many pixels were asked for."""
 
-    rows: LightTransport
+    rows: TransportModel
     asked: list[tuple[int, int]] = field(default_factory=list)
 
     @property
@@ -35,35 +34,32 @@ class Counted:
 
 
 @pytest.fixture(scope="module")
-def told() -> tuple[PixelSample, gauss_newton.PixelEstimate, LightTransport]:
+def told() -> tuple[gauss_newton.PixelEstimate, PixelProblem]:
     parts = parts_of_lamps(np.random.default_rng(9), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    return sample, state, sample.light_transport(parts.with_gains(np.ones((4, 3))))
+    return state, sample.problem(parts.with_gains(np.ones((4, 3))), TRUE_Z)
 
 
 def iterated(
     told, state: gauss_newton.PixelEstimate, passes: int, config: gauss_newton.GaussNewtonConfig = CONFIG
 ) -> tuple[gauss_newton.PixelEstimate, int]:
     """The state after so many passes, and how many variants of pixels were asked for on the way."""
-    sample, _, transport = told
-    counted = Counted(transport)
+    _, problem = told
+    counted = Counted(problem.transport)
     found = gauss_newton.minimize(
-        state, counted, sample.geometry_at(TRUE_Z), sample.regions, sample.observations, passes, Progress(),
-        config=config,
-    )  # fmt: skip
+        state, replace(problem, transport=counted), passes, Progress(), config=config
+    )
     return found, sum(pixels * variants for pixels, variants in counted.asked)
 
 
 def moved(told) -> gauss_newton.PixelEstimate:
     """Some degrees and a tenth of albedo away from the truth."""
-    sample, state, transport = told
+    state, problem = told
     lean = np.random.default_rng(1).normal(0, 0.05, (len(state.normals), 2))
     state = replace(
         state, normals=gauss_newton.rotate_normals(state.normals, lean), albedo=0.9 * state.albedo
     )
-    return gauss_newton.update_residual_scale(
-        state, transport, sample.geometry_at(TRUE_Z), sample.regions, sample.observations
-    )
+    return gauss_newton.update_residual_scale(state, problem)
 
 
 def test_what_stands_still_comes_out_as_if_it_had_been_evaluated_to_the_end(told):
@@ -96,19 +92,15 @@ def test_small_steps_keep_the_derivatives_and_come_out_the_same(told):
 
 
 def test_answers_to_small_steps_are_those_to_none_and_what_the_step_changed(told):
-    sample, state, transport = told
-    pixels = sample.regions[0]
-    block = transport.block(sample.geometry_at(TRUE_Z), pixels)
-    normals, roughness = state.normals[pixels], state.roughness[pixels]
-    before, after = (
-        gauss_newton._evaluate(transport, block, *gauss_newton.perturbed(normals, roughness)[:2], True)
-        for _ in range(2)
-    )
+    state, problem = told
+    pixels, transport = problem.blocks[0], problem.transport
+    block, at = transport.block(problem.geometry, pixels), state.part(pixels)
+    before, after = (gauss_newton._evaluate(transport, block, at, True) for _ in range(2))
     far = np.arange(len(pixels)) % 3 == 0
     lean = np.where(far[:, None], 0.2, 0.01) * np.ones((len(pixels), 2))
-    asked = gauss_newton.perturbed(gauss_newton.rotate_normals(normals, lean), roughness)[:2]
-    gauss_newton._update_evaluations(transport, block, *asked, after, far)
-    whole = transport(block, *asked)
+    at = replace(at, normals=gauss_newton.rotate_normals(at.normals, lean))
+    gauss_newton._update_evaluations(transport, block, at, after, far, CONFIG)
+    whole = transport(block, *gauss_newton.perturbed(at.normals, at.roughness))
     for some, every, old in zip(after.variants, whole, before.variants, strict=True):
         np.testing.assert_allclose(some[far], every[far], rtol=1e-5, atol=1e-7)
         # Lamps are near: what sets the pixels apart has changed a little with the step.
@@ -118,9 +110,9 @@ def test_answers_to_small_steps_are_those_to_none_and_what_the_step_changed(told
 
 
 def test_a_block_of_a_few_has_what_reaches_them(told):
-    sample, state, transport = told
-    geometry, pixels = sample.geometry_at(TRUE_Z), sample.regions[0]
-    block, few = transport.block(geometry, pixels), np.arange(0, len(pixels), 2)
+    state, problem = told
+    transport, pixels = problem.transport, problem.blocks[0]
+    block, few = transport.block(problem.geometry, pixels), np.arange(0, len(pixels), 2)
     whole = transport(block, state.normals[pixels][:, None], state.roughness[pixels][:, None])
     part = transport(
         block.part(few), state.normals[pixels[few]][:, None], state.roughness[pixels[few]][:, None]
@@ -130,9 +122,9 @@ def test_a_block_of_a_few_has_what_reaches_them(told):
 
 
 def test_a_share_of_what_is_beside_the_rim_is_found_and_does_not_lean_the_normals(told):
-    sample, state, _ = told
+    state, problem = told
     pixels, rng = np.arange(0, len(state.normals), 3), np.random.default_rng(4)
-    seen, truth = sample.observations, rng.uniform(0.0, 0.5, len(pixels)).astype(np.float32)
+    seen, truth = problem.observations, rng.uniform(0.0, 0.5, len(pixels)).astype(np.float32)
     beside = rng.permuted(seen.radiance[pixels].reshape(len(pixels), -1, 3), axis=1).reshape(len(pixels), -1)
     radiance = seen.radiance.copy()
     radiance[pixels] += truth[:, None] * (beside - radiance[pixels])
@@ -140,8 +132,8 @@ def test_a_share_of_what_is_beside_the_rim_is_found_and_does_not_lean_the_normal
     row[pixels] = np.arange(len(pixels))
     errors = {}
     for name, rows in (("told", row), ("untold", np.full_like(row, -1))):
-        there = replace(sample, observations=replace(seen, radiance=radiance, row=rows, beside=beside))
-        found, _ = iterated((there, state, told[2]), moved((there, state, told[2])), 15)
+        there = replace(problem, observations=replace(seen, radiance=radiance, row=rows, beside=beside))
+        found, _ = iterated((state, there), moved((state, there)), 15)
         errors[name] = np.degrees(angle_between(found.normals, state.normals))
         if name == "told":
             np.testing.assert_allclose(
@@ -166,16 +158,14 @@ def test_a_system_without_its_share_steps_the_others_as_the_whole_one_does():
 
 def test_without_robust_weights_the_misfit_is_the_sum_of_squares_however_small(told):
     """What a noise-free pixel misfits by is far below one, of which the robust measure takes the logarithm."""
-    sample, state, _ = told
-    seen = replace(sample.observations, cauchy=100 * PLAIN)
-    state = replace(state, albedo=1.001 * state.albedo)
-    state = gauss_newton.update_residual_scale(
-        state, told[2], sample.geometry_at(TRUE_Z), sample.regions, seen
-    )
-    found, _ = iterated((replace(sample, observations=seen), state, told[2]), state, 1)
+    state, problem = told
+    seen = replace(problem.observations, cauchy=100 * PLAIN)
+    problem = replace(problem, observations=seen)
+    state = gauss_newton.update_residual_scale(replace(state, albedo=1.001 * state.albedo), problem)
+    found, _ = iterated((state, problem), state, 1)
     expected = np.zeros(len(state.normals))
     for pixels, sent in predict(
-        told[2], sample.geometry_at(TRUE_Z), sample.regions, state.normals, state.albedo, state.roughness
+        problem.transport, problem.geometry, problem.blocks, state.normals, state.albedo, state.roughness
     ):
         eps = seen.eps[pixels][:, None]
         logs = np.log((seen.radiance[pixels] + eps) / (sent.reshape(len(pixels), -1) + eps))

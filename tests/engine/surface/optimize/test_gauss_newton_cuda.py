@@ -9,8 +9,9 @@ import torch
 from engine.errors import SurfaceError
 from engine.geometry import angle_between, rays
 from engine.progress import Progress
-from engine.surface.data.observations import Observations, observe
+from engine.surface.data.observations import observe
 from engine.surface.optimize import gauss_newton, gauss_newton_cuda
+from engine.surface.optimize.gauss_newton import PixelProblem
 from engine.surface.rendering.area_lights import AreaLights
 from engine.surface.rendering.interreflection import radiance_of_hidden_patches
 from engine.surface.rendering.transport import (
@@ -51,9 +52,7 @@ def room(rng: np.random.Generator, mask: np.ndarray) -> IncidentLight:
     return IncidentLight(lattice, directions, energy, near)
 
 
-def scene() -> tuple[
-    gauss_newton.PixelEstimate, IncidentLight, SurfaceGeometry, list[np.ndarray], Observations
-]:
+def scene() -> tuple[gauss_newton.PixelEstimate, PixelProblem]:
     """A step with paint and metal on it, as the processor says it looks; and a start some degrees off."""
     rng = np.random.default_rng(2)
     mask = np.zeros((40, 48), bool)
@@ -85,27 +84,23 @@ def scene() -> tuple[
     assert (seen.row >= 0).any()
     off = gauss_newton.rotate_normals(normals[mask], rng.normal(0, 0.03, (count, 2)))
     start = gauss_newton.initial_estimate(off, albedo * rng.uniform(0.9, 1.1, albedo.shape), roughness + 0.03)
-    return start, light, geometry, parts, seen
+    walls = radiance_of_hidden_patches(geometry, light, seen.radiance)
+    transport = LightTransport(light, seen.radiance, True, True, "cpu", walls)
+    return start, PixelProblem(transport, geometry, parts, seen)
 
 
-def solvers(
-    light: IncidentLight, geometry: SurfaceGeometry, observations: Observations, device: str
-) -> tuple[LightTransport, LightTransport]:
-    walls = radiance_of_hidden_patches(geometry, light, observations.radiance)
-    here, there = (
-        LightTransport(light, observations.radiance, True, True, where, walls) for where in ("cpu", device)
-    )
-    return here, there
+def on(device: str, problem: PixelProblem) -> PixelProblem:
+    assert isinstance(problem.transport, LightTransport)
+    return replace(problem, transport=replace(problem.transport, device=device))
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_torchs_equations_are_the_kernels(device: str):
     """With lamps, walls, metal, light that differs within a block, views that are lost, and a rim that holds background."""
-    start, light, geometry, parts, seen = scene()
-    known = (x for x in solvers(light, geometry, seen, device))
+    start, problem = scene()
     here, there = (
-        gauss_newton.minimize(start, one, geometry, parts, seen, 1, Progress(), reset_scale=True)
-        for one in known
+        gauss_newton.minimize(start, on(where, problem), 1, Progress(), reset_scale=True)
+        for where in ("cpu", device)
     )
     np.testing.assert_allclose(there.residual_scale, here.residual_scale, rtol=2e-3)
     np.testing.assert_allclose(there.cost, here.cost, rtol=2e-3)
@@ -120,16 +115,15 @@ def test_torchs_path_and_the_cpus_agree_to_a_twentieth_of_a_degree(
     device: str, monkeypatch: pytest.MonkeyPatch
 ):
     """In more than one batch, and what stands before hidden directions summed some pixels at a time."""
-    start, light, geometry, parts, seen = scene()
-    monkeypatch.setattr(
-        gauss_newton_cuda, "ROWS", 2 * 2 * gauss_newton_cuda.LEANING * max(map(len, parts)) * CELLS
-    )
+    start, problem = scene()
+    parts = problem.blocks
+    monkeypatch.setattr(gauss_newton_cuda, "ROWS", 2 * 2 * 4 * max(map(len, parts)) * CELLS)
     monkeypatch.setattr(gauss_newton_cuda, "THROWN", 2**22)
     parts = [parts[0][:7], *parts[1:]]  # blocks are of many sizes; who is in none stays as he is
-    known = solvers(light, geometry, seen, device)
+    problem = replace(problem, blocks=parts)
     here, there = (
-        gauss_newton.minimize(start, one, geometry, parts, seen, 4, Progress(), reset_scale=True)
-        for one in known
+        gauss_newton.minimize(start, on(where, problem), 4, Progress(), reset_scale=True)
+        for where in ("cpu", device)
     )
     apart = np.degrees(angle_between(here.normals, there.normals))
     assert np.degrees(angle_between(here.normals, start.normals)).mean() > 1
@@ -143,26 +137,27 @@ def test_torchs_path_and_the_cpus_agree_to_a_twentieth_of_a_degree(
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_stretches_of_views_weigh_the_same(device: str):
-    start, light, geometry, parts, seen = scene()
-    state, *here = gauss_newton.hessians_by_view_group(
-        start, (known := solvers(light, geometry, seen, device))[0], geometry, parts, seen, 3, Progress()
-    )
-    other, *there = gauss_newton.hessians_by_view_group(start, known[1], geometry, parts, seen, 3, Progress())
+    start, problem = scene()
+    state, here = gauss_newton.hessians_by_view_group(start, problem, 3, Progress())
+    other, there = gauss_newton.hessians_by_view_group(start, on(device, problem), 3, Progress())
     np.testing.assert_allclose(other.residual_scale, state.residual_scale, rtol=2e-3)
-    for one, two in zip(here, there, strict=True):
+    for one, two in ((here.hessian, there.hessian), (here.gradient, there.gradient)):
         np.testing.assert_allclose(two, one, atol=2e-3 * np.abs(one).max())
 
 
 def test_nothing_hidden_and_one_light_for_all_is_the_same_too():
-    start, light, geometry, parts, seen = scene()
+    start, problem = scene()
+    assert isinstance(problem.transport, LightTransport)
+    light = problem.transport.incident
     at = light.probe_grid.points().mean(0)
     alone = ProbeGrid(at, at, (1, 1, 1))
     light = IncidentLight(alone, light.directions, light.energy[:1], AreaLights.none(VIEWS, CELLS))
-    geometry = replace(geometry, visibility=None, material=None)
-    known = (LightTransport(light, seen.radiance, False, False, device) for device in ("cpu", "cpu:0"))
+    geometry = replace(problem.geometry, visibility=None, material=None)
+    transport = LightTransport(light, problem.transport.photographed, False, False, "cpu")
+    problem = replace(problem, transport=transport, geometry=geometry)
     here, there = (
-        gauss_newton.minimize(start, one, geometry, parts, seen, 3, Progress(), reset_scale=True)
-        for one in known
+        gauss_newton.minimize(start, on(where, problem), 3, Progress(), reset_scale=True)
+        for where in ("cpu", "cpu:0")
     )
     assert np.degrees(angle_between(here.normals, there.normals)).mean() < 0.01
 
@@ -172,13 +167,11 @@ def test_nothing_hidden_and_one_light_for_all_is_the_same_too():
     [torch.OutOfMemoryError("CUDA out of memory"), RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED")],
 )
 def test_a_device_without_memory_says_what_to_do(error: RuntimeError, monkeypatch: pytest.MonkeyPatch):
-    start, light, geometry, parts, seen = scene()
+    start, problem = scene()
 
     def full(*_: object) -> None:
         raise error
 
     monkeypatch.setattr(gauss_newton_cuda, "rows_reference", full)
     with pytest.raises(SurfaceError, match=r"too little memory.*--device cpu"):
-        gauss_newton.minimize(
-            start, solvers(light, geometry, seen, "cpu:0")[1], geometry, parts, seen, 2, Progress()
-        )
+        gauss_newton.minimize(start, on("cpu:0", problem), 2, Progress())

@@ -9,7 +9,7 @@ from engine.progress import Progress
 from engine.surface.optimize import gauss_newton, material
 from engine.surface.reflectance.brdf import PAINT
 from engine.surface.rendering.object_pixels import ObjectPixels, observe_object, search_initial_normals
-from engine.surface.rendering.transport import IncidentLight, pixel_blocks
+from engine.surface.rendering.transport import IncidentLight
 from engine.types import Frames
 from tests.engine.surface.rendering.test_object_pixels import CAMERA, PARAMS, ball, light_of_lamps
 
@@ -61,13 +61,11 @@ def asked(
     made, albedo = halves(left, right)
     object_pixels = photographed(light, made, albedo, 0.5)
     object_pixels = replace(object_pixels, material=made) if known else object_pixels
-    geometry, parts = object_pixels.geometry_at_distance(0.5), pixel_blocks(object_pixels.mask)
-    transport = object_pixels.light_transport(light, PARAMS, "cpu")
+    geometry = object_pixels.geometry_at(0.5)
+    problem = object_pixels.problem(light, geometry, PARAMS, "cpu")
     state = search_initial_normals(object_pixels, light, geometry, PARAMS, Progress())
-    state = gauss_newton.update_residual_scale(state, transport, geometry, parts, object_pixels.observations)
-    state = gauss_newton.minimize(
-        state, transport, geometry, parts, object_pixels.observations, 6, Progress()
-    )
+    state = gauss_newton.update_residual_scale(state, problem)
+    state = gauss_newton.minimize(state, problem, 6, Progress())
     return material.classify(object_pixels, state, light, geometry, True, PARAMS, 0, Progress()), made
 
 

@@ -71,43 +71,33 @@ def test_metal_is_not_asked_what_paint_of_its_colour_expects():
 def solved():
     parts = parts_of_lamps(np.random.default_rng(9), False)
     sample, state, _ = sample_of(parts, np.ones((4, 3)))
-    transport = sample.light_transport(parts.with_gains(np.ones((4, 3))))
-    geometry = sample.geometry_at(TRUE_Z)
-    state = gauss_newton.update_residual_scale(
-        state, transport, geometry, sample.regions, sample.observations
-    )
-    return (
-        sample,
-        gauss_newton.minimize(state, transport, geometry, sample.regions, sample.observations, 2, Progress()),
-        transport,
-    )
+    problem = sample.problem(parts.with_gains(np.ones((4, 3))), TRUE_Z)
+    state = gauss_newton.update_residual_scale(state, problem)
+    return gauss_newton.minimize(state, problem, 2, Progress()), problem
 
 
 def test_another_expectation_is_as_if_the_state_had_been_evaluated_under_it(solved):
-    sample, state, transport = solved
+    state, problem = solved
     told = np.random.default_rng(1).uniform(0.1, 0.5, (len(state.normals), 2))
     now = with_roughness_prior(state, told)
     again = replace(state, roughness_prior=told, cost=np.full(len(told), np.inf))
-    again = gauss_newton.minimize(
-        again, transport, sample.geometry_at(TRUE_Z), sample.regions, sample.observations, 1, Progress()
-    )
+    again = gauss_newton.minimize(again, problem, 1, Progress())
     for name in ("cost", "hessian", "gradient"):
         np.testing.assert_allclose(getattr(now, name), getattr(again, name), rtol=2e-3, atol=1e-3)
 
 
 def test_a_pixel_far_off_begins_again_and_keeps_what_explains_better(solved, monkeypatch):
-    sample, truth, transport = solved
-    under = transport, sample.geometry_at(TRUE_Z), sample.regions, sample.observations
+    truth, problem = solved
     lost = np.arange(0, len(truth.normals), 4)
     lean = np.zeros((len(truth.normals), 2))
     lean[lost] = 0.2
     normals, roughness = gauss_newton.rotate_normals(truth.normals, lean), truth.roughness.copy()
     roughness[lost] = 1.0
     gone = gauss_newton.initial_estimate(normals, truth.albedo, roughness)
-    gone = gauss_newton.minimize(gauss_newton.update_residual_scale(gone, *under), *under, 1, Progress())
+    gone = gauss_newton.minimize(gauss_newton.update_residual_scale(gone, problem), problem, 1, Progress())
     told = np.column_stack([truth.roughness, np.full(len(roughness), 0.1)])
     monkeypatch.setattr(roughness_prior, "expected_roughness", lambda *_: told)
-    found = apply_roughness_prior(gone, *under, MASK, 8, Progress())
+    found = apply_roughness_prior(gone, problem, MASK, 8, Progress())
     assert (found.cost <= with_roughness_prior(gone, told).cost + 1e-9).all()
     assert np.abs(found.roughness - truth.roughness)[lost].max() < 0.05
     assert np.degrees(angle_between(found.normals, truth.normals))[lost].max() < 4.0  # of eleven

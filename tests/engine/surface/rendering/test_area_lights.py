@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from app.bench.baselines.flat import sorted_into_cells
 from engine.geometry import fibonacci_sphere, tangents
 from engine.surface.reflectance.brdf import rows
 from engine.surface.rendering.area_lights import AreaLights, cells_around
-from engine.surface.rendering.transport import direction_cells
+from engine.surface.rendering.transport import Block, LightModes, SurfaceGeometry, direction_cells
+from engine.surface.visibility.ray_visibility import SparseVisibility
 
 CELLS = 600
 RADIANCE = np.array([[[3.0, 2.0, 1.0]]], np.float32)
@@ -30,16 +32,21 @@ def over_its_disc(
     rays = up[:, None] * towards / distance + flat[:, None] * (
         np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     )
-    seen = np.ones((1, len(rays)), np.uint8)
-    both = rows(normal[None], np.array([roughness]), view[None], rays, seen, True, 0.0, made)
+    both = rows(normal[None], np.array([roughness]), view[None], rays, True, 0.0, made)
     return [x.mean() * 2 * np.pi * (1 - rim) for x in both]
+
+
+def lit(near: AreaLights, points: np.ndarray, views: np.ndarray, made: np.ndarray | None = None) -> Block:
+    """Points that see every lamp and nothing else."""
+    dark = LightModes(np.zeros((CELLS, 3)), np.zeros((0, CELLS, 3)), np.zeros((len(points), 0)))
+    return Block(SurfaceGeometry(points, views, None, made), dark, near.visible(points, None))
 
 
 def answer(
     near: AreaLights, point: np.ndarray, normal: np.ndarray, roughness: float, view: np.ndarray, made: np.ndarray | None = None
 ):  # fmt: skip
-    seen = near.visible(point[None], None)
-    both = near.each(point[None], view[None], normal[None, None], np.array([[roughness]]), seen, True, made)
+    block = lit(near, point[None], view[None], made)
+    both = block.each_lamp(near, normal[None, None], np.array([[roughness]]), True)
     return [float(x[0, 0, 0, 0]) for x in both]
 
 
@@ -83,9 +90,7 @@ def test_no_highlight_is_brighter_than_the_lobe_is_high():
     # Steep slopes and smooth paint: lamps that are half set, seen at a glance.
     tilt = rng.uniform(1.3, 1.6, 200)
     normals = np.stack([np.sin(tilt), 0 * tilt, -np.cos(tilt)], 1)
-    _, specular = near.each(
-        point, view, normals[None], np.full((1, 200), 0.2), near.visible(point, None), True
-    )
+    _, specular = lit(near, point, view).each_lamp(near, normals[None], np.full((1, 200), 0.2), True)
     distance = np.linalg.norm(centres[:, 0] - point, axis=1)
     sine = np.minimum(0.08 / distance, 0.99)
     a2 = 0.2**4 + sine**2 / 8
@@ -100,7 +105,8 @@ def test_what_hides_the_cells_around_a_lamp_hides_the_lamp():
     directions = direction_cells(CELLS)
     hidden = np.nonzero(directions[:, 0] > 0)[0].astype(np.int32)
     # The second point sees everything.
-    entries = np.array([0, len(hidden), len(hidden)]), hidden
+    start = np.array([0, len(hidden), len(hidden)])
+    entries = SparseVisibility(start, hidden, np.full_like(hidden, -1), np.zeros(2))
     points = np.zeros((2, 3))
     shares = [
         lamp(at).visible(points, entries)[:, 0, 0] for at in ((1.0, 0, 0.3), (-1.0, 0, 0.3), (0.01, 0.2, 1))
@@ -115,7 +121,7 @@ def test_the_cells_around_a_direction_have_it_for_their_mean():
     around, directions = cells_around(CELLS), direction_cells(CELLS)
     for at in rng.normal(size=(20, 3)) * 2:
         near = lamp((at[0], at[1], at[2]), 0.01)
-        cells = near.spread(np.zeros(3))[:, 0]
+        cells = sorted_into_cells(near, np.zeros(3))[:, 0]
         middle = cells @ directions
         assert middle @ at / np.linalg.norm(middle) / np.linalg.norm(at) > np.cos(np.radians(0.8))
     np.testing.assert_allclose(around.share.sum(-1), 1, rtol=1e-5)
@@ -124,7 +130,7 @@ def test_the_cells_around_a_direction_have_it_for_their_mean():
 def test_spread_light_is_radiance_times_solid_angle_wherever_the_point_is():
     near = lamp((0.4, 0.1, 1.0), 0.1)
     for point in (np.zeros(3), np.array([0.2, 0, 0.3])):
-        cells = near.spread(point)
+        cells = sorted_into_cells(near, point)
         distance = np.linalg.norm(near.centres[0, 0] - point)
         solid = 2 * np.pi * (1 - np.sqrt(1 - (0.1 / distance) ** 2))  # of a cap
         np.testing.assert_allclose(cells.sum(0), RADIANCE[0, 0] * solid, rtol=1e-4)
@@ -139,13 +145,12 @@ def test_the_sum_over_lamps_is_theirs_one_by_one():
     points = rng.normal(size=(4, 3)) * 0.1
     normals = -fibonacci_sphere(8).reshape(4, 2, 3)
     views, rough = np.tile([0.0, 0, -1], (4, 1)), rng.uniform(0.3, 0.8, (4, 2))
-    diffuse, specular = np.zeros((2, 4, 2, 15), np.float32)
-    seen = near.visible(points, None)
-    near.add(points, views, normals, rough, seen, True, diffuse, specular)
-    each = near.each(points, views, normals, rough, seen, True)
-    for total, unit in zip((diffuse, specular), each, strict=True):
+    both, block = np.zeros((2, 4, 2, 5, 3), np.float32), lit(near, points, views)
+    block.add_lamps(near, near.radiance, normals, rough, True, both)
+    each = block.each_lamp(near, normals, rough, True)
+    for total, unit in zip(both.reshape(2, 4, 2, 15), each, strict=True):
         expected = np.einsum("pknl,nlc->pknc", unit, radiance).reshape(4, 2, 15)
         np.testing.assert_allclose(total, expected, rtol=1e-5, atol=1e-7)
         np.testing.assert_allclose(near.shone(unit).reshape(4, 2, 15), expected, rtol=1e-5, atol=1e-7)
-    assert diffuse.max() > 0
+    assert both[0].max() > 0
     assert (each[0][:, :, 2, 1] == 0).all()

@@ -7,6 +7,7 @@ import pytest
 
 from engine.geometry import fibonacci_sphere, rays
 from engine.progress import Progress
+from engine.surface.data.observations import observe
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.area_lights import AreaLights
@@ -51,6 +52,12 @@ def stepped(incident: IncidentLight, albedo: np.ndarray | None) -> SurfaceGeomet
     points, normals = step()
     hidden = trace_occlusion(points, normals, MASK, incident.directions, Progress(), albedo=albedo)
     return SurfaceGeometry(points[MASK], -rays(CAMERA)[MASK], hidden)
+
+
+def blank_frames(views: int) -> Frames:
+    nothing = np.zeros((views, 48, 64), bool)
+    radiance = np.full((views, 48, 64, 3), SEEN, np.float32)
+    return Frames(tuple(map(str, range(views))), radiance, nothing, nothing, (1e-9, 1e-6))
 
 
 def known_to(geometry: SurfaceGeometry) -> SparseVisibility:
@@ -151,13 +158,16 @@ def test_only_pixels_near_the_foot_owe_much_of_their_light_to_the_wall():
     )
     _, normals = step()
     state = gauss_newton.initial_estimate(normals[MASK], np.full((COUNT, 3), 0.5), np.full(COUNT, 0.5))
-    share = hidden_light_fraction(state, transport, geometry, pixel_blocks(MASK)).reshape(48, 64)
+    seen = observe(blank_frames(1), MASK, np.arange(1), 0.02)
+    problem = gauss_newton.PixelProblem(transport, geometry, pixel_blocks(MASK), seen)
+    share = hidden_light_fraction(state, problem).reshape(48, 64)
     assert share[24, 34] > 0.1
     assert share[24, 60] < 0.1
     assert np.abs(share[:, UPPER]).max() < 1e-3
     assert (np.diff(share[24, 34:60]) < 1e-3).all()
     none = LightTransport(incident, photographed, False, True, "cpu")
-    assert not hidden_light_fraction(state, none, stepped(incident, None), pixel_blocks(MASK)).any()
+    problem = gauss_newton.PixelProblem(none, stepped(incident, None), pixel_blocks(MASK), seen)
+    assert not hidden_light_fraction(state, problem).any()
 
 
 def test_walls_that_were_not_lit_are_refused():
@@ -185,16 +195,10 @@ def test_neighbours_are_asked_under_the_same_walls_as_gauss_newton_is():
         for pixels, answer in predict(transport, geometry, parts, state.normals, albedo, state.roughness):
             picture[pixels] = answer.reshape(len(pixels), -1)
     radiance = picture.reshape(48, 64, views, 3).transpose(2, 0, 1, 3)
-    blank = np.zeros(radiance.shape[:3], bool)
-    frames = Frames(tuple(map(str, range(views))), radiance, blank, blank, (1e-9, 1e-6))
+    frames = replace(blank_frames(views), radiance=radiance)
     object_pixels = observe_object(frames, MASK, CAMERA, np.arange(views), params)
-    state = gauss_newton.update_residual_scale(
-        state,
-        object_pixels.light_transport(incident, params, "cpu", geometry),
-        geometry,
-        parts,
-        object_pixels.observations,
-    )
+    problem = object_pixels.problem(incident, geometry, params, "cpu")
+    state = gauss_newton.update_residual_scale(state, problem)
     again = geometry_with_visibility(
         object_pixels, state, points[..., 2], incident.directions, params, Progress()
     )

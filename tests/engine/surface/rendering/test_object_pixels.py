@@ -13,8 +13,11 @@ from app.bench.baselines.known_light import solve_and_expect_roughness
 from engine.errors import SurfaceError
 from engine.geometry import rays
 from engine.progress import Progress
-from engine.surface.data.observations import observe
-from engine.surface.data.pyramid import downsample, parent_index, upsample_estimate
+from engine.surface.data.observations import observe, parent_index
+from engine.surface.data.scene import Picture, Scene
+from engine.surface.estimate import Estimate, known
+from engine.surface.lighting.distance_search import Distance
+from engine.surface.lighting.room_light import RoomLight
 from engine.surface.optimize import gauss_newton
 from engine.surface.params import BOUNDS, OR_NONE, SurfaceParams
 from engine.surface.rendering.area_lights import AreaLights
@@ -36,7 +39,7 @@ from engine.surface.rendering.transport import (
     probe_grid_around,
 )
 from engine.surface.visibility.ray_visibility import trace_occlusion
-from engine.types import Camera, Frames
+from engine.types import Camera, Emitters, Frames, Gaussians, Lamps, Poses
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 
@@ -104,9 +107,7 @@ def test_solver_undoes_its_own_pictures(device: str):
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
     object_pixels = observe_object(frames, mask, CAMERA, np.arange(24), PARAMS)
-    state = search_initial_normals(
-        object_pixels, light, object_pixels.geometry_at_distance(0.5), PARAMS, Progress()
-    )
+    state = search_initial_normals(object_pixels, light, object_pixels.geometry_at(0.5), PARAMS, Progress())
     for _ in range(2):
         geometry = geometry_with_visibility(
             object_pixels,
@@ -136,7 +137,7 @@ def test_robust_weights_forgive_a_few_false_views(robust: bool):
         truth, np.tile([0.6, 0.4, 0.3], (len(truth), 1)), np.full(len(truth), 0.45)
     )
     state = solve_and_expect_roughness(
-        object_pixels, state, light, object_pixels.geometry_at_distance(0.5), params, "cpu", Progress()
+        object_pixels, state, light, object_pixels.geometry_at(0.5), params, "cpu", Progress()
     )
     error = np.degrees(np.arccos(np.clip((state.normals * truth).sum(1), -1, 1)))
     assert (np.median(error) < 1) == robust
@@ -148,7 +149,7 @@ def test_points_lie_where_the_depth_has_them():
     frames, mask = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 300))
     object_pixels = observe_object(frames, mask, CAMERA, np.arange(8), PARAMS)
     points = ball()[2]
-    seen = object_pixels.geometry_of_depth(np.where(mask, points[..., 2], 0.0))
+    seen = object_pixels.geometry_at(points[mask][:, 2])
     np.testing.assert_allclose(seen.points, points[mask])
     assert seen.visibility is None
 
@@ -156,7 +157,8 @@ def test_points_lie_where_the_depth_has_them():
 def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_its_pixels():
     rng = np.random.default_rng(2)
     frames, mask = pictures_of_a_ball(rng, 8, light_of_lamps(rng, 8, 400))
-    fewer, small, camera = downsample(frames, mask, CAMERA)
+    half = Picture(frames, mask, CAMERA).downsampled()
+    fewer, small, camera = half.frames, half.mask, half.camera
     assert fewer.radiance.shape == (8, 24, 32, 3)
     assert (camera.width, camera.fx) == (32, 30.0)
     inner = small & (mask[::2, ::2] & mask[1::2, ::2] & mask[::2, 1::2] & mask[1::2, 1::2])
@@ -167,32 +169,45 @@ def test_halved_pictures_hold_the_means_of_the_object_and_give_a_start_for_all_i
         np.tile([0.0, 0.0, -1.0], (len(where), 1)), where[:, [0, 1, 1]] / 64, where[:, 0] / 24
     )
     params, some = SurfaceParams(), np.arange(8)
-    half = observe_object(fewer, small, camera, some, params)
-    towards = direction_cells(200)
-    flat = half.geometry_at_distance(0.5)
+    pixels = half.pixels(some, params)
+    flat = pixels.geometry_at(0.5)
     ball = image(small, flat.points) - np.array([0, 0, 0.1])
-    hidden = trace_occlusion(ball, image(small, -half.rays), small, towards, Progress())
-    known = SurfaceGeometry(flat.points, flat.views, hidden)
-    whole = observe_object(frames, mask, CAMERA, some, params)
+    hidden = trace_occlusion(ball, image(small, -pixels.rays), small, direction_cells(200), Progress())
     made = np.stack([np.full(len(where), 0.5), np.arange(len(where)) % 2], 1)
-    half = replace(half, material=made)
-    object_pixels, full, depth, geometry = upsample_estimate(whole, half, state, known, 0.5, Progress())
-    assert object_pixels.material is not None
-    np.testing.assert_array_equal(object_pixels.material, made[parent_index(small, mask)])
-    assert geometry.material is object_pixels.material
+    now = Estimate(
+        1, some, replace(pixels, material=made), no_room(), Distance(0.5, 0.0, "given"),
+        replace(flat, visibility=hidden), state,
+    )  # fmt: skip
+    whole = Picture(frames, mask, CAMERA)
+    poses = Poses(CAMERA, np.tile(np.eye(3, 4), (8, 1, 1)), np.ones(8, bool), np.zeros((0, 3)), "given", 0.0)
+    scene = Scene(whole, (whole, half), poses, some, some, some[:0], params, "cpu", 0)
+    found = now.upsampled(scene, Progress())
+    material, index = found.object_pixels.material, parent_index(small, mask)
+    assert material is not None
+    np.testing.assert_array_equal(material, made[index])
+    assert found.geometry.material is material
     row = np.nonzero(mask)[0]
-    assert np.abs(full.roughness * 24 - row // 2).max() <= 1
-    np.testing.assert_allclose(geometry.points[:, 2], depth[mask])
-    assert depth[mask].mean() == pytest.approx(0.5, rel=1e-3)
+    assert np.abs(known(found.state).roughness * 24 - row // 2).max() <= 1
+    np.testing.assert_allclose(found.geometry.points[:, 2], known(found.depth)[mask])
+    assert known(found.depth)[mask].mean() == pytest.approx(0.5, rel=1e-3)
     # What hides the room from a pixel of half the size does so from all four, and is one of what it was made of.
-    index, found = parent_index(small, mask), geometry.visibility
-    assert found is not None
+    seen = found.geometry.visibility
+    assert seen is not None
     assert len(hidden.direction)
     for p in range(0, len(index), 7):
-        of, own = slice(*hidden.start[index[p] : index[p] + 2]), slice(*found.start[p : p + 2])
-        np.testing.assert_array_equal(found.direction[own], hidden.direction[of])
-        behind = found.occluder[own]
+        of, own = slice(*hidden.start[index[p] : index[p] + 2]), slice(*seen.start[p : p + 2])
+        np.testing.assert_array_equal(seen.direction[own], hidden.direction[of])
+        behind = seen.occluder[own]
         np.testing.assert_array_equal(np.where(behind >= 0, index[behind], -1), hidden.occluder[of])
+
+
+def no_room() -> RoomLight:
+    """No emitters, no cameras: nothing that an estimate needs in order to be enlarged."""
+    none, nobody = np.zeros((0, 3)), np.zeros(0, bool)
+    nothing = Gaussians(none, np.zeros((0, 4)), none, np.zeros(0), none[:, None])
+    emitters = Emitters(nothing, Lamps(none, np.zeros(0), none, nobody), 0)
+    poses = Poses(CAMERA, np.zeros((0, 3, 4)), nobody, none, "given", 0.0)
+    return RoomLight(emitters, poses, np.zeros(0, int), np.zeros(0, np.uint8), np.zeros(0), 0.0, 0.0, 0.0)
 
 
 def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
@@ -211,13 +226,14 @@ def test_a_step_hides_the_sky_beside_it_and_names_what_hides_it():
     assert share[24, 33] > 0.03
     assert share[24, 60] < 0.3 * share[24, 33]
     assert share[24, 5] < 1e-3
-    start, direction, source = hidden.of(np.array([24 * 64 + 33]))
-    assert start[-1] == len(direction)
+    one = hidden.part(np.array([24 * 64 + 33]))
+    direction, source = one.direction, one.occluder
+    assert one.start[-1] == len(direction)
     above = directions[direction][:, 2] < 0
     assert (directions[direction][above, 0] < 0).mean() > 0.9
     assert ((source[above] % 64) <= 33).all()
     # Just below the horizon of flat ground there is ground.
-    _, direction, _ = hidden.of(np.array([24 * 64 + 16]))
+    direction = hidden.part(np.array([24 * 64 + 16])).direction
     below = np.flatnonzero((directions[:, 2] > 0.2) & (directions[:, 2] < 0.5))
     assert np.isin(below, direction).all()
     assert not (directions[direction][:, 2] > 0.5).any()
@@ -259,9 +275,9 @@ def test_every_pixel_of_a_block_answers_the_light_at_its_own_place():
     geometry = SurfaceGeometry(points[mask], -rays(CAMERA)[mask], None)
     transport = LightTransport(light, np.zeros((int(mask.sum()), 15), np.float32), True, False, "cpu")
     pixels = max(pixel_blocks(mask), key=len)
-    leaning, rough, _ = gauss_newton.perturbed(normals[mask][pixels], np.full(len(pixels), 0.3))
+    leaning, rough = gauss_newton.perturbed(normals[mask][pixels], np.full(len(pixels), 0.3))
     together = transport.block(geometry, pixels)
-    assert 0 < len(together.light_modes) < len(lattice.points()) / 2
+    assert 0 < len(together.light.modes) < len(lattice.points()) / 2
 
     def sent(block, some) -> np.ndarray:
         diffuse, specular = transport(block, leaning[some], rough[some])
@@ -270,7 +286,7 @@ def test_every_pixel_of_a_block_answers_the_light_at_its_own_place():
     alone = np.concatenate([sent(transport.block(geometry, pixels[[i]]), [i]) for i in range(len(pixels))])
     everyone = np.arange(len(pixels))
     off, by_the_mean = (
-        np.abs(sent(block, everyone) / alone - 1) for block in (together, together.under(together.energy))
+        np.abs(sent(block, everyone) / alone - 1) for block in (together, together.under(together.light.mean))
     )
     assert off.mean() < 0.003 < 0.02 < by_the_mean.mean()
     np.testing.assert_allclose(
@@ -283,9 +299,9 @@ def test_pixels_at_one_place_share_one_light_and_no_ways_it_differs():
     lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
     light = light_that_varies(lattice, 2, 200)
     point = points[mask][:1]
-    energy, ways, apart = light.among(np.repeat(point, 9, 0))
-    assert len(ways) == apart.shape[1] == 0
-    np.testing.assert_allclose(energy, light.at(point[0]), rtol=1e-6)
+    told = light.among(np.repeat(point, 9, 0))
+    assert len(told.modes) == told.coefficients.shape[1] == 0
+    np.testing.assert_allclose(told.mean, light.at(point[0]), rtol=1e-6)
 
 
 def test_a_rim_s_pixels_know_what_is_beside_them_unless_it_is_dark():

@@ -10,7 +10,7 @@ from engine.progress import Progress
 from engine.results.metrics import NORMAL_BAND
 from engine.surface.optimize import gauss_newton
 from engine.surface.rendering.object_pixels import ObjectPixels, observe_object
-from engine.surface.rendering.transport import IncidentLight, pixel_blocks
+from engine.surface.rendering.transport import IncidentLight
 from engine.surface.uncertainty.standard_errors import (
     LightVariance,
     formal,
@@ -33,16 +33,11 @@ VIEWS = 48
 def at_the_truth(object_pixels: ObjectPixels, light: IncidentLight, roughness: float):
     """The ball's normals; its state there, spread measured; and what the solver asks besides a state."""
     truth, count = ball()[1][object_pixels.mask], len(object_pixels.observations.eps)
-    under = (
-        object_pixels.light_transport(light, PARAMS, "cpu"),
-        object_pixels.geometry_at_distance(0.5),
-        pixel_blocks(object_pixels.mask),
-        object_pixels.observations,
-    )
+    problem = object_pixels.problem(light, object_pixels.geometry_at(0.5), PARAMS, "cpu")
     state = gauss_newton.initial_estimate(
         truth, np.tile([0.6, 0.4, 0.3], (count, 1)), np.full(count, roughness)
     )
-    return truth, gauss_newton.update_residual_scale(state, *under), under
+    return truth, gauss_newton.update_residual_scale(state, problem), problem
 
 
 def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -56,19 +51,19 @@ def judged(together: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     tilt = np.exp(0.08 * rng.normal(size=(VIEWS // together, *mask.shape)).repeat(together, 0))
     radiance = (frames.radiance * (off[:, None, None] * tilt)[..., None]).astype(np.float32)
     object_pixels = observe_object(replace(frames, radiance=radiance), mask, CAMERA, np.arange(VIEWS), PARAMS)
-    truth, state, under = at_the_truth(object_pixels, light, 0.45)
+    truth, state, problem = at_the_truth(object_pixels, light, 0.45)
     for _ in range(2):
-        state = gauss_newton.minimize(state, *under, 6, Progress())
-        state = gauss_newton.update_residual_scale(state, *under)
+        state = gauss_newton.minimize(state, problem, 6, Progress())
+        state = gauss_newton.update_residual_scale(state, problem)
     error = np.arccos(np.clip((state.normals * truth).sum(1), -1, 1))
     variances = {
         "formal": formal(state.hessian, state.residual_scale),
-        "jackknife": jackknife(state, *under, Progress())[1],
+        "jackknife": jackknife(state, problem, Progress())[1],
     }
     return {
         name: (
             error,
-            standard_errors(state, v, object_pixels.observations, under[1], np.zeros(len(v))).normal,
+            standard_errors(state, v, object_pixels.observations, problem.geometry, np.zeros(len(v))).normal,
         )
         for name, v in variances.items()
     }
@@ -95,11 +90,11 @@ def test_stretches_sum_to_the_whole_system() -> None:
     rng = np.random.default_rng(0)
     light = light_of_lamps(rng, 24, 400)
     frames, mask = pictures_of_a_ball(rng, 24, light)
-    _, state, under = at_the_truth(observe_object(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
-    state = gauss_newton.minimize(state, *under, 1, Progress())
-    _, system, slope = gauss_newton.hessians_by_view_group(state, *under, 5, Progress())
+    _, state, problem = at_the_truth(observe_object(frames, mask, CAMERA, np.arange(24), PARAMS), light, 0.5)
+    state = gauss_newton.minimize(state, problem, 1, Progress())
+    _, groups = gauss_newton.hessians_by_view_group(state, problem, 5, Progress())
     # The kernel's own arithmetic is that of single precision.
-    system, slope = gauss_newton.eliminate_last(system.sum(1), slope.sum(1))
+    system, slope = gauss_newton.eliminate_last(groups.hessian.sum(1), groups.gradient.sum(1))
     np.testing.assert_allclose(system, state.hessian, rtol=1e-4, atol=1e-4 * np.abs(state.hessian).max())
     np.testing.assert_allclose(slope, state.gradient, rtol=1e-4, atol=1e-4 * np.abs(state.gradient).max())
 

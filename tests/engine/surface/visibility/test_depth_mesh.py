@@ -6,7 +6,7 @@ import pytest
 from engine.geometry import rays
 from engine.progress import Progress
 from engine.surface.rendering.transport import direction_cells
-from engine.surface.visibility.depth_mesh import LEAST, depth_mesh, halves, widths
+from engine.surface.visibility.depth_mesh import depth_mesh, halves, widths
 from engine.surface.visibility.hidden_surfaces import faces_of
 from engine.surface.visibility.ray_visibility import trace_occlusion
 from engine.types import Camera
@@ -70,7 +70,7 @@ def test_a_wires_sides_end_half_as_far_back_as_it_is_wide(wide: int, wall: bool)
     sides = ((u >= 30) & (u < 30 + wide)).all(1) & (mesh.triangles >= mask.sum()).any(1)
     assert sides.sum() >= 2 * 47 * (2 if wide > 1 else 1)
     ends = mesh.vertices[mesh.triangles[sides]][..., 2].max(1)
-    deep = max(wide * np.sqrt(2) / 2, LEAST)
+    deep = max(wide * np.sqrt(2) / 2, 2.0)
     assert ends.max() <= NEAR * (1 + PITCH * deep) + 1e-9
     assert ends.max() > NEAR * (1 + PITCH * min(wide / 2, deep)) - 1e-9
 
@@ -102,7 +102,7 @@ def test_light_comes_in_behind_a_wire_but_not_behind_a_block() -> None:
     for name, (first, last, far) in {"wire": (30, 33, FAR), "block": (22, 64, FAR)}.items():
         points, normals = strip(first, last, far)
         found = trace_occlusion(points, normals, MASK, CELLS, Progress())
-        seen[name] = way not in found.of(np.array([pixel]))[1]
+        seen[name] = way not in found.part(np.array([pixel])).direction
     assert seen == {"wire": True, "block": False}
 
 
@@ -113,8 +113,8 @@ def test_the_back_of_a_wire_is_its_mirror_image_and_is_lit_as_a_wall_is() -> Non
     albedo = np.broadcast_to(albedo, (48, 64, 3))[MASK]
     found = trace_occlusion(points, normals, MASK, CELLS, Progress(), albedo=albedo)
     assert found.hidden_surfaces is not None
-    _, directions, sources = found.of(np.array([24 * 64 + 26]))
-    backs = sources - MASK.sum()
+    one = found.part(np.array([24 * 64 + 26]))
+    backs = one.occluder - MASK.sum()
     away = found.hidden_surfaces.normals[:, 2] > 0.9
     met = backs[(backs >= 0)]
     met = met[away[met]]
@@ -122,4 +122,4 @@ def test_the_back_of_a_wire_is_its_mirror_image_and_is_lit_as_a_wall_is() -> Non
     np.testing.assert_allclose(found.hidden_surfaces.albedo[met], 0.7)
     z = found.hidden_surfaces.points[met, 2]
     assert ((z > NEAR) & (z < NEAR * (1 + 10 * PITCH))).all()
-    assert (CELLS[directions] @ [0, 0, -1] > -0.5).all()
+    assert (CELLS[one.direction] @ [0, 0, -1] > -0.5).all()

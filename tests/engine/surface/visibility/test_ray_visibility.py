@@ -72,10 +72,10 @@ def test_what_hides_is_seen_only_where_its_own_normal_looks_that_way() -> None:
     turned[points[..., 0] > 0] = normals[points[..., 0] < 0][0]
     doubted = trace_occlusion(points, turned, mask, CELLS, Progress(), albedo=albedo)
     for pixel in index[100, 21:30:2]:
-        hidden = [one.of(np.array([pixel])) for one in (known, doubted)]
-        np.testing.assert_array_equal(hidden[0][1], hidden[1][1])
-        ahead = CELLS[hidden[0][1]] @ normals[mask][pixel] > 0.05
-        seen, unknown = (one[2][ahead] for one in hidden)
+        hidden = [one.part(np.array([pixel])) for one in (known, doubted)]
+        np.testing.assert_array_equal(hidden[0].direction, hidden[1].direction)
+        ahead = CELLS[hidden[0].direction] @ normals[mask][pixel] > 0.05
+        seen, unknown = (one.occluder[ahead] for one in hidden)
         assert (points[mask][seen, 0] > 0).all()
         assert (unknown == -1).all()
 
