@@ -40,6 +40,8 @@ class MapsBar(QFrame):
     arranged = Signal(int)  # panels
     save_wanted = Signal()
     copy_wanted = Signal()
+    scale_wanted = Signal()
+    mark_wanted = Signal()
     refresh_wanted = Signal()
 
     def __init__(self, parent: QWidget, viewport: Viewport) -> None:
@@ -206,6 +208,7 @@ class MapsBar(QFrame):
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
             (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Measure, set scale…"), "D", self.scale_wanted.emit),
             (self.tr("Save picture…"), "Ctrl+Shift+S", self.save_wanted.emit),
             (self.tr("Copy picture"), "Ctrl+Shift+C", self.copy_wanted.emit),
         ):
@@ -221,6 +224,7 @@ class MapsBar(QFrame):
             (self.tr("Brighter"), "E", lambda: self.ev.setValue(self.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.ev.setValue(self.ev.value() - 1)),
             (self.tr("Exposure 0"), "Shift+0", lambda: self.ev.setValue(0)),
+            (self.tr("Mark a point to measure"), "M", self.mark_wanted.emit),
             (self.tr("Look for new results"), "F5", self.refresh_wanted.emit),
         ):
             self._action(page, text, keys, call)
