@@ -40,7 +40,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), _produce("export"), reads=_export_inputs,
+            "export", 9, ExportParams(), ("hdr", "segment", "poses", "surface"), _produce("export"), reads=_export_inputs,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
