@@ -40,6 +40,7 @@ class MapsBar(QFrame):
     arranged = Signal(int)  # panels
     save_wanted = Signal()
     copy_wanted = Signal()
+    name_wanted = Signal()
     scale_wanted = Signal()
     mark_wanted = Signal()
     refresh_wanted = Signal()
@@ -208,6 +209,7 @@ class MapsBar(QFrame):
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
             (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Name this run…"), "F2", self.name_wanted.emit),
             (self.tr("Measure, set scale…"), "D", self.scale_wanted.emit),
             (self.tr("Save picture…"), "Ctrl+Shift+S", self.save_wanted.emit),
             (self.tr("Copy picture"), "Ctrl+Shift+C", self.copy_wanted.emit),

@@ -8,6 +8,7 @@ from pathlib import Path
 from PySide6.QtGui import QGuiApplication, QUndoStack
 from PySide6.QtWidgets import (
     QFileDialog,
+    QInputDialog,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -94,6 +95,7 @@ class MapsPage(QWidget):
         self.bar.save_wanted.connect(self.save_picture)
         self.bar.copy_wanted.connect(self.copy_picture)
         self.bar.refresh_wanted.connect(self.refresh)
+        self.bar.name_wanted.connect(self._ask_name)
         self.bar.scale_wanted.connect(self.scale.open)
         self.bar.mark_wanted.connect(self.scale.mark)
         for view in self.findChildren(ImageView):
@@ -179,6 +181,21 @@ class MapsPage(QWidget):
         name, image = self.pane.image()
         if image is not None:
             QGuiApplication.clipboard().setImage(image.copy())
+
+    def _ask_name(self) -> None:
+        if self._maps is None:
+            return
+        run = self._maps.run
+        name, agreed = QInputDialog.getText(
+            self,
+            self.tr("Name this run"),
+            self.tr("Name; empty: told by preset and what changed"),
+            text=run.name,
+        )
+        if agreed:
+            self._background.ask(
+                "name", lambda: runs.rename(run, name), lambda answer: self.refresh(), self._tell
+            )
 
     # What arrives
 
@@ -346,6 +363,6 @@ class MapsPage(QWidget):
         tell(self._shell, self, fault)
 
 
-def _parts(run: Run) -> tuple[str, frozenset[str]]:
-    """A run and what of it is there."""
-    return run.fingerprint, frozenset(run.records)
+def _parts(run: Run) -> tuple[str, frozenset[str], str]:
+    """A run, what of it is there, and its name."""
+    return run.fingerprint, frozenset(run.records), run.name

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QImage
-from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QFileDialog, QWidget
+from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QFileDialog, QInputDialog, QWidget
 from pytestqt.qtbot import QtBot
 
 from app.inspect import maps, runs
@@ -468,3 +468,13 @@ def test_a_scale_given_on_the_command_line_is_shown_without_a_new_run(
     measured.refresh()
     until(qtbot, lambda: measured.scale.said.text() == "50 mm apart")
     assert measured.scale.remove.isVisible()
+
+
+def test_a_run_is_named_and_its_box_says_so(
+    page: MapsPage, two_runs: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown(page, two_runs, qtbot)
+    monkeypatch.setattr(QInputDialog, "getText", lambda *_, **__: ("curtain drawn", True))
+    page.bar.name_wanted.emit()
+    until(qtbot, lambda: page.bar.run_box.currentText() == "curtain drawn")
+    assert "curtain drawn" not in page.bar.run_box.itemText(1)
