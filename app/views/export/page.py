@@ -156,9 +156,8 @@ class ExportPage(QWidget):
         self.target.activated.connect(lambda row: self._choose(self.target.itemData(row)))
         name = QLabel(self.tr("&Program"))
         name.setBuddy(self.target)
-        greens.insertWidget(0, name)
-        greens.insertWidget(1, self.target)
-        greens.insertSpacing(2, 20)
+        for part in (name, self.target):
+            top.insertWidget(top.count() - 1, part)
 
         self.to = QLineEdit()
         self.to.setAccessibleName(self.tr("Folder to write to"))

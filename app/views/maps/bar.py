@@ -25,10 +25,6 @@ from app.views.pictures.viewport import Viewport
 
 EV_STEPS = 3  # of the slider, per stop
 EV_RANGE = 6
-# Buttons of which one is down, told apart by more than a shade; colours are the palette's.
-SEGMENT = """QToolButton { padding: 3px 10px; border: 1px solid palette(mid); border-radius: 3px; }
-QToolButton:checked { background: palette(highlight); color: palette(highlighted-text); }
-QToolButton:focus { border-color: palette(highlight); }"""
 
 
 class MapsBar(QFrame):
@@ -65,7 +61,7 @@ class MapsBar(QFrame):
             button.setAccessibleName(text)
             button.setCheckable(True)
             button.setAutoExclusive(True)
-            button.setStyleSheet(SEGMENT)
+            button.setObjectName("segment")
             button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             button.clicked.connect(lambda checked, mode=mode: self.mode_picked.emit(mode))
             row.addWidget(button)
@@ -96,7 +92,8 @@ class MapsBar(QFrame):
         self.ev = QSlider(Qt.Orientation.Horizontal)
         self.ev.setRange(-EV_RANGE * EV_STEPS, EV_RANGE * EV_STEPS)
         self.ev.setPageStep(EV_STEPS)
-        self.ev.setFixedWidth(100)
+        self.ev.setMinimumWidth(44)
+        self.ev.setMaximumWidth(100)
         self.ev.setAccessibleName(self.tr("Exposure"))
         self.ev.setToolTip(
             self.tr("Exposure of photographs and re-renderings, in stops (E, Shift+E; Shift+0 resets)")

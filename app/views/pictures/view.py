@@ -121,7 +121,7 @@ class ImageView(Pane):
             image_paint.swipe(painter, edge, room, ours, self.labels)
         if self.hasFocus():
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(ours.accent), 1))
+            painter.setPen(QPen(QColor(ours.focus), 2))
             painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
 
     # Mouse, wheel, keys
