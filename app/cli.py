@@ -78,6 +78,11 @@ def _parser() -> argparse.ArgumentParser:
         help="leave these photographs out, by name or number, as in 3,17, now and in later runs; none puts all back",
     )  # fmt: skip
     process.add_argument(
+        "--scale", type=_scale, metavar="X,Y,X,Y=LENGTH",
+        help="the true distance of two points of the object, as in 120,80,300.5,82=150mm: pixels of the photographs as they stand"
+        " upright, from the upper left corner; now and in later runs; none removes it",
+    )  # fmt: skip
+    process.add_argument(
         "--until", metavar="STAGE",
         help="stop after this stage; with --preset auto an error of the normals that suffices, as 0.5deg",
     )  # fmt: skip
@@ -413,6 +418,24 @@ def _names(text: str) -> tuple[str, ...]:
 def _words(text: str) -> tuple[str, ...]:
     """Words with commas between; the word none is no word."""
     return tuple(word.strip() for word in text.split(",") if word.strip()) if text != "none" else ()
+
+
+def _scale(text: str) -> tuple[float, ...]:
+    """x and y of two points, and the metres between them; the word none is no scale."""
+    if text == "none":
+        return ()
+    places, _, length = text.partition("=")
+    number = length.rstrip("cm")
+    try:
+        points = tuple(float(part) for part in places.split(","))
+        metres = float(number) * {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[length[len(number) :]]
+    except (ValueError, KeyError):
+        points, metres = (), 0.0
+    if len(points) != 4:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no scale; write X,Y,X,Y=LENGTH, as in 120,80,300.5,82=150mm (mm, cm or m), or none"
+        )
+    return *points, metres
 
 
 def _add_session(parser: argparse.ArgumentParser) -> None:

@@ -78,6 +78,8 @@ def run_plan(args: Namespace) -> int:
 def run_process(args: Namespace) -> int:
     if args.without is not None:
         leave_out(args.session, args.without)
+    if args.scale is not None:
+        set_scale(args.session, args.scale)
     if args.preset == AUTO:
         verdict = process_auto(args)
     elif args.budget is not None:
@@ -106,6 +108,24 @@ def leave_out(folder: Path, words: Sequence[str]) -> None:
     names = {meant[word] for word in words}
     left_out.write(opened, names, views)
     print(f"left out: {', '.join(name for name in views if name in names) or 'none'}")
+
+
+def set_scale(folder: Path, given: tuple[float, ...]) -> None:
+    """x and y of two points of the upright photographs and the metres between them, from now on; nothing: no longer known."""
+    from engine.io import scale_edit, session
+    from engine.orientation import size
+    from engine.scale_bar import ScaleBar
+
+    opened = session.open_session(folder)
+    if not given:
+        scale_edit.write(opened, None)
+        print("scale: none")
+        return
+    ax, ay, bx, by, metres = given
+    camera = opened.facts["camera"]
+    upright = size((camera["width"], camera["height"]), opened.orientation)
+    scale_edit.write(opened, ScaleBar(((ax, ay), (bx, by)), upright, metres))
+    print(f"scale: {1000 * metres:g} mm from {ax:g}, {ay:g} to {bx:g}, {by:g}")
 
 
 def process_auto(args: Namespace) -> "Quality | None":

@@ -6,6 +6,7 @@ import ctypes
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -66,14 +67,16 @@ def die_with_starter() -> None:
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
-def stand_back(nice: int) -> None:
-    """Let whoever else wants a core have it first; for a process in a session of its own.
+NICE = 5
+"""A third of the weight of a program that does not stand back (sched(7))."""
 
-    Linux divides its cores among sessions before it looks at the niceness of processes, and only the session's own
-    niceness counts between them (sched(7), "The autogroup feature").
+
+def stand_back() -> None:
+    """Let the window have a core the moment it asks for one; beside other programs this thread and those it starts keep a fair share.
+
+    A batch thread never interrupts who is at work when it wakes up (sched(7), SCHED_BATCH). The niceness of the session is
+    left alone: it would count against every program of the machine.
     """
-    if not nice:
-        return
-    os.nice(nice)
-    with contextlib.suppress(OSError):  # a kernel without the feature needs nothing more
-        Path("/proc/self/autogroup").write_text(str(nice))
+    os.nice(NICE)
+    if sys.platform == "linux":
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from app.auto import Rung
+from app.scaling import rescaled
 from app.state import called
 from engine.errors import SessionError
 from engine.hdr.merge import HdrReport
@@ -116,6 +117,8 @@ def write_report(
     session = sessions.open_session(folder)
     there = _there(tuple(steps.values()), session.orientation)
     frames, poses = there("hdr", "frames", Frames), there("poses", "poses", Poses)
+    surface, gaussians = there("surface", "surface", Surface), there("light", "gaussians", Gaussians)
+    by, (surface, poses, gaussians) = rescaled(folder, surface, poses, gaussians)
     renders = there("surface", "renders", ValidationRenders)
     view = stage_functions.middle_view(poses) if poses is not None else 0
     scores = evaluate(folder, truth) if truth is not None and steps["surface"].done else None
@@ -126,19 +129,20 @@ def write_report(
             when=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
             names=tuple(shot.name for shot in sessions.shots(session)),
             photograph=None if frames is None else np.asarray(frames.radiance[view]),
-            surface=there("surface", "surface", Surface),
+            surface=surface,
             renders=renders,
             held_out=None if frames is None or renders is None else frames.radiance[list(renders.views)],
             panorama=there("export", "panorama", Panorama),
             grounds=there("export", "grounds", LightProvenance),
             poses=poses,
-            gaussians=there("light", "gaussians", Gaussians),
+            gaussians=gaussians,
             hdr=there("hdr", "report", HdrReport),
             stages=tuple(_stage_run(step) for step in steps.values() if step.done),
             evaluation=None if scores is None else flat(scores),
             truth=None if truth is None else _upright(read_truth(truth), session.orientation),
             exported=_exported(steps["export"]),
             left_out=left_out.read(session),
+            per_unit=by,
             notes=sessions.notes(session),
         )
     )
@@ -169,12 +173,14 @@ def cautions(folder: Path) -> tuple[str, ...]:
     """What to be careful about in the results that are there, in sentences."""
     steps, session = steps_of(folder), sessions.open_session(folder)
     there = _there(steps, session.orientation)
+    surface, poses = there("surface", "surface", Surface), there("poses", "poses", Poses)
+    _, (_, poses) = rescaled(folder, surface, poses)
     return report.cautions(
         report.Contents(
             title="",
             when="",
             names=tuple(shot.name for shot in sessions.shots(session)),
-            poses=there("poses", "poses", Poses),
+            poses=poses,
             panorama=there("export", "panorama", Panorama),
             grounds=there("export", "grounds", LightProvenance),
             hdr=there("hdr", "report", HdrReport),

@@ -69,6 +69,10 @@ class Masks:
         return Masks(self.object, self.background[index])
 
 
+METRIC = ("rig", "board", "scale bar")
+"""What makes a scene unit a metre."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
     """Stage *poses*'s answer. Rows of unregistered views hold NaN and `registered` is False there."""
@@ -77,8 +81,13 @@ class Poses:
     cam_from_world: Float[np.ndarray, "n 3 4"]  # float64, x_cam = R x_world + t
     registered: Bool[np.ndarray, " n"]
     points: Float[np.ndarray, "m 3"]  # sparse points, world frame; may be empty
-    scale: str  # "rig" | "board" | "given" | "unknown": what fixes the length of one scene unit
+    scale: str  # "rig" | "board" | "scale bar" | "given" | "unknown": what fixes the length of one scene unit
     reprojection_px: float  # mean over all observations; NaN when poses were given
+
+    @property
+    def metric(self) -> bool:
+        """Whether a scene unit is a metre."""
+        return self.scale in METRIC
 
     def among(self, index: Int[np.ndarray, " n"], count: int) -> "Poses":
         """As the views of these indices among `count`; the others are not registered."""

@@ -15,14 +15,17 @@ from app.inspect import falsecolour
 from app.inspect.falsecolour import Scale
 from app.inspect.runs import Run
 from app.quality import quality_of
+from app.scaling import fixed_scale
 from app.words import QT_TRANSLATE_NOOP
 from engine.color import relative_error
 from engine.errors import SessionError
+from engine.io import scale_edit
 from engine.io.formats.arrays import UNREADABLE
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
 from engine.results.quality import Quality
-from engine.types import Frames, Poses, Surface, ValidationRenders, material_of, part_of
+from engine.scale_bar import ScaleBar
+from engine.types import METRIC, Camera, Frames, Poses, Surface, ValidationRenders, material_of, part_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
 RADIANCE_UNIT = QT_TRANSLATE_NOOP("maps", "session radiance")
@@ -120,6 +123,8 @@ class Maps:
     white: float  # radiance to show as white at 0 EV, the same for all views
     rerendered: Path = field(default=Path())  # where re-renderings of further views lie, one file each
     quality: Quality | None = None  # None: of another solver
+    camera: Camera | None = None  # None: the poses' results were removed
+    scale_bar: ScaleBar | None = None  # that fixed the unit
 
     @property
     def held_out(self) -> tuple[int, ...]:
@@ -157,22 +162,24 @@ def load(run: Run) -> Maps:
     """
     surface = turned(artifacts.load(run.folder("surface"), "surface", Surface), run.flip)
     frames = turned(_there(run, "hdr", "frames", Frames), run.flip)
-    poses = _there(run, "poses", "poses", Poses)
+    poses = turned(_there(run, "poses", "poses", Poses), run.flip)
     renders = turned(_there(run, "surface", "renders", ValidationRenders), run.flip)
     count = 0 if frames is None else len(frames.names)
     names = () if frames is None else frames.names
     registered = np.ones(count, bool) if poses is None else poses.registered
-    unit, factor = unit_of(None if poses is None else poses.scale)
+    by, fixed = fixed_scale(run.session, surface, poses)
+    unit, factor = unit_of(fixed)
     white = 1.0 if frames is None else _white(frames, surface.mask)
     verdict = quality_of({stage: run.folder(stage) for stage in ("light", "surface")})
     return Maps(
-        run, surface, names, frames, renders, registered, unit, factor, white, rerendered_folder(run), verdict
-    )
+        run, surface, names, frames, renders, registered, unit, by * factor, white, rerendered_folder(run), verdict,
+        None if poses is None else poses.camera, scale_edit.read(run.session),
+    )  # fmt: skip
 
 
-def unit_of(scale: str | None) -> tuple[str, float]:
-    """(unit, factor from scene units) of lengths as shown; `scale` as in `engine.types.Poses`."""
-    if scale in ("rig", "board"):
+def unit_of(scale: str) -> tuple[str, float]:
+    """(unit, factor from what `scale` fixes) of lengths as shown; `scale` as in `engine.types.Poses`."""
+    if scale in METRIC:
         return "mm", 1000.0
     return (
         QT_TRANSLATE_NOOP("maps", "units of the given poses")

@@ -6,7 +6,6 @@ are made again from the stored results, at the resolution they were solved with.
 """
 
 import dataclasses
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from engine.progress import Progress
 
 BATCH = 4  # views at a time, so that a wish for another one is soon heard
-POLITE = 5  # niceness: a capture or a solve beside it goes first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +72,6 @@ def upright(solved: Solved) -> Solved:
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     """Task "rerender": {session, fingerprint, view}; hears "view" {view}; tells data {view}, those at hand first."""
-    os.nice(POLITE)
     run = find(Path(request["session"]), request["fingerprint"])
     folder = maps.rerendered_folder(run)
     with told(folder):

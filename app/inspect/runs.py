@@ -13,6 +13,7 @@ from typing import Any
 
 from app.parameters import MEANINGS
 from app.state import Trouble
+from engine.io import session as sessions
 from engine.pipeline import differences, stage_table
 from engine.pipeline.artifacts import plain
 from engine.pipeline.differences import brief
@@ -20,6 +21,8 @@ from engine.pipeline.stages import read_record
 
 STAGES = ("hdr", "segment", "poses", "light", "surface", "export")
 PAPER = "paper's solver"
+NAME = "name.txt"
+"""Beside a surface's record: what a person calls the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,7 @@ class Run:
     current: bool  # the one that exports/latest shows, or else the newest
     preset: str  # with which its surface was solved, as far as its parameters tell; or `PAPER`
     besides: Mapping[str, Any]  # what was set besides, by dotted names
+    name: str = ""  # that a person gave it
 
     def folder(self, stage: str) -> Path:
         """Where a stage of this run lies."""
@@ -88,7 +92,31 @@ def runs_of(session: Path) -> tuple[Run, ...]:
     found.sort(reverse=True, key=lambda run: run[:2])
     shown = [latest is not None and of.get("export", {}).get("fingerprint") == latest for _, _, of in found]
     first = shown.index(True) if True in shown else 0
-    return tuple(Run(session, name, of, i == first, *_asked(of)) for i, (_, name, of) in enumerate(found))
+    return tuple(
+        Run(session, of, records, i == first, *_asked(records), _read_name(session, of))
+        for i, (_, of, records) in enumerate(found)
+    )
+
+
+def rename(run: Run, name: str) -> None:
+    """Call a run by this name from now on; "" by what was asked of it.
+
+    Raises:
+        SessionError: the disk refuses.
+    """
+    path = run.folder("surface") / NAME
+    if name.strip():
+        sessions.write_atomic(path, " ".join(name.split()).encode())
+    else:
+        with sessions.told(path):
+            path.unlink(missing_ok=True)
+
+
+def _read_name(session: Path, fingerprint: str) -> str:
+    try:
+        return (session / "stages" / "surface" / fingerprint / NAME).read_text()
+    except (OSError, ValueError):
+        return ""
 
 
 def current(runs: Sequence[Run]) -> Run | None:
@@ -114,9 +142,12 @@ def changes(a: Run, b: Run) -> tuple[str, ...]:
 
 
 def names(runs: Sequence[Run]) -> tuple[str, ...]:
-    """A short name for each run: its preset, when it ended, and what was set besides that others were not given."""
+    """A short name for each run: the one it was given, or its preset, when it ended, and what was set besides that others were not."""
     told = []
     for run in runs:
+        if run.name:
+            told.append(run.name)
+            continue
         values = [
             f"{_label(name)} {brief(value)}"
             for name, value in run.besides.items()

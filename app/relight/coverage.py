@@ -6,14 +6,13 @@ the surface's shading settled. "Seen" is the share of a direction whose Gaussian
 object. Panoramas as in `engine.types.Panorama`; kept as `derived/coverage/FINGERPRINT/coverage.npz`.
 """
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.inspect.rerendering import POLITE, find, open_run, upright
+from app.inspect.rerendering import find, open_run, upright
 from app.relight.files import keep
 from app.relight.lights import coverage_file
 from engine.orientation import turned
@@ -29,7 +28,6 @@ ROWS = 128
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     """Task "coverage": {session, fingerprint}."""
-    os.nice(POLITE)
     run = find(Path(request["session"]), request["fingerprint"])
     to = coverage_file(run)
     if to.is_file():

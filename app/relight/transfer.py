@@ -9,7 +9,6 @@ stand beside the directions as further columns.
 Camera frame; lengths in scene units. `app/relight/relit.py` reads what is written here.
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from app.inspect.rerendering import POLITE, find, open_run, upright
+from app.inspect.rerendering import find, open_run, upright
 from app.inspect.runs import Run
 from app.relight import files as relighting_files
 from app.relight.files import keep
@@ -62,7 +61,6 @@ class Small:
 
 def serve(request: Mapping[str, Any], link: "Link") -> Mapping[str, Any]:
     """Task "relight": {session, fingerprint, view or None}; gives {view}."""
-    os.nice(POLITE)
     run = find(Path(request["session"]), request["fingerprint"])
     return {"view": prepare(run, request.get("view"), link.progress())}
 

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from app import cores
 from app.viewer import protocol
 from app.viewer.canvas import Canvas, NoGraphics
 from app.viewer.drawing import Drawing
@@ -22,7 +23,6 @@ from app.viewer.frames import FrameWriter
 from engine.errors import RoomlightError, reason
 from engine.io.formats.arrays import UNREADABLE
 
-NICE = 8
 RENDERERS = ("auto", "opengl", "filament")
 
 
@@ -189,8 +189,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except NoGraphics as error:
         say(answers, protocol.Unable(error.reason, error.remedy))
         return 3
-    # Within the window's own session: pictures may come later, keys and clicks may not.
-    os.nice(NICE)
+    cores.stand_back()  # pictures may come later, keys and clicks may not
     say(answers, protocol.Note("preparing the 3D view"))
     from app.viewer.sprites import prepare
 

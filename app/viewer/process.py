@@ -27,7 +27,13 @@ class Child:
         found = environment.get("PYTHONPATH")
         environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), found] if found else [str(ROOT)])
         self._process = subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+            # Linux divides its cores among sessions first: the window is not to wait for what its child has used up.
+            start_new_session=True,
         )
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             assert stream is not None

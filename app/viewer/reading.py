@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.inspect import runs
+from app.scaling import rescaled
 from engine.io import session as sessions
 from engine.orientation import turned
 from engine.pipeline import artifacts
@@ -18,7 +19,7 @@ CHAIN = ("hdr", "poses", "light", "surface")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """What belongs together, cameras and surface upright; None where it is not there."""
+    """What belongs together, cameras and surface upright, lengths as they are shown; None where it is not there."""
 
     names: tuple[str, ...]  # of the views
     poses: Poses | None
@@ -45,12 +46,14 @@ def read(folder: Path) -> Results:
     settled = there("surface", "emitters", Emitters)
     if settled is not None:
         gaussians, lamps = settled.gaussians, settled.lamps
+    surface, poses = there("surface", "surface", Surface), there("poses", "poses", Poses)
+    _, (surface, poses, gaussians, lamps) = rescaled(folder, surface, poses, gaussians, lamps)
     return Results(
         _names(places["hdr"]) if "hdr" in places else tuple(shot.name for shot in sessions.shots(session)),
-        there("poses", "poses", Poses),
+        poses,
         gaussians,
         lamps,
-        there("surface", "surface", Surface),
+        surface,
     )
 
 

@@ -24,7 +24,6 @@ from engine.types import Camera, Gaussians, Lamps, Poses, Surface
 
 Vectors = Float[np.ndarray, "n 3"]
 
-METRES = ("rig", "board")
 MOST_TRIANGLES = 800_000
 MOVING_TRIANGLES = 25_000
 MOVING_EMITTERS = 50_000
@@ -103,7 +102,7 @@ def compose(folder: str, results: Results) -> Scene:
     scene = Scene(
         Contents(
             folder,
-            "m" if poses is not None and poses.scale in METRES else "",
+            "m" if poses is not None and poses.metric else "",
             results.names,
             missing=tuple(name for name, part in parts if part is None),
         ),

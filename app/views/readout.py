@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QCoreApplication, Qt
-from PySide6.QtGui import QFontDatabase
+from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QWidget
 
 from app.inspect.readings import Reading
@@ -43,15 +43,16 @@ class Readout(QFrame):
         layout.setContentsMargins(12, 4, 12, 4)
         layout.setHorizontalSpacing(8)
         layout.setVerticalSpacing(0)
-        fixed = QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
-        fixed.setPixelSize(12)
+        figures = self.font()
+        figures.setPixelSize(12)
+        figures.setFeature(QFont.Tag("tnum"), 1)  # a digit is as wide as any other: numbers stand still
         for title, row, column, widest in CELLS:
             name, value = QLabel(told(title)), QLabel(NOTHING)
             name.setObjectName("dim")
             small = name.font()
             small.setPixelSize(11)
             name.setFont(small)
-            value.setFont(fixed)
+            value.setFont(figures)
             value.setTextFormat(Qt.TextFormat.PlainText)
             value.setAccessibleName(told(title))
             value.setMinimumWidth(value.fontMetrics().horizontalAdvance(widest + "  "))

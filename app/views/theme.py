@@ -39,7 +39,8 @@ class Palette:
     text: str
     dim: str  # secondary text, still readable
     disabled: str
-    accent: str  # selection, progress, focus
+    accent: str  # selection, progress, what is on
+    focus: str  # the ring around what keys act on
     on_accent: str  # text on `accent`
     good: str
     warn: str
@@ -51,14 +52,14 @@ class Palette:
 DARK = Palette(
     dark=True,
     window="#232323", panel="#2c2c2c", field="#1b1b1b", picture="#181818", line="#434343",
-    text="#e4e4e4", dim="#a6a6a6", disabled="#6d6d6d", accent="#4f9cf0", on_accent="#0c0c0c",
+    text="#e4e4e4", dim="#a6a6a6", disabled="#6d6d6d", accent="#4f9cf0", focus="#b7dcff", on_accent="#0c0c0c",
     good="#67c27a", warn="#e6b04a", bad="#f27d72",
     series=("#5ab4f0", "#f0a030", "#34c79a", "#e98bc2", "#f2e35c", "#e8743a", "#9aa7f5", "#c8c8c8"),
 )  # fmt: skip
 LIGHT = Palette(
     dark=False,
     window="#ededed", panel="#f7f7f7", field="#ffffff", picture="#d2d2d2", line="#c3c3c3",
-    text="#1c1c1c", dim="#5a5a5a", disabled="#9b9b9b", accent="#1763b8", on_accent="#ffffff",
+    text="#1c1c1c", dim="#5a5a5a", disabled="#9b9b9b", accent="#1763b8", focus="#3a88dd", on_accent="#ffffff",
     good="#1d7434", warn="#8a5a00", bad="#b3261e",
     series=("#0072b2", "#b36b00", "#007d5b", "#b04f8a", "#7d7200", "#c14a00", "#4a55b5", "#555555"),
 )  # fmt: skip
@@ -137,7 +138,7 @@ def qt_palette(ours: Palette) -> QPalette:
 
 def _sheet(ours: Palette) -> str:
     """What a palette cannot say. Names: QLabel#title, #heading, #dim; QFrame#card, #panel; QPushButton#primary, #stop;
-    QComboBox#flat (a list that reads as a title)."""
+    QToolButton#segment (of several one is down); QComboBox#flat (a list that reads as a title)."""
     check = "check-on-dark.svg" if ours.dark else "check-on-light.svg"
     return f"""
     QLabel#title {{ font-size: 18pt; font-weight: 600; }}
@@ -149,22 +150,26 @@ def _sheet(ours: Palette) -> str:
     QFrame#card[selected="true"] {{ border: 1px solid {ours.accent}; }}
     QPushButton {{ background: {ours.panel}; border: 1px solid {ours.line}; border-radius: 4px; padding: 4px 12px; }}
     QPushButton:hover, QComboBox:hover {{ border-color: {ours.dim}; }}
-    QPushButton:pressed, QPushButton:checked {{ background: {ours.field}; }}
-    QPushButton:checked {{ border-color: {ours.accent}; }}
-    QPushButton:focus {{ border: 1px solid {ours.accent}; }}
-    QPushButton:checked:focus {{ border: 1px solid {ours.text}; }}
+    QPushButton:pressed {{ background: {ours.field}; }}
+    QPushButton:checked, QToolButton#segment:checked {{ background: {ours.accent}; color: {ours.on_accent};
+        border-color: {ours.accent}; }}
+    QPushButton:focus {{ border: 2px solid {ours.focus}; padding: 3px 11px; }}
+    QToolButton#segment {{ padding: 3px 10px; border: 1px solid {ours.line}; border-radius: 3px; }}
+    QToolButton#segment[narrow="true"] {{ padding: 3px 4px; }}
+    QToolButton#segment:focus {{ border: 2px solid {ours.focus}; padding: 2px 9px; }}
+    QToolButton#segment[narrow="true"]:focus {{ padding: 2px 3px; }}
     QPushButton, QAbstractItemView {{ outline: 0; }}
     QPushButton:disabled {{ color: {ours.disabled}; }}
     QLineEdit, QComboBox, QAbstractSpinBox {{ background: {ours.field}; border: 1px solid {ours.line};
         border-radius: 4px; padding: 2px 6px; min-height: 18px; selection-background-color: {ours.accent}; }}
-    QLineEdit:focus, QComboBox:focus, QAbstractSpinBox:focus {{ border-color: {ours.accent}; }}
+    QLineEdit:focus, QComboBox:focus, QAbstractSpinBox:focus {{ border: 2px solid {ours.focus}; padding: 1px 5px; }}
     QLineEdit:disabled, QComboBox:disabled, QAbstractSpinBox:disabled {{ color: {ours.disabled}; }}
-    QComboBox {{ padding-right: 18px; }}
+    QComboBox, QComboBox:focus {{ padding-right: 18px; }}
     QComboBox QAbstractItemView {{ padding: 4px; }}
     QComboBox::drop-down {{ border: none; width: 18px; }}
     QComboBox::down-arrow, QAbstractSpinBox::down-arrow {{ image: url({MARKS}/down.svg); width: 12px; height: 12px; }}
     QAbstractSpinBox::up-arrow {{ image: url({MARKS}/up.svg); width: 12px; height: 12px; }}
-    QAbstractSpinBox {{ padding-right: 18px; }}
+    QAbstractSpinBox, QAbstractSpinBox:focus {{ padding-right: 18px; }}
     QAbstractSpinBox::up-button, QAbstractSpinBox::down-button {{ border: none; width: 18px; background: none; }}
     QCheckBox::indicator, QRadioButton::indicator, QTreeView::indicator {{ width: 13px; height: 13px;
         border: 1px solid {ours.disabled}; border-radius: 3px; background: {ours.field}; }}
@@ -176,6 +181,7 @@ def _sheet(ours: Palette) -> str:
     QCheckBox::indicator:disabled, QTreeView::indicator:disabled {{ background: {ours.panel};
         border-color: {ours.line}; }}
     QCheckBox:focus, QRadioButton:focus {{ color: {ours.accent}; }}
+    QCheckBox::indicator:focus, QRadioButton::indicator:focus {{ border-color: {ours.focus}; }}
     QScrollBar {{ background: none; border: none; }}
     QScrollBar:vertical {{ width: 11px; }}
     QScrollBar:horizontal {{ height: 11px; }}
@@ -198,18 +204,18 @@ def _sheet(ours: Palette) -> str:
         border-radius: 4px; padding: 5px 14px; font-weight: 600; }}
     QPushButton#tile {{ background: {ours.panel}; border: 1px solid {ours.line}; border-radius: 4px; }}
     QPushButton#tile:hover {{ border-color: {ours.dim}; }}
-    QPushButton#tile:focus {{ border: 2px solid {ours.accent}; }}
+    QPushButton#tile:focus {{ border: 2px solid {ours.focus}; }}
     QPushButton#primary:disabled {{ background: {ours.panel}; color: {ours.disabled}; border-color: {ours.line}; }}
     QPushButton#stop {{ background: {ours.bad}; color: {ours.window}; border-radius: 4px; padding: 5px 14px;
         font-weight: 700; }}
     QPushButton#primary:focus, QPushButton#stop:focus {{ border: 2px solid {ours.text}; padding: 4px 13px; }}
     QComboBox#flat {{ border: 1px solid transparent; background: transparent; padding: 0 3px; font-weight: 600; }}
-    QComboBox#flat:focus {{ border-color: {ours.accent}; }}
-    QListWidget:focus, QTreeWidget:focus, QTableWidget:focus {{ border: 1px solid {ours.accent}; }}
+    QComboBox#flat:focus {{ border: 1px solid {ours.focus}; padding: 0 3px; }}
+    QListWidget:focus, QTreeWidget:focus, QTableWidget:focus {{ border: 1px solid {ours.focus}; }}
     QToolButton#rail {{ border: none; border-radius: 5px; color: {ours.dim}; font-size: 8pt; padding-top: 4px; }}
     QToolButton#rail:hover {{ background: {ours.window}; }}
     QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}
-    QToolButton#rail:focus {{ border: 1px solid {ours.accent}; }}
+    QToolButton#rail:focus {{ border: 2px solid {ours.focus}; }}
     QToolTip {{ background: {ours.panel}; color: {ours.text}; border: 1px solid {ours.line}; padding: 4px; }}
     QProgressBar {{ background: {ours.field}; border: none; border-radius: 3px; max-height: 6px; }}
     QProgressBar::chunk {{ background: {ours.accent}; border-radius: 3px; }}

@@ -25,6 +25,7 @@ URGENCY = {
     "preview": 1,
     "thumbnail": 1,
     "made": 1,
+    "exported": 1,
     "gpu": 2,
 }
 
@@ -50,7 +51,7 @@ def answer_one(number: int, content: Mapping[str, Any], link: Link) -> None:
     """One question; whatever goes wrong is its answer, and the next is heard all the same."""
     answers = {
         "plan": plan, "folder": folder, "look": photograph.look, "photograph": photograph.show, "preview": preview,
-        "thumbnail": thumbnail, "made": made, "gpu": gpu,
+        "thumbnail": thumbnail, "made": made, "exported": exported, "gpu": gpu,
     }  # fmt: skip
     try:
         answer = answers[content["question"]](content)
@@ -169,6 +170,13 @@ def gpu(content: Mapping[str, Any]) -> dict[str, Any]:
 def made(content: Mapping[str, Any]) -> dict[str, Any]:
     """What a stage made, as a picture and numbers. Question: session, stage."""
     from app.work import made as drawn
+
+    return drawn.show(content)
+
+
+def exported(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A picture of one format of a finished export. Question: folder, format."""
+    from app.work import exported as drawn
 
     return drawn.show(content)
 

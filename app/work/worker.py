@@ -37,8 +37,8 @@ TASKS = {
     "panorama": "app.relight.sources:serve_panorama",
 }
 
-# How far a task stands back for the window when both want the same core, a capture less than a solve.
-NICE = {"desk": 8, "process": 15, "import": 15, "simulate": 15, "report": 15, "relit": 5}
+PROMPT = {"answers"}
+"""What the window waits for; every other task stands back for the window."""
 
 GRACE_S = 10.0
 PROGRESS_EVERY_S = 0.05
@@ -199,7 +199,9 @@ def main(argv: Sequence[str]) -> int:
 
     asked = json.loads(request)
     watches = "scheduler" in asked  # what a cluster does, and works itself on nothing
-    cores.stand_back(0 if UNATTENDED in options or watches else NICE.get(name, 0))
+    if not (UNATTENDED in options or watches or name in PROMPT):
+        # This thread alone: the one that hears a stop does not wait.
+        cores.stand_back()
     code = perform(work, asked, link)
     os.close(out)
     return code

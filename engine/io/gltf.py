@@ -23,12 +23,11 @@ AGREE_DEG = 70.0
 
 def surface_glb(mesh: Mesh, surface: Surface, unit: str, generator: str) -> bytes:
     """The file's bytes: one mesh, one material, its textures (`_textures`), nothing outside the file."""
-    row, column = mesh.pixels.T
     height, width = surface.mask.shape
     turned = opencv_from_opengl.T
     points = (mesh.points @ turned).astype("<f4")
     normals, tangents = frames(mesh, surface)
-    uv = np.stack([(column + 0.5) / width, (row + 0.5) / height], axis=-1).astype("<f4")
+    uv = (mesh.image / [width, height]).astype("<f4")
     textures = _textures(mesh, surface, normals, tangents)
 
     blobs: list[tuple[bytes, int | None]] = [

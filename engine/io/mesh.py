@@ -1,8 +1,9 @@
 """A triangle mesh from a depth map, cut where the surface is not one piece.
 
-One vertex a pixel, at the pixel's centre; camera frame, the depth's unit; triangles run counter-clockwise
-as the camera sees them. Two neighbours are joined when at least one of their normals explains the step in
-depth between them; a step that neither explains is an edge in front of something further away.
+One vertex a pixel, at the pixel's centre but for borders, which run through the stairs that the pixels make of them;
+camera frame, the depth's unit; triangles run counter-clockwise as the camera sees them. Two neighbours are joined when
+at least one of their normals explains the step in depth between them; a step that neither explains is an edge in front
+of something further away.
 """
 
 from dataclasses import dataclass
@@ -11,8 +12,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from engine.errors import ExportError
-from engine.geometry import unproject
+from engine.geometry import project, unproject
 from engine.types import Camera, Surface
+
+PASS_DOWN, PASS_UP = 0.5, -0.513
+"""Steps of the smoothing of borders: what is shorter than some 20 pixels along a border goes, what is longer stays."""
+SMOOTHINGS = 50
+MOST_ASIDE_PX = 0.7
+LEAST_LEFT = 0.2
+"""Share of a triangle's area in the picture that smoothing leaves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +33,12 @@ class CutParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Vertices that some triangle uses, with the pixel (row, column) each came from."""
+    """Vertices that some triangle uses, with the pixel (row, column) each came from and where in the picture it is."""
 
     points: Float[np.ndarray, "v 3"]  # camera frame
     triangles: Int[np.ndarray, "t 3"]
     pixels: Int[np.ndarray, "v 2"]
+    image: Float[np.ndarray, "v 2"]  # x, y; the centre of the first pixel is (0.5, 0.5)
 
 
 def from_depth(surface: Surface, camera: Camera, params: CutParams) -> Mesh:
@@ -87,11 +96,48 @@ def from_depth(surface: Surface, camera: Camera, params: CutParams) -> Mesh:
         raise ExportError("the depth map joins no three neighbouring pixels; there is no surface to write")
     used, renumbered = np.unique(triangles, return_inverse=True)
     row, column = np.divmod(used, width)
-    return Mesh(
-        points=(rays * depth[..., None])[row, column],
-        triangles=renumbered.reshape(-1, 3),
-        pixels=np.stack([row, column], axis=-1),
-    )
+    points, joins = (rays * depth[..., None])[row, column], renumbered.reshape(-1, 3)
+    inside = (row > 0) & (row < height - 1) & (column > 0) & (column < width - 1)
+    points = _smooth_borders(points, joins, inside, camera)
+    return Mesh(points, joins, np.stack([row, column], axis=-1), project(camera, points))
+
+
+def _smooth_borders(
+    points: Float[np.ndarray, "v 3"],
+    triangles: Int[np.ndarray, "t 3"],
+    inside: Bool[np.ndarray, " v"],
+    camera: Camera,
+) -> Float[np.ndarray, "v 3"]:
+    """The points with those on a border moved along smooth curves, each by less than a pixel, so that no triangle turns over.
+
+    Taubin, "Curve and surface smoothing without shrinkage" (1995). What is not `inside` lies on the photograph's own edge, and
+    stays, as vertices do where two borders meet.
+    """
+    begin, end = (triangles[:, k].ravel() for k in ([0, 1, 2], [1, 2, 0]))
+    count = len(points)
+    border = ~np.isin(begin * count + end, end * count + begin)  # no triangle runs along it the other way
+    begin, end = begin[border], end[border]
+    free = inside & (np.bincount(begin, minlength=count) == 1) & (np.bincount(end, minlength=count) == 1)
+    last, following = np.arange(count), np.arange(count)
+    last[end], following[begin] = begin, end
+    last, following = last[free], following[free]
+    moved = points.copy()
+    for step in (PASS_DOWN, PASS_UP) * SMOOTHINGS:
+        moved[free] += step * ((moved[last] + moved[following]) / 2 - moved[free])
+    image = project(camera, points)
+    aside = np.linalg.norm(project(camera, moved) - image, axis=-1)
+    by = (moved - points) * np.minimum(1, MOST_ASIDE_PX / np.maximum(aside, 1e-9))[:, None]
+    area = _areas(image, triangles)
+    while (crushed := _areas(project(camera, points + by), triangles) / area < LEAST_LEFT).any():
+        by[triangles[crushed]] /= 2
+    return points + by
+
+
+def _areas(image: Float[np.ndarray, "v 2"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
+    """Twice the area of triangles in the picture, with its sign."""
+    a, b, c = (image[triangles[:, k]] for k in range(3))
+    (x1, y1), (x2, y2) = (b - a).T, (c - a).T
+    return x1 * y2 - x2 * y1
 
 
 def vertex_normals(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
@@ -103,8 +149,8 @@ def vertex_normals(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
 def along_columns(mesh: Mesh) -> Float[np.ndarray, "v 3"]:
     """How a vertex moves as its image column grows: the mesh's derivative by x, by area, not normalised."""
     a, b, c = (mesh.points[mesh.triangles[:, k]] for k in range(3))
-    pa, pb, pc = (mesh.pixels[mesh.triangles[:, k]].astype(np.float64) for k in range(3))
-    (r1, c1), (r2, c2) = (pb - pa).T, (pc - pa).T
+    pa, pb, pc = (mesh.image[mesh.triangles[:, k]] for k in range(3))
+    (c1, r1), (c2, r2) = (pb - pa).T, (pc - pa).T
     slope = ((b - a) * r2[:, None] - (c - a) * r1[:, None]) / (c1 * r2 - c2 * r1)[:, None]
     area = np.linalg.norm(np.cross(b - a, c - a), axis=-1, keepdims=True)
     return _gather(mesh, slope * area)

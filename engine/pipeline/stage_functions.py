@@ -19,11 +19,12 @@ from jaxtyping import Bool, Int
 
 from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
-from engine.io import left_out
+from engine.io import left_out, scale_edit
 from engine.io.session import Session, shots, verify
 from engine.orientation import turned
 from engine.pipeline import artifacts
 from engine.pipeline.stages import Work
+from engine.scale_bar import scaled
 from engine.types import (
     Camera,
     CapturedScene,
@@ -233,11 +234,14 @@ def export(work: Work) -> Records:
         load("segment", "masks", Masks),
     )
     found, emitters = load("surface", "surface", Surface), load("surface", "emitters", Emitters)
-    view, whole = middle_view(placed), emitters.gaussians
+    view = middle_view(placed)
     seen, clipped = panorama(found, emitters, placed, view, frames, masks, PANORAMA_ROWS)
     grounds = provenance_of(seen, clipped, found.normal[found.mask])
+    by = scale_edit.factor_of(work.session.folder, found, placed.camera)
+    if by is not None:
+        found, placed, emitters = scaled(found, by), scaled(placed, by), scaled(emitters, by)
     write_files(
-        work.folder, found, whole, emitters.lamps, placed, frames.names, seen, grounds,
+        work.folder, found, emitters.gaussians, emitters.lamps, placed, frames.names, seen, grounds,
         frames.radiance, work.params, work.progress,
     )  # fmt: skip
     return {"panorama": seen, "grounds": grounds}

@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from engine.io import left_out
+from engine.io import left_out, scale_edit
 from engine.io.session import Session, edits, shots
 from engine.pipeline import presets
 from engine.pipeline.stages import Hashes, Stage, Work, canonical
@@ -40,7 +40,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
         ),
         _reference() if solver == "reference" else _transport(),
         Stage(
-            "export", 8, ExportParams(), ("hdr", "segment", "poses", "surface"), _produce("export"), reads=_orientation,
+            "export", 9, ExportParams(), ("hdr", "segment", "poses", "surface"), _produce("export"), reads=_export_inputs,
             presets=presets.of_stage("export"),
         ),
     )  # fmt: skip
@@ -90,6 +90,11 @@ def _edits(*names: str) -> Callable[[Session], Hashes]:
 def _orientation(session: Session) -> Hashes:
     """How the photographs are turned to stand upright, where they are."""
     return {"orientation": str(session.orientation)} if session.orientation else {}
+
+
+def _export_inputs(session: Session) -> Hashes:
+    """How the photographs are turned, and the scale that was given."""
+    return {**_orientation(session), **_edits(scale_edit.FILE)(session)}
 
 
 def _pose_inputs(session: Session) -> Hashes:

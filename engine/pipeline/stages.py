@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import SessionError
-from engine.io import left_out
+from engine.io import left_out, scale_edit
 from engine.io.session import Session, file_sha256
 from engine.pipeline import artifacts, differences
 from engine.pipeline import settings as asked
@@ -22,6 +22,12 @@ from engine.pipeline.settings import Settings
 from engine.progress import Progress
 
 Hashes = Mapping[str, str]
+
+EDITS = {
+    f"edits/{left_out.FILE}": "photographs left out changed",
+    f"edits/{scale_edit.FILE}": "scale changed",
+}
+"""Edits that the plan tells in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,9 +206,7 @@ def _told_inputs(changed: Sequence[str], old: Hashes, new: Hashes) -> list[str]:
         name: "added" if name not in old else "removed" if name not in new else "changed" for name in changed
     }
     told = [
-        "photographs left out changed" if name == f"edits/{left_out.FILE}" else f"input {name} {word}"
-        for name, word in how.items()
-        if not name.startswith("shots/")
+        EDITS.get(name, f"input {name} {word}") for name, word in how.items() if not name.startswith("shots/")
     ]
     for word in ("added", "removed", "changed"):
         shots = [name for name in changed if how[name] == word and name.startswith("shots/")]

@@ -40,7 +40,6 @@ from engine.types import (
 
 INDEX = "export.json"
 VIEWS = "images"  # the folder that COLMAP's and NeRF tools take pictures from unless told otherwise
-UNITS = {"rig": "metre", "board": "metre", "given": "that of the given poses"}
 
 
 def write(
@@ -168,7 +167,7 @@ def write_files(
     Raises:
         ExportError: the depth map holds no surface, or writing failed.
     """
-    unit = UNITS.get(poses.scale, "unknown")
+    unit = "metre" if poses.metric else "that of the given poses" if poses.scale == "given" else "unknown"
     try:
         progress.step(0.0, "maps.exr")
         _write_maps(folder / "maps.exr", surface, poses.camera, unit)

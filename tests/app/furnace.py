@@ -144,7 +144,7 @@ def _write(
         artifacts.save(folder, name, record)
     record = {
         "stage": stage, "version": 1, "params": PARAMS if stage == "surface" else {}, "inputs": inputs,
-        "seconds": seconds, "finished": finished_at,
+        "seconds": seconds, "finished": finished_at, "device": "cpu",
     }  # fmt: skip
     (folder / "record.json").write_text(json.dumps(record))
     return folder

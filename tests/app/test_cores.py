@@ -1,7 +1,9 @@
-"""Compiled kernels are kept by the text of all of them."""
+"""Compiled kernels are kept by the text of all of them; who stands back does so for the window alone."""
 
 import os
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -82,3 +84,20 @@ def test_a_product_of_matrices_is_one_thread_s_unless_a_person_says_otherwise(
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     cores.share()
     assert os.environ["OPENBLAS_NUM_THREADS"] == "2"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="how Linux divides its cores")
+def test_who_stands_back_yields_to_the_window_and_keeps_its_share_beside_other_programs() -> None:
+    def place() -> tuple[int, int]:
+        return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+
+    def worker() -> tuple[int, int]:
+        cores.stand_back()
+        return place()
+
+    session = Path("/proc/self/autogroup")
+    before, policy = session.read_text(), place()
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(worker).result() == (os.SCHED_BATCH, min(policy[1] + cores.NICE, 19))
+    assert session.read_text() == before
+    assert place() == policy

@@ -110,7 +110,7 @@ class Sphere(QWidget):
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, self.message)
         if self.hasFocus():
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(theme.pen(ours.accent))
+            painter.setPen(theme.pen(ours.focus, 2))
             painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
 
     def _grid(self, painter: QPainter, ours: theme.Palette) -> None:

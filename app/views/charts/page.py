@@ -281,7 +281,9 @@ class ChartsPage(QWidget):
             self._runs = ()
             self._say(runs.nothing_yet(self._session))
             return
-        if [run.fingerprint for run in found] != [run.fingerprint for run in self._runs]:
+        if [(run.fingerprint, run.name) for run in found] != [
+            (run.fingerprint, run.name) for run in self._runs
+        ]:
             self.run_box.clear()
             for name in runs.names(found):
                 self.run_box.addItem(name)

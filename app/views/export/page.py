@@ -30,6 +30,7 @@ from app.views import theme
 from app.views.bridge import Bridge
 from app.views.errand import Errand
 from app.views.pages import Shell
+from app.views.side_picture import SidePicture
 from app.views.trouble import show_trouble
 from app.views.verdict import Verdict
 from app.work.enquiries import Answer
@@ -49,7 +50,7 @@ class ExportPage(QWidget):
         self._shell: Shell | None = None
         self._folder: Path | None = None
         self._export: Export | None = None
-        self._newest = 0
+        self._newest = self._pictured = 0
         self._build()
         self._show()
 
@@ -89,6 +90,7 @@ class ExportPage(QWidget):
             )
             self.state.setText(self.tr("up to date") + length)
         self._show()
+        self._preview()
 
     def _build(self) -> None:
         heading = QLabel(self.tr("Export"))
@@ -126,6 +128,8 @@ class ExportPage(QWidget):
         self._lines = [_line(entry) for entry in FORMATS]
         self.table.addTopLevelItems(self._lines)
         self.table.itemChanged.connect(lambda item, column: self._enable())
+        self.table.currentItemChanged.connect(lambda now, before: self._preview())
+        self.preview = SidePicture(self.tr("What is written"))
 
         self.greens: dict[str, QRadioButton] = {}
         group = QButtonGroup(self)
@@ -152,9 +156,8 @@ class ExportPage(QWidget):
         self.target.activated.connect(lambda row: self._choose(self.target.itemData(row)))
         name = QLabel(self.tr("&Program"))
         name.setBuddy(self.target)
-        greens.insertWidget(0, name)
-        greens.insertWidget(1, self.target)
-        greens.insertSpacing(2, 20)
+        for part in (name, self.target):
+            top.insertWidget(top.count() - 1, part)
 
         self.to = QLineEdit()
         self.to.setAccessibleName(self.tr("Folder to write to"))
@@ -193,7 +196,10 @@ class ExportPage(QWidget):
         self.verdict = Verdict()
         layout.addLayout(top)
         layout.addWidget(self.verdict)
-        layout.addWidget(self.table, 1)
+        middle = QHBoxLayout()
+        middle.addWidget(self.table, 1)
+        middle.addWidget(self.preview)
+        layout.addLayout(middle, 1)
         layout.addLayout(greens)
         layout.addLayout(bottom)
 
@@ -237,6 +243,31 @@ class ExportPage(QWidget):
         self.report.setEnabled(self._folder is not None and not running)
         self.process.setVisible(self._folder is not None and self._export is None)
         self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())
+
+    def resizeEvent(self, event) -> None:
+        super().resizeEvent(event)
+        self.preview.fit(self.width())
+
+    def _preview(self) -> None:
+        """A picture of the format that is chosen, where its files are such as can be looked at."""
+        item, export = self.table.currentItem(), self._export
+        self._pictured += 1
+        if item is None or export is None or self._shell is None:
+            self.preview.clear()
+            return
+        key, number = str(item.data(0, KEY)), self._pictured
+        take = self._bridge.queued(lambda answer: self._take_picture(number, key, answer))
+        self._shell.enquiries.ask("exported", take, folder=str(export.folder), format=key)
+
+    def _take_picture(self, number: int, key: str, answer: Answer) -> None:
+        if number != self._pictured or self._export is None:
+            return
+        picture = (answer.content or {}).get("picture")
+        if picture is None:
+            self.preview.clear()
+            return
+        files = next((offer.files for offer in self._export.offers if offer.format.key == key), ())
+        self.preview.show_file(Path(picture), ", ".join(files[:3]) + (", \u2026" if len(files) > 3 else ""))
 
     def _go_to_process(self) -> None:
         if self._shell is not None:

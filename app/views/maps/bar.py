@@ -25,10 +25,6 @@ from app.views.pictures.viewport import Viewport
 
 EV_STEPS = 3  # of the slider, per stop
 EV_RANGE = 6
-# Buttons of which one is down, told apart by more than a shade; colours are the palette's.
-SEGMENT = """QToolButton { padding: 3px 10px; border: 1px solid palette(mid); border-radius: 3px; }
-QToolButton:checked { background: palette(highlight); color: palette(highlighted-text); }
-QToolButton:focus { border-color: palette(highlight); }"""
 
 
 class MapsBar(QFrame):
@@ -40,6 +36,9 @@ class MapsBar(QFrame):
     arranged = Signal(int)  # panels
     save_wanted = Signal()
     copy_wanted = Signal()
+    name_wanted = Signal()
+    scale_wanted = Signal()
+    mark_wanted = Signal()
     refresh_wanted = Signal()
 
     def __init__(self, parent: QWidget, viewport: Viewport) -> None:
@@ -62,7 +61,7 @@ class MapsBar(QFrame):
             button.setAccessibleName(text)
             button.setCheckable(True)
             button.setAutoExclusive(True)
-            button.setStyleSheet(SEGMENT)
+            button.setObjectName("segment")
             button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             button.clicked.connect(lambda checked, mode=mode: self.mode_picked.emit(mode))
             row.addWidget(button)
@@ -93,7 +92,8 @@ class MapsBar(QFrame):
         self.ev = QSlider(Qt.Orientation.Horizontal)
         self.ev.setRange(-EV_RANGE * EV_STEPS, EV_RANGE * EV_STEPS)
         self.ev.setPageStep(EV_STEPS)
-        self.ev.setFixedWidth(100)
+        self.ev.setMinimumWidth(44)
+        self.ev.setMaximumWidth(100)
         self.ev.setAccessibleName(self.tr("Exposure"))
         self.ev.setToolTip(
             self.tr("Exposure of photographs and re-renderings, in stops (E, Shift+E; Shift+0 resets)")
@@ -206,6 +206,8 @@ class MapsBar(QFrame):
             (self.tr("Fit the object"), "F", lambda: port.fit("object")),
             (self.tr("Fit the photograph"), "Shift+F", lambda: port.fit("all")),
             (self.tr("Zoom to 100 %"), "1", lambda: port.natural(self.devicePixelRatioF())),
+            (self.tr("Name this run…"), "F2", self.name_wanted.emit),
+            (self.tr("Measure, set scale…"), "D", self.scale_wanted.emit),
             (self.tr("Save picture…"), "Ctrl+Shift+S", self.save_wanted.emit),
             (self.tr("Copy picture"), "Ctrl+Shift+C", self.copy_wanted.emit),
         ):
@@ -221,6 +223,7 @@ class MapsBar(QFrame):
             (self.tr("Brighter"), "E", lambda: self.ev.setValue(self.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.ev.setValue(self.ev.value() - 1)),
             (self.tr("Exposure 0"), "Shift+0", lambda: self.ev.setValue(0)),
+            (self.tr("Mark a point to measure"), "M", self.mark_wanted.emit),
             (self.tr("Look for new results"), "F5", self.refresh_wanted.emit),
         ):
             self._action(page, text, keys, call)

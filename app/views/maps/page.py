@@ -5,9 +5,10 @@ Pictures are read and drawn in a thread of the page's own, re-renderings by a ch
 
 from pathlib import Path
 
-from PySide6.QtGui import QGuiApplication
+from PySide6.QtGui import QGuiApplication, QUndoStack
 from PySide6.QtWidgets import (
     QFileDialog,
+    QInputDialog,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -25,12 +26,18 @@ from app.views.maps.bar import MapsBar
 from app.views.maps.compare import MapsCompare
 from app.views.maps.grid import MapsGrid
 from app.views.maps.panel import Showing
+from app.views.maps.scale import ScaleRow
+from app.views.maps.scale_edit import ScaleEdit
 from app.views.maps.swipe import MapsSwipe
 from app.views.pages import Shell, tell
+from app.views.pictures.view import ImageView
 from app.views.pictures.viewport import Viewport
 from app.views.readout import Readout
 from app.views.verdict import Verdict
 from app.words import sentence
+from engine.io import scale_edit
+from engine.io import session as sessions
+from engine.scale_bar import ScaleBar
 
 
 class MapsPage(QWidget):
@@ -46,6 +53,7 @@ class MapsPage(QWidget):
         self._others: list[Run] = []  # of other sessions, to compare with
         self._maps: Maps | None = None
         self._picked: int | None = None  # a view to turn to once its run is there
+        self.undo_stack = QUndoStack(self)
         self._background = Background(self, "maps")
         self.viewport = Viewport(self)
 
@@ -57,6 +65,7 @@ class MapsPage(QWidget):
             self.stack.addWidget(pane)
         self.bar = MapsBar(self, self.viewport)
         self.readout = Readout(self)
+        self.scale = ScaleRow(self, self.viewport)
         self.empty = Empty()
         self.body = QWidget()
         column = QVBoxLayout(self.body)
@@ -65,6 +74,7 @@ class MapsPage(QWidget):
         self.verdict = Verdict()
         column.addWidget(self.bar)
         column.addWidget(self.verdict)
+        column.addWidget(self.scale)
         column.addWidget(self.stack, 1)
         column.addWidget(self.readout)
         layout = QVBoxLayout(self)
@@ -85,6 +95,13 @@ class MapsPage(QWidget):
         self.bar.save_wanted.connect(self.save_picture)
         self.bar.copy_wanted.connect(self.copy_picture)
         self.bar.refresh_wanted.connect(self.refresh)
+        self.bar.name_wanted.connect(self._ask_name)
+        self.bar.scale_wanted.connect(self.scale.open)
+        self.bar.mark_wanted.connect(self.scale.mark)
+        for view in self.findChildren(ImageView):
+            view.clicked.connect(self.scale.mark)
+        self.scale.wanted.connect(self._want_scale)
+        self.scale.closed.connect(self.scale.leave)
         self._show_empty(runs.nothing_yet(None))
 
     # The contract with the window
@@ -103,6 +120,8 @@ class MapsPage(QWidget):
             self._runs, self._others, self._maps = (), [], None
             self._show_maps(None)
             self.compare.show_other(None)
+            self.undo_stack.clear()
+            self.scale.leave()
         self.refresh()
 
     def refresh(self) -> None:
@@ -112,7 +131,9 @@ class MapsPage(QWidget):
             self._background.drop("runs")
             self._show_empty(runs.nothing_yet(None))
             return
-        self._background.ask("runs", lambda: runs.runs_of(folder), self._show_runs, self._tell)
+        self._background.ask(
+            "runs", lambda: (runs.runs_of(folder), scale_edit.read(folder)), self._show_runs, self._tell
+        )
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
@@ -161,15 +182,32 @@ class MapsPage(QWidget):
         if image is not None:
             QGuiApplication.clipboard().setImage(image.copy())
 
+    def _ask_name(self) -> None:
+        if self._maps is None:
+            return
+        run = self._maps.run
+        name, agreed = QInputDialog.getText(
+            self,
+            self.tr("Name this run"),
+            self.tr("Name; empty: told by preset and what changed"),
+            text=run.name,
+        )
+        if agreed:
+            self._background.ask(
+                "name", lambda: runs.rename(run, name), lambda answer: self.refresh(), self._tell
+            )
+
     # What arrives
 
-    def _show_runs(self, found: tuple[Run, ...]) -> None:
+    def _show_runs(self, answer: tuple[tuple[Run, ...], ScaleBar | None]) -> None:
+        found, bar = answer
         if not found:
             self._runs, self._maps = (), None
             self._show_empty(runs.nothing_yet(self._session))
             return
         now = self._maps.run.fingerprint if self._maps is not None else None
-        if [_parts(run) for run in found] == [_parts(run) for run in self._runs] and now is not None:
+        same = self._maps is not None and self._maps.scale_bar == bar
+        if same and [_parts(run) for run in found] == [_parts(run) for run in self._runs]:
             self._runs = found
             return
         known = {run.fingerprint for run in self._runs}
@@ -190,6 +228,7 @@ class MapsPage(QWidget):
     def _show_maps(self, loaded: Maps | None) -> None:
         self._maps = loaded
         self.verdict.show_quality(None if loaded is None else loaded.quality)
+        self.scale.show_run(loaded)
         if loaded is not None:
             mask = loaded.surface.mask
             self.viewport.show(mask.shape[1], mask.shape[0], maps.object_box(loaded))
@@ -233,6 +272,32 @@ class MapsPage(QWidget):
         showing = self.showing
         if showing is not None and view == showing.view:
             self.grid.redraw(("rerendered", "difference"))
+
+    # The scale
+
+    def _want_scale(self, bar: ScaleBar | None) -> None:
+        if self._maps is not None and bar != self._maps.scale_bar:
+            self.undo_stack.push(
+                ScaleEdit(self.tr("the scale"), self._maps.scale_bar, bar, self._write_scale)
+            )
+
+    def _write_scale(self, bar: ScaleBar | None) -> None:
+        folder = self._session
+        if folder is not None:
+            self._background.ask(
+                "scale", lambda: scale_edit.write(sessions.open_session(folder), bar), self._scale_written, self._no_scale
+            )  # fmt: skip
+
+    def _scale_written(self, answer: None) -> None:
+        self.refresh()
+        if self._shell is not None:
+            self._shell.wishes.say.emit(
+                self.tr("The scale has changed: process once more to write the files anew")
+            )
+
+    def _no_scale(self, fault: Trouble) -> None:
+        self.undo_stack.clear()
+        self._tell(fault)
 
     # Comparing
 
@@ -298,6 +363,6 @@ class MapsPage(QWidget):
         tell(self._shell, self, fault)
 
 
-def _parts(run: Run) -> tuple[str, frozenset[str]]:
-    """A run and what of it is there."""
-    return run.fingerprint, frozenset(run.records)
+def _parts(run: Run) -> tuple[str, frozenset[str], str]:
+    """A run, what of it is there, and its name."""
+    return run.fingerprint, frozenset(run.records), run.name

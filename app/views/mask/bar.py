@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 
 from app.inspect.falsecolour import MINUS
 from app.masking import LARGEST, SMALLEST, TOOLS
-from app.views.maps.bar import EV_RANGE, EV_STEPS, SEGMENT
+from app.views.maps.bar import EV_RANGE, EV_STEPS
 
 GROWTH = 1.25  # of the brush, by a press of ] or [
 
@@ -100,7 +100,7 @@ class ToolBar(QFrame):
         button.setToolTip(tip)
         button.setAccessibleName(text)
         button.setCheckable(True)
-        button.setStyleSheet(SEGMENT)
+        button.setObjectName("segment")
         button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         group.addButton(button)
         row.addWidget(button)

@@ -134,7 +134,7 @@ class MaskCanvas(Pane):
         if self.hasFocus():
             painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(ours.accent), 1))
+            painter.setPen(QPen(QColor(ours.focus), 2))
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
     def _paint_tool(self, painter: QPainter, corner: QPointF, scale: float) -> None:

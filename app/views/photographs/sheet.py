@@ -163,7 +163,8 @@ class _Painter(QStyledItemDelegate):
             self._mark(painter, mark(option.rect), ours, out, sheet.devicePixelRatioF())
         self._words(painter, frame, index, ours, option)
         focused = sheet.hasFocus() and sheet.currentIndex() == index
-        painter.setPen(theme.pen(ours.accent if chosen else ours.line, 2 if focused or chosen else 1))
+        painter.setPen(theme.pen(ours.accent, 2) if chosen else theme.pen(ours.line))
+        painter.setPen(theme.pen(ours.focus, 2) if focused else painter.pen())
         painter.drawPath(outline)
         painter.restore()
 

@@ -3,7 +3,7 @@
 Places are logical pixels of the widget; `corner` is where the picture's top left corner lies.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPen
@@ -94,6 +94,17 @@ def cursor(painter: QPainter, corner: QPointF, scale: float, pixel: tuple[int, i
     painter.drawRect(box)
     painter.setPen(QPen(QColor(255, 255, 255, 230), 1))
     painter.drawRect(box)
+
+
+def marks(painter: QPainter, places: Sequence[QPointF]) -> None:
+    """A cross at each place and a line between two; black and white together show on every picture."""
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing, True)
+    for colour, wide in ((QColor(0, 0, 0, 170), 3.5), (QColor(255, 255, 255), 1.5)):
+        painter.setPen(QPen(colour, wide))
+        painter.drawPolyline(places)
+        for at in places:
+            for across in (QPointF(6, 6), QPointF(6, -6)):
+                painter.drawLine(at - across, at + across)
 
 
 def swipe(painter: QPainter, edge: float, room: QSizeF, ours: Palette, labels: tuple[str, str]) -> None:

@@ -19,7 +19,7 @@ from PySide6.QtGui import (
     QPaintEvent,
     QPen,
 )
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 
 from app.views.pictures import paint as image_paint
 from app.views.pictures.pane import NOTCH, Pane
@@ -37,6 +37,7 @@ class ImageView(Pane):
     """One picture, or two with a swipe between them."""
 
     activated = Signal()  # double click
+    clicked = Signal()  # without a drag
     swiped = Signal(float)
 
     def __init__(self, parent: QWidget | None = None, viewport: Viewport | None = None) -> None:
@@ -49,6 +50,7 @@ class ImageView(Pane):
         self._others: list[QImage] = []
         self._split = 0.5
         self._held: QPointF | None = None
+        self._pressed = QPointF()
         self._swiping = False
         self.setMinimumSize(96, 72)
 
@@ -114,11 +116,12 @@ class ImageView(Pane):
         pixel = self.viewport.pixel()
         if pixel is not None:
             image_paint.cursor(painter, corner, scale, pixel)
+        image_paint.marks(painter, [self.from_picture(at) for at in self.viewport.marks])
         if self._others:
             image_paint.swipe(painter, edge, room, ours, self.labels)
         if self.hasFocus():
             painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(ours.accent), 1))
+            painter.setPen(QPen(QColor(ours.focus), 2))
             painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
 
     # Mouse, wheel, keys
@@ -126,7 +129,7 @@ class ImageView(Pane):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() in (Qt.MouseButton.LeftButton, Qt.MouseButton.MiddleButton):
             self._swiping = event.button() == Qt.MouseButton.LeftButton and self._on_edge(event.position())
-            self._held = event.position()
+            self._held = self._pressed = event.position()
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         at = event.position()
@@ -143,6 +146,15 @@ class ImageView(Pane):
         self.viewport.point(self.to_picture(at) if self._images else None)
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        still = (event.position() - self._pressed).manhattanLength() < QApplication.startDragDistance()
+        if (
+            event.button() == Qt.MouseButton.LeftButton
+            and self._held is not None
+            and still
+            and not self._swiping
+        ):
+            self.viewport.point(self.to_picture(event.position()) if self._images else None)
+            self.clicked.emit()
         self._held, self._swiping = None, False
         self.unsetCursor()
 

@@ -41,6 +41,7 @@ class Viewport(QObject):
         self.span = 100.0
         self.centre = QPointF(0.5, 0.5)
         self.cursor: QPointF | None = None
+        self.marks: tuple[QPointF, ...] = ()
         self.fitted: Fit | None = "object"
         self.picture = Picture()
         self._lookers: list[Looker] = []
@@ -58,7 +59,7 @@ class Viewport(QObject):
         changed = (width, height) != (self.picture.width, self.picture.height) or rect != self.picture.object
         self.picture = Picture(width, height, rect)
         if changed:
-            self.cursor = None
+            self.cursor, self.marks = None, ()
             self.fit("object")
 
     def aim(self, object_box: tuple[int, int, int, int] | None) -> None:
@@ -119,6 +120,11 @@ class Viewport(QObject):
         if at != self.cursor:
             self.cursor = at
             self.pointed.emit()
+
+    def mark(self, at: tuple[QPointF, ...]) -> None:
+        """Mark these places; a line joins two."""
+        self.marks = at
+        self.moved.emit()
 
     def pixel(self) -> tuple[int, int] | None:
         """Column and row under the cursor; None outside the picture."""

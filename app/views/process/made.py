@@ -1,109 +1,26 @@
-"""What the chosen stage made, or what a run under way has so far: a picture and a line under it."""
+"""What a stage made, or has made so far, in words."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QRectF, QSize, QSizeF, Qt
-from PySide6.QtGui import QImage, QPainter, QPaintEvent
-from PySide6.QtWidgets import QLabel, QSizePolicy, QVBoxLayout, QWidget
-
-from app.views import theme
-
-WIDTH, ROOM_PX = 260, 1000  # its own; of a page that has room for it
+from PySide6.QtCore import QCoreApplication
 
 
-class MadePanel(QWidget):
-    """Takes no room while there is nothing to show."""
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.picture = _Picture()
-        self.said = QLabel()
-        self.said.setObjectName("dim")
-        self.said.setWordWrap(True)
-        self.said.setAccessibleName(self.tr("What this stage made"))
-        self.setFixedWidth(WIDTH)
-        self._full = self._narrow = False  # there is something to show; there is no room for it
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 12, 16, 8)
-        column.addWidget(self.picture, 100)
-        column.addWidget(self.said)
-        column.addStretch(1)
-        self.hide()
-
-    def clear(self) -> None:
-        self._full = False
-        self.hide()
-
-    def fit(self, page_px: int) -> None:
-        """Parameters come first where the page is narrow."""
-        self._narrow = page_px < ROOM_PX
-        self.setVisible(self._full and not self._narrow)
-
-    def show_made(self, stage: str, answer: Mapping[str, Any]) -> None:
-        """What the child answered."""
-        if answer.get("picture") is None:
-            self.clear()
-            return
-        self._show(Path(answer["picture"]), self._told(stage, answer["facts"]))
-
-    def show_preview(self, file: Path, number: int) -> None:
-        """Normals of a solve that goes on."""
-        self._show(file, self.tr("Normals so far, {0}. look. The solve goes on.").format(number))
-
-    def _show(self, file: Path, said: str) -> None:
-        self.picture.show_image(QImage(str(file)))
-        self.said.setText(said)
-        self._full = True
-        self.setVisible(not self._narrow)
-
-    def _told(self, stage: str, facts: Mapping[str, Any]) -> str:
-        return {
-            "hdr": self.tr("{views} photographs of {width} \u00d7 {height} pixels; twelve of them"),
-            "segment": self.tr("The object covers {share:.1%} of the picture"),
-            "poses": self.tr(
-                "{placed} of {views} cameras placed, {off_px:.2g} pixels off in the mean; seen from above"
-            ),
-            "light": self.tr(
-                "{gaussians} Gaussians and {lamps} lamps: the room as it lights the object, logarithmic"
-            ),
-            "surface": self.tr(
-                "Normals and albedo of {pixels} pixels; standard error of the normals {stderr_deg:.2g}° in the median"
-            ),
-            "export": self.tr("{files} files for other programs"),
-        }[stage].format(**facts)
-
-
-class _Picture(QWidget):
-    """As large as there is room for, at the top."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._image = QImage()
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
-
-    @property
-    def image(self) -> QImage:
-        return self._image
-
-    def sizeHint(self) -> QSize:
-        return QSize(WIDTH, WIDTH)
-
-    def show_image(self, image: QImage) -> None:
-        self._image = image
-        wide = WIDTH - 16
-        self.setMaximumHeight(
-            round(wide * image.height() / max(image.width(), 1))
-        )  # the words follow at once
-        self.update()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        if self._image.isNull():
-            return
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        size = QSizeF(self._image.size()).scaled(QSizeF(self.size()), Qt.AspectRatioMode.KeepAspectRatio)
-        frame = QRectF((self.width() - size.width()) / 2, 0, size.width(), size.height())
-        painter.fillRect(frame, theme.colour(theme.colours(self).picture))
-        painter.drawImage(frame, self._image)
+def told_made(stage: str, facts: Mapping[str, Any]) -> str:
+    """Of the numbers that the child answered."""
+    told = QCoreApplication.translate
+    return {
+        "hdr": told("Made", "{views} photographs of {width} \u00d7 {height} pixels; twelve of them"),
+        "segment": told("Made", "The object covers {share:.1%} of the picture"),
+        "poses": told(
+            "Made", "{placed} of {views} cameras placed, {off_px:.2g} pixels off in the mean; seen from above"
+        ),
+        "light": told(
+            "Made", "{gaussians} Gaussians and {lamps} lamps: the room as it lights the object, logarithmic"
+        ),
+        "surface": told(
+            "Made",
+            "Normals and albedo of {pixels} pixels; standard error of the normals {stderr_deg:.2g}\u00b0 in the median",
+        ),
+        "export": told("Made", "{files} files for other programs"),
+    }[stage].format(**facts)

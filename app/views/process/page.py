@@ -22,11 +22,12 @@ from app.views.bridge import Bridge
 from app.views.editors import label
 from app.views.pages import Shell
 from app.views.process.bar import RunBar
-from app.views.process.made import MadePanel
+from app.views.process.made import told_made
 from app.views.process.parameters import ParameterPanel
 from app.views.process.queue import QueuePanel
 from app.views.process.settings_edit import SettingsEdit
 from app.views.process.stages import StageColumn, title
+from app.views.side_picture import SidePicture
 from app.views.trouble import show_trouble
 from app.views.verdict import Verdict
 from app.work.enquiries import Answer
@@ -132,7 +133,7 @@ class ProcessPage(QWidget):
         self.tabs.setDocumentMode(True)
         self.tabs.setAccessibleName(self.tr("Log and queue"))
         self.tabs.addTab(self.log, self.tr("Log"))
-        self.made = MadePanel()
+        self.made = SidePicture(self.tr("What this stage made"))
         upper = QWidget()
         row = QHBoxLayout(upper)
         row.setContentsMargins(0, 0, 0, 0)
@@ -273,7 +274,8 @@ class ProcessPage(QWidget):
         row = next((row for row in plan.rows if row.name == stage), None) if plan is not None else None
         result = row.folder if row is not None and row.done and preview is None else ""
         if preview is not None:
-            self.made.show_preview(preview.file, preview.number)
+            said = self.tr("Normals so far, {0}. look. The solve goes on.").format(preview.number)
+            self.made.show_file(preview.file, said)
         elif not result:
             self.made.clear()
         elif result != self._made:
@@ -284,7 +286,11 @@ class ProcessPage(QWidget):
     def _take_made(self, result: str, stage: str, answer: Answer) -> None:
         # What cannot be pictured is said where it is opened.
         if result == self._made:
-            self.made.show_made(stage, answer.content or {})
+            content = answer.content or {}
+            if content.get("picture") is None:
+                self.made.clear()
+            else:
+                self.made.show_file(Path(content["picture"]), told_made(stage, content["facts"]))
 
     def _show_trouble(self) -> None:
         assert self.model is not None

@@ -19,6 +19,8 @@ from app.views import icons, theme
 from app.views.editors import Field, label, told_default, tooltip
 from app.views.process.stages import about, title
 
+LABEL_PX = 190
+
 
 class ParameterPanel(QWidget):
     """One stage's parameters."""
@@ -122,6 +124,8 @@ class ParameterPanel(QWidget):
         name = QLabel(label(parameter.meaning))
         name.setToolTip(tooltip(parameter))
         name.setBuddy(field.control)
+        name.setFixedWidth(LABEL_PX)  # fields stay in place from stage to stage
+        name.setWordWrap(True)
         default = QLabel()
         default.setObjectName("dim")
         back = QToolButton()

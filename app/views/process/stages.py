@@ -129,7 +129,9 @@ class _Painter(QStyledItemDelegate):
         outline.addRoundedRect(frame, 6, 6)
         painter.fillPath(outline, theme.colour(ours.panel))
         focused = chosen and column.hasFocus()
-        painter.setPen(theme.pen(ours.accent if chosen else ours.line, 2 if focused else 1))
+        painter.setPen(
+            theme.pen(ours.focus, 2) if focused else theme.pen(ours.accent if chosen else ours.line)
+        )
         painter.drawPath(outline)
         sign, colour = {
             CardState.DONE: ("done", ours.good),

@@ -119,7 +119,7 @@ class ViewCanvas(QWidget):
             self._paint_cameras(painter)
             self._paint_guides(painter)
         if self.hasFocus():
-            painter.setPen(QPen(QColor(DARK.accent), 1))
+            painter.setPen(QPen(QColor(DARK.focus), 2))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
 

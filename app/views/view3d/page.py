@@ -26,7 +26,7 @@ from app.viewer.supervisor import Supervisor
 from app.viewer.turntable import Film
 from app.views.background import Background
 from app.views.bridge import Bridge
-from app.views.pages import Shell
+from app.views.pages import Shell, tell
 from app.views.theme import DARK
 from app.views.trouble import show_trouble
 from app.views.view3d import actions as view3d_actions
@@ -36,6 +36,10 @@ from app.views.view3d.panel import ViewPanel
 from app.views.view3d.turn import Turn
 from app.views.view3d.turntable import Turntable
 from engine.errors import ExportError
+from engine.io import scale_edit
+from engine.scale_bar import ScaleBar
+
+Loaded = tuple[dict[str, Path], ScaleBar | None]  # the stages and what fixes their scale
 
 RELIT = "relit"
 SETTLE_MS = 130  # without a move until the picture is drawn as well as possible
@@ -63,7 +67,7 @@ class View3dPage(QWidget):
         self._supervise = supervise
         self._supervisor: Supervisor | None = None
         self._session: Path | None = None
-        self._loaded: dict[str, Path] | None = None  # stages that are shown
+        self._loaded: Loaded | None = None  # what is shown
         self._relit: Path | None = None
         self._to_relit = False  # the surface is to be shown relit once it can be
         self._shell: Shell | None = None
@@ -118,7 +122,10 @@ class View3dPage(QWidget):
         """Look whether there are other results than those shown, and show them."""
         folder = self._session
         if folder is not None and self.isVisible():
-            self._background.ask("stages", lambda: stages_of(folder), self._found)
+            self._background.ask(
+                "stages", lambda: (stages_of(folder), scale_edit.read(folder)), self._found,
+                lambda fault: tell(self._shell, self, fault),
+            )  # fmt: skip
 
     def _paint_relit(self, path: Path | None) -> None:
         """Give the surface a layer "relit", and turn to it: a .npy file on the maps' grid, linear, 1 is white."""
@@ -184,9 +191,9 @@ class View3dPage(QWidget):
 
     # What arrives
 
-    def _found(self, stages: dict[str, Path]) -> None:
-        if stages != self._loaded and self._session is not None:
-            self._loaded = stages
+    def _found(self, found: Loaded) -> None:
+        if found != self._loaded and self._session is not None:
+            self._loaded = found
             supervisor = self._begin()
             supervisor.show(self._session)
             if self._relit is not None:

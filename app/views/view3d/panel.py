@@ -30,10 +30,6 @@ EV_RANGE = 6
 SIZE_STEPS = 4  # of the slider, per doubling
 SIZE_RANGE = 3
 MINUS = "\N{MINUS SIGN}"
-SEGMENT = """QToolButton { padding: 3px 4px; border: 1px solid palette(mid); border-radius: 3px; }
-QToolButton:checked { background: palette(highlight); color: palette(highlighted-text); }
-QToolButton:focus { border-color: palette(highlight); }
-QToolButton:checked:focus { border-color: palette(text); }"""
 PLAIN = """QToolButton { padding: 3px 6px; border: 1px solid palette(mid); border-radius: 3px; }
 QToolButton:hover { background: palette(button); }
 QToolButton:pressed { background: palette(mid); }
@@ -145,7 +141,8 @@ class ViewPanel(QFrame):
             button.setToolTip(tip)
             button.setAccessibleName(self.tr("Emitters as {0}").format(text.lower()))
             button.setCheckable(True)
-            button.setStyleSheet(SEGMENT)
+            button.setObjectName("segment")
+            button.setProperty("narrow", True)
             button.clicked.connect(lambda checked, key=key: self.emitters_chosen.emit(key))
             group.addButton(button)
             row.addWidget(button, 1)

@@ -10,16 +10,17 @@ from collections.abc import Mapping
 WHAT = "from the camera to the object"
 
 
-def told(found: object, unit: str, scaled: bool) -> list[tuple[str, str]]:
+def told(found: object, unit: str, scaled: bool, per_unit: float = 1.0) -> list[tuple[str, str]]:
     """(the number, what it is) for the head of the page; nothing before a surface has reported a distance.
 
-    `found` is what the stage stored of its `Distance`; `scaled`: whether the scene's `unit` is a known one.
+    `found` is what the stage stored of its `Distance`, of whose unit `per_unit` of `unit` are one; `scaled`: whether that is a known one.
     """
     if not isinstance(found, Mapping):
         return []
     value, stderr = _number(found.get("value")), _number(found.get("stderr"))
     if value is None:
         return []
+    value, stderr = per_unit * value, None if stderr is None else per_unit * stderr
     length = f"{value:.4g} {'m' if unit == 'metres' else unit}"
     if found.get("source") == "given":
         return [(length, f"{WHAT} (given)")]

@@ -18,8 +18,6 @@ from engine.results.quality import quality
 from engine.results.report import distance, embedded_images, html_page, maps, path_drawing
 from engine.types import Gaussians, LightProvenance, Panorama, Poses, Surface, ValidationRenders
 
-METRES = ("rig", "board")
-
 
 @dataclass(frozen=True, slots=True)
 class StageRun:
@@ -53,6 +51,9 @@ class Contents:
     truth: Truth | None = None  # to draw the errors
     exported: tuple[str, ...] = ()  # files
     left_out: frozenset[str] = frozenset()  # views that a person left out
+    per_unit: float = (
+        1.0  # of the lengths in the stages' own reports; those of the records here are in the poses' unit
+    )
     notes: tuple[str, ...] = ()  # what a person should know beyond what is found here
     software: Mapping[str, str] | None = None
 
@@ -88,7 +89,7 @@ def _head(c: Contents) -> str:
         numbers.append((f"{int(c.surface.mask.sum()):,}".replace(",", "\u202f"), "surface pixels"))
         numbers.append((f"± {np.median(stderr):.2g}°", "standard error of the normal, median (estimated)"))
     scaled = c.poses is not None and c.poses.scale != "unknown"
-    numbers += distance.told(_facts(c, "surface").get("distance"), _unit(c.poses), scaled)
+    numbers += distance.told(_facts(c, "surface").get("distance"), _unit(c.poses), scaled, c.per_unit)
     if c.panorama is not None:
         numbers.append(
             (
@@ -231,7 +232,8 @@ def cautions(c: Contents) -> tuple[str, ...]:
             )
         if c.poses.scale == "unknown":
             lines.append(
-                "The length of one scene unit is unknown: depth and light are right up to one factor."
+                "The length of one scene unit is unknown: depth and light are right up to one factor. The true distance of two points"
+                " of the object fixes it: *Set scale* in Maps, or `--scale`."
             )
     if c.panorama is not None and embedded_images.seen_share(c.panorama) < 0.995:
         guessed = 100 * (1 - embedded_images.seen_share(c.panorama))
@@ -399,7 +401,7 @@ def _object_middle(c: Contents) -> Float[np.ndarray, " 3"] | None:
 def _unit(poses: Poses | None) -> str:
     if poses is None or poses.scale == "unknown":
         return "scene units"
-    return "metres" if poses.scale in METRES else "units of the given poses"
+    return "metres" if poses.metric else "units of the given poses"
 
 
 def _some(names: Sequence[str], most: int = 12) -> str:

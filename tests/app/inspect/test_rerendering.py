@@ -32,12 +32,6 @@ class Wire:
         return Progress(cancelled=lambda: len(self.told) >= self._stop_after)
 
 
-@pytest.fixture(autouse=True)
-def polite(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Standing back for the window is for children: the test's own process keeps its place."""
-    monkeypatch.setattr(rerendering.os, "nice", lambda by: 0)
-
-
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     return furnace.finished(tmp_path)

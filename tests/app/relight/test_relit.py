@@ -332,10 +332,9 @@ def test_damaged_files_are_told(tmp_path: Path) -> None:
         relighting_files.load_transfer(tmp_path / "t.npz")
 
 
-def test_the_recovered_light_of_an_even_room_is_even(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_recovered_light_of_an_even_room_is_even(tmp_path: Path) -> None:
     from tests.app.inspect.test_rerendering import Wire
 
-    monkeypatch.setattr(light_transfer.os, "nice", lambda by: 0)
     session = furnace.finished(tmp_path)
     run = runs.runs_of(session)[0]
     request = {"session": str(session), "fingerprint": run.fingerprint, "view": 4}

@@ -104,6 +104,7 @@ def test_a_session_is_shown(make: Make) -> None:
     states = [status.state for status in heard.statuses]
     assert list(dict.fromkeys(states)) == ["starting", "loading", "showing"]
     assert any(isinstance(event, Contents) and event.folder == str(SESSION) for event in heard.events)
+    assert os.getsid(pid(supervisor)) != os.getsid(0)  # what it computes is not counted as the window's
 
 
 def test_of_many_wishes_the_newest_is_drawn_and_few_of_the_others(make: Make) -> None:

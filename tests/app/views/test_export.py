@@ -14,6 +14,7 @@ from app.exports import TARGETS
 from app.views.export.page import ExportPage
 from app.views.pages import Shell
 from app.views.trouble import TroubleDialog
+from app.work import exported as drawn
 from app.work.enquiries import Answer
 from app.work.jobs import Job
 from engine.results.quality import GOOD, Quality
@@ -32,6 +33,9 @@ class Finished(Questions):
 
     def answer(self, place: int = 0) -> None:
         asked, then = self.open.pop(place)
+        if asked["question"] == "exported":
+            then(Answer(drawn.show(asked)))
+            return
         answer = content(None, self.stages_done, asked["session"])
         answer["stages"][-1]["folder"] = str(self.folder)
         then(Answer(answer))
@@ -128,6 +132,20 @@ def test_a_format_that_is_not_ticked_is_left_out(
     until(qtbot, lambda: requests)
     assert requests[0]["files"] == ["surface.glb"]
     assert requests[0]["green"] == "up"
+
+
+def test_the_format_that_is_chosen_is_shown(page: ExportPage, qtbot: QtBot) -> None:
+    line = {page.table.topLevelItem(row).text(0): page.table.topLevelItem(row) for row in range(17)}
+    assert page.preview.isHidden()
+    page.table.setCurrentItem(line["surface.glb"])
+    until(qtbot, page.preview.isVisible)
+    assert page.preview.said.text() == "surface.glb"
+    page.table.setCurrentItem(line["transforms.json"])
+    until(qtbot, page.preview.isHidden)
+    page.table.setCurrentItem(line["light.ply"])
+    until(qtbot, page.preview.isVisible)
+    page.resize(900, 560)
+    until(qtbot, page.preview.isHidden)  # what can be chosen comes first
 
 
 def test_a_program_ticks_what_it_reads_and_turns_green(page: ExportPage) -> None:

@@ -6,15 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QImage
-from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QFileDialog, QWidget
+from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QFileDialog, QInputDialog, QWidget
 from pytestqt.qtbot import QtBot
 
 from app.inspect import maps, runs
 from app.views.maps.page import MapsPage
 from app.views.maps.panel import MapPanel
 from app.views.pages import Shell
+from engine.io import scale_edit
+from engine.io import session as sessions
+from engine.scale_bar import ScaleBar
 from tests.app import furnace
 from tests.app.views.conftest import active, until
 from tests.app.work.children import QUICK, WILLING, job
@@ -390,3 +393,88 @@ def test_the_verdict_of_the_run_stands_over_its_maps(page: MapsPage, qtbot: QtBo
     assert "50 % off" in page.verdict.text()
     page.show_session(None)
     assert page.verdict.isHidden()
+
+
+# Measuring, and the scale
+
+
+@pytest.fixture
+def measured(page: MapsPage, tmp_path: Path, qtbot: QtBot) -> MapsPage:
+    """The ball, with the row that measures."""
+    camera = {"make": "", "model": "", "width": 40, "height": 30}
+    sessions.create(tmp_path / "ball.session", "linear", camera)
+    shown(page, furnace.finished(tmp_path / "ball.session"), qtbot)
+    active(page, qtbot)
+    page.setFocus()
+    qtbot.keyClick(page, Qt.Key.Key_D)
+    return page
+
+
+def click(page: MapsPage, at: QPointF, qtbot: QtBot) -> None:
+    view = page.grid.panels[1].view
+    qtbot.mouseClick(view, Qt.MouseButton.LeftButton, pos=view.from_picture(at).toPoint())
+
+
+ENDS = (QPointF(14.5 / 40, 15.5 / 40), QPointF(25.5 / 40, 15.5 / 40))
+
+
+def test_two_clicks_measure_and_a_length_sets_the_scale_which_can_be_undone(
+    measured: MapsPage, qtbot: QtBot
+) -> None:
+    row = measured.scale
+    for end in ENDS:
+        assert not row.set.isEnabled()
+        click(measured, end, qtbot)
+    apart = float(row.said.text().split()[0])
+    assert row.said.text().endswith("scene units apart")
+    assert 0.18 < apart < 0.21  # 11 of 44 pixels of focal length, at a depth of 0.75 to 0.8
+    row.length.setValue(50.0)
+    row.set.click()
+    until(qtbot, lambda: measured.showing is not None and measured.showing.maps.unit == "mm")
+    assert row.said.text() == "50 mm apart"
+    folder = measured._session
+    assert folder is not None
+    kept = scale_edit.read(folder)
+    assert kept is not None
+    assert (kept.size, kept.length_m) == ((40, 30), 0.05)
+    assert measured.showing is not None
+    assert measured.showing.maps.unit_factor == pytest.approx(50.0 / apart, rel=1e-3)
+    measured.undo_stack.undo()
+    until(qtbot, lambda: measured.showing is not None and measured.showing.maps.unit == "scene units")
+    assert scale_edit.read(folder) is None
+
+
+def test_a_drag_marks_nothing_and_what_is_off_the_object_is_told(measured: MapsPage, qtbot: QtBot) -> None:
+    view = measured.grid.panels[1].view
+    qtbot.mousePress(view, Qt.MouseButton.LeftButton, pos=QPoint(60, 60))
+    qtbot.mouseMove(view, QPoint(90, 60))
+    qtbot.mouseRelease(view, Qt.MouseButton.LeftButton, pos=QPoint(90, 60))
+    assert measured.viewport.marks == ()
+    measured.viewport.fit("all")
+    click(measured, ENDS[0], qtbot)
+    click(measured, QPointF(0.5 / 40, 0.5 / 40), qtbot)
+    measured.scale.length.setValue(50.0)
+    assert "is off the object" in measured.scale.said.text()
+    assert not measured.scale.set.isEnabled()
+
+
+def test_a_scale_given_on_the_command_line_is_shown_without_a_new_run(
+    measured: MapsPage, qtbot: QtBot
+) -> None:
+    folder = measured._session
+    assert folder is not None
+    bar = ScaleBar(((14.5, 15.5), (25.5, 15.5)), (40, 30), 0.05)
+    scale_edit.write(sessions.open_session(folder), bar)
+    measured.refresh()
+    until(qtbot, lambda: measured.scale.said.text() == "50 mm apart")
+    assert measured.scale.remove.isVisible()
+
+
+def test_a_run_is_named_and_its_box_says_so(
+    page: MapsPage, two_runs: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown(page, two_runs, qtbot)
+    monkeypatch.setattr(QInputDialog, "getText", lambda *_, **__: ("curtain drawn", True))
+    page.bar.name_wanted.emit()
+    until(qtbot, lambda: page.bar.run_box.currentText() == "curtain drawn")
+    assert "curtain drawn" not in page.bar.run_box.itemText(1)

@@ -77,6 +77,15 @@ def test_the_column_shows_each_stage_and_chooses_the_first_to_run(page: ProcessP
     assert not page.grab().isNull()
 
 
+def test_fields_stand_in_one_place_whatever_the_stage(page: ProcessPage, qtbot: QtBot) -> None:
+    places = set()
+    for stage in ("hdr", "light", "surface"):
+        page.column.chosen.emit(stage)
+        qtbot.wait(1)  # lets the layout settle
+        places |= {field.x() for field in page.parameters.fields.values()}
+    assert len(places) == 1
+
+
 def test_what_another_page_or_program_made_stale_is_told_as_soon_as_the_page_is_seen_again(
     page: ProcessPage, questions: Questions, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,7 +33,9 @@ def test_text_is_readable_on_every_ground(ours: Palette) -> None:
         assert contrast(ours.text, ground) >= 7
         for colour in (ours.dim, ours.good, ours.warn, ours.bad, ours.accent):
             assert contrast(colour, ground) >= 4.5, (colour, ground)
+        assert contrast(ours.focus, ground) >= 3, ground  # WCAG 2.2, 1.4.11
     assert contrast(ours.on_accent, ours.accent) >= 4.5
+    assert contrast(ours.focus, ours.accent) >= 1.5  # on what is down, too
 
 
 @pytest.mark.parametrize("ours", [DARK, LIGHT])

@@ -128,10 +128,12 @@ def test_every_task_is_where_the_table_says() -> None:
 def test_processing_tells_its_stages_and_reads_what_params_toml_asks(session: Path) -> None:
     sessions.write_params(sessions.open_session(session), {"preset": "draft"})
     job = Job("a", "process", {"session": str(session), "device": "cpu", "until": "segment"})
-    heard = Heard(job)
+    heard, policies = Heard(job), set()
+    job.listen_events(lambda event: policies.add(os.sched_getscheduler(job._child.pid)))  # type: ignore[union-attr]
     job.start()
     status = job.wait(LONG_S)
     assert status.state is JobState.DONE, status
+    assert policies == {os.SCHED_BATCH}  # the window goes first
     assert status.result == {"ran": ["hdr", "segment"]}
     assert list(dict.fromkeys(s.stage for s in heard.statuses if s.fraction == 1)) == ["hdr", "segment"]
     assert sessions.read_params(sessions.open_session(session))["preset"] == "draft"

@@ -43,6 +43,11 @@ def sampled(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return image[np.floor(uv[:, 1] * height).astype(int), np.floor(uv[:, 0] * width).astype(int)]
 
 
+def within(uv: np.ndarray) -> np.ndarray:
+    """Vertices at the centre of a pixel, which those of the rim are not."""
+    return np.abs(uv * [64, 48] % 1 - 0.5).max(1) < 1e-3
+
+
 def test_materials_are_said_where_not_all_is_of_paint():
     plain = ball()
     document = pygltflib.GLTF2.load_from_bytes(glb(plain))
@@ -77,9 +82,9 @@ def test_mesh_frame_and_texture_together_give_the_recovered_normals(turn_deg):
     texel = sampled(texture(document, document.materials[0].normalTexture.index), uv) / 255 * 2 - 1
     bitangent = np.cross(normal, tangent[:, :3]) * tangent[:, 3:]
     decoded = tangent[:, :3] * texel[:, :1] + bitangent * texel[:, 1:2] + normal * texel[:, 2:]
-    column, row = np.floor(uv * [64, 48]).astype(int).T
+    row, column = from_depth(replace(surface, normal=turned), CAMERA, CutParams()).pixels.T
     expected = turned[row, column] * [1, -1, -1]  # OpenCV's camera frame to glTF's
-    assert np.degrees(angle_between(decoded.astype(float), expected)).max() < 1.0
+    assert np.degrees(angle_between(decoded.astype(float), expected))[within(uv)].max() < 1.0
     assert texel[:, 2].min() > 0
 
 
@@ -102,9 +107,9 @@ def test_trimesh_sees_the_ball_upright_facing_the_viewer_and_centred():
     middle = np.linalg.norm(points[:, :2] - 0, axis=-1) < 0.05
     assert points[middle, 2].mean() > points[:, 2].mean()
     (name,) = scene.geometry
-    assert np.linalg.norm(scene.geometry[name].vertices - CENTRE * [1, -1, -1], axis=-1) == pytest.approx(
-        RADIUS, abs=1e-5
-    )
+    off = np.linalg.norm(scene.geometry[name].vertices - CENTRE * [1, -1, -1], axis=-1) - RADIUS
+    assert np.median(np.abs(off)) < 1e-5
+    assert np.abs(off).max() < 0.04 * RADIUS  # at the smoothed rim
 
 
 def test_textures_hold_albedo_and_roughness_where_gltf_wants_them():
@@ -113,11 +118,13 @@ def test_textures_hold_albedo_and_roughness_where_gltf_wants_them():
     material = document.materials[0].pbrMetallicRoughness
     uv = accessor(document, 3)
     column, row = np.floor(uv * [64, 48]).astype(int).T
+    known = surface.mask[row, column]  # smoothing carries some of the rim beyond it
+    assert known.mean() > 0.99
     base = sampled(texture(document, material.baseColorTexture.index), uv) / 255
     linear = np.where(base <= 0.04045, base / 12.92, ((base + 0.055) / 1.055) ** 2.4)
-    assert linear == pytest.approx(surface.albedo[row, column], abs=0.006)
+    assert linear[known] == pytest.approx(surface.albedo[row, column][known], abs=0.006)
     packed = sampled(texture(document, material.metallicRoughnessTexture.index), uv)
-    assert packed[:, 1] / 255 == pytest.approx(surface.roughness[row, column], abs=0.003)
+    assert packed[known, 1] / 255 == pytest.approx(surface.roughness[row, column][known], abs=0.003)
     assert (packed[:, 2] == 0).all()
     assert material.metallicFactor == 0
     assert material.roughnessFactor == 1

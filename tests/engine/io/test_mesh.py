@@ -7,7 +7,7 @@ import pytest
 
 from engine.errors import ExportError
 from engine.geometry import rays, resized
-from engine.io.mesh import CutParams, from_depth, vertex_normals
+from engine.io.mesh import CutParams, Mesh, from_depth, vertex_normals
 from engine.results.metrics import angle_between
 from engine.types import Camera
 from tests.engine.ball import CAMERA, CENTRE, RADIUS, ball
@@ -15,10 +15,35 @@ from tests.engine.ball import CAMERA, CENTRE, RADIUS, ball
 
 def test_vertices_lie_on_the_surface_and_triangles_face_the_camera():
     mesh = from_depth(ball(), CAMERA, CutParams())
-    assert np.abs(np.linalg.norm(mesh.points - CENTRE, axis=-1) - RADIUS).max() < 1e-9
+    off = np.abs(np.linalg.norm(mesh.points - CENTRE, axis=-1) - RADIUS)
+    moved = np.linalg.norm(mesh.image - centres(mesh), axis=-1)
+    assert off[moved < 1e-6].max() < 1e-9
+    assert off.max() < 0.04 * RADIUS
+    assert moved.max() < 1
     a, b, c = (mesh.points[mesh.triangles[:, k]] for k in range(3))
     assert ((np.cross(b - a, c - a) * a).sum(-1) < 0).all()
     assert len(np.unique(mesh.triangles)) == len(mesh.points)
+
+
+def test_the_rim_is_a_curve_and_not_the_stairs_of_the_pixels():
+    camera = resized(CAMERA, 256, 192)
+    mesh = from_depth(ball(camera), camera, CutParams())
+    edges = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    pairs, times = np.unique(edges, axis=0, return_counts=True)
+    rim = np.unique(pairs[times == 1])
+
+    def off_circle(at: np.ndarray) -> float:
+        """The spread of points about the circle that fits them best, which a ball's rim is nearly; pixels."""
+        (x, y, rest), *_ = np.linalg.lstsq(np.c_[2 * at, np.ones(len(at))], (at**2).sum(1), rcond=None)
+        return float((np.linalg.norm(at - [x, y], axis=1) - np.sqrt(rest + x * x + y * y)).std())
+
+    assert off_circle(centres(mesh)[rim]) > 0.2
+    assert off_circle(mesh.image[rim]) < 0.15
+
+
+def centres(mesh: Mesh) -> np.ndarray:
+    """x, y of the pixels that the vertices came from."""
+    return mesh.pixels[:, ::-1] + 0.5
 
 
 def test_a_flat_plate_uses_every_pixel_and_two_triangles_a_quad():
