@@ -28,13 +28,15 @@ BETWEEN_VIEWS_S = 10.0
 
 
 def simulate(
-    out: Path, order: Order, vignetting: float, progress: Progress, files: str = "raw", enlarged: int = 1
-) -> tuple[str, ...]:
+    out: Path, order: Order, vignetting: float, progress: Progress, files: str = "raw", enlarged: int = 1,
+    panoramas: bool = True,
+) -> tuple[str, ...]:  # fmt: skip
     """Write OUT/session and OUT/truth; both appear by renames when everything is done. What was simplified, in words.
 
     Args:
         files: "raw": brackets by a camera; or "linear": the radiance itself, one EXR of floats a view, by no camera.
         enlarged: RAW files are so many times as wide and high as what is drawn, with noise of their own; the truth is not.
+        panoramas: the truth holds the light at the object, view by view.
 
     Raises:
         StudioError: what was ordered cannot be built, or no lens loses such a share of light.
@@ -48,7 +50,8 @@ def simulate(
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
     try:
-        notes = _photograph(partial, order, sensor.Sensor(vignetting=vignetting), files, enlarged, progress)
+        camera = sensor.Sensor(vignetting=vignetting)
+        notes = _photograph(partial, order, camera, files, enlarged, panoramas, progress)
         with sessions.told(out):
             (partial / "truth").rename(out / "truth")
             (partial / "session").rename(out / "session")
@@ -58,8 +61,8 @@ def simulate(
 
 
 def _photograph(
-    partial: Path, order: Order, camera: sensor.Sensor, kind: str, enlarged: int, progress: Progress
-) -> tuple[str, ...]:
+    partial: Path, order: Order, camera: sensor.Sensor, kind: str, enlarged: int, panoramas: bool, progress: Progress
+) -> tuple[str, ...]:  # fmt: skip
     """Fill `partial` with a session and the truth beside it."""
     built = virtual.build(order, places.cache() / "studio", progress.part(0, 0.4).step)
     pictures = list(built.shoot(progress.part(0.4, 0.85).step))
@@ -76,7 +79,7 @@ def _photograph(
             for path in files:
                 path.unlink()
             progress.step(0.85 + 0.05 * view.index / order.views, "writing photographs")
-    built.truth(progress.part(0.9, 1.0).step).save(partial / "truth")
+    built.truth(progress.part(0.9, 1.0).step, panoramas).save(partial / "truth")
     return built.notes
 
 

@@ -93,7 +93,7 @@ def photographed(
     order = order_of(room, thing, size, views, seed, device)
     try:
         with job(f"making {room.name}-{thing.name}") as progress:
-            notes = studio.simulate(partial, order, 0.0, progress, size.files, size.enlarged)
+            notes = studio.simulate(partial, order, 0.0, progress, size.files, size.enlarged, size.panoramas)
         print("\n".join(notes or ()), file=sys.stderr)
         with sessions.told(place):
             partial.rename(place)

@@ -35,6 +35,7 @@ class Size:
     motion: str = "gimbal"
     noise: float = RENDER_NOISE  # that the path tracer may leave on the object
     enlarged: int = 1  # photographs are so many times as wide and high as what the studio draws
+    panoramas: bool = True  # of the light at the object, in the truth: for tests.bench.light, no row asks
     files: str = "raw"  # brackets of RAW files; or "linear": one float image a view, without a camera's noise
 
     @property
@@ -61,7 +62,7 @@ SIZES = {
         "quick", 40, 128, 96, ("booth",), ("blob",), True, (20, 40), (512, 1024, 2048), (64,), (25,), 4_000_000,
         0.001, 100_000,
         # The machinery is what is tried: a light of few Gaussians does, and one setting of the reference.
-        {"light": {"max_gaussians": 6000}},
+        {"light": {"max_gaussians": 6000}}, panoramas=False,
     ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),

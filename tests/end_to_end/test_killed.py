@@ -36,7 +36,7 @@ STRUCK = ("hdr", "light", "surface")
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """A finished session, and the options it was run with."""
-    folder = bundled.copy(bundled.DEMO, tmp_path_factory.mktemp("killed") / "undisturbed", views=12)
+    folder = bundled.copy(bundled.DEMO, tmp_path_factory.mktemp("killed") / "undisturbed", views=9)
     distance = bundled.give_truth(folder)
     options = [word for change in LEAST for word in ("--set", change)]
     options += ["--set", f"surface.object_distance={distance}"]

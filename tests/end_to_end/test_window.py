@@ -31,6 +31,7 @@ from app.views.start.page import StartPage
 from app.views.view3d.page import View3dPage
 from app.work.jobs import Job, JobState, JobStatus
 from engine.io import session as sessions
+from tests.app.views.conftest import cycles_here
 from tests.end_to_end import bundled, windowed
 from tests.end_to_end.windowed import LEAST, until
 
@@ -45,7 +46,8 @@ def home(tmp_path_factory: pytest.TempPathFactory, qapp: object) -> Iterator[Pat
     with pytest.MonkeyPatch.context() as patch:
         for name, place in windowed.own_places(folder / "xdg").items():
             patch.setenv(name, place)
-        yield folder
+        with cycles_here():
+            yield folder
 
 
 @pytest.fixture(scope="module")

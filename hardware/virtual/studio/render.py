@@ -6,6 +6,7 @@ by following the reflectance only, while lamps are also aimed at. All other pixe
 baked room. A pixel is the mean over its own square in both, so edges blend.
 """
 
+import functools
 from typing import Any, Protocol
 
 import numpy as np
@@ -80,6 +81,7 @@ _FACES = tuple(
 )  # fmt: skip
 
 
+@functools.cache
 def _cube_lookup(finer: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cube face, row and column behind `finer`^2 equal parts of every panorama pixel."""
     rows, columns = PANORAMA

@@ -77,21 +77,21 @@ class Studio:
             picture[touched] = front[i]
             yield View(i, pose, picture, self.journey.reports[i])
 
-    def truth(self, progress: Progress) -> truth.Truth:
-        """What a reconstruction is compared with."""
+    def truth(self, progress: Progress, panoramas: bool = True) -> truth.Truth:
+        """What a reconstruction is compared with; the light at the object, which takes longest, only with `panoramas`."""
         order, poses = self.order, self.cams_from_world()
         back = self.around.backdrop()
         middle = self.body.solid.vertices.mean(0)
-        panoramas = []
-        for i, pose in enumerate(poses):
+        seen = np.zeros((len(poses) if panoramas else 0, *render.PANORAMA, 3), np.float32)
+        for i in range(len(seen)):
             progress(i / len(poses), f"panorama {i + 1} of {len(poses)}")
             point = self.journey.world_from_cam[i] @ np.append(middle, 1.0)
-            panoramas.append(render.panorama(back, pose, point, order.seed + 1000 + 6 * i))
+            seen[i] = render.panorama(back, poses[i], point, order.seed + 1000 + 6 * i)
         return truth.Truth(
             **truth.maps(self.body, order.width, order.height),
             camera=truth.camera(order.width, order.height),
             cam_from_world=poses,
-            panoramas=np.stack(panoramas),
+            panoramas=seen,
         )
 
     def _object_pixels(self, poses: np.ndarray, touched: np.ndarray, progress: Progress) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The noise bound of a set: from the light that its photographs were taken in, kept beside it, of these photographs alone."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -75,6 +76,7 @@ def made(cheap: None, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str
 def test_under_its_light_the_true_surface_sends_what_was_photographed(made, files: str) -> None:
     on, size = made(files)
     assert sessions.open_session(on.session).kind == files
+    assert os.listdir(on.session.parent / "truth" / "panoramas") == []  # which take longest, and nobody asks
     assert all(
         len(shot.files) == (3 if files == "raw" else 1)
         for shot in sessions.shots(sessions.open_session(on.session))

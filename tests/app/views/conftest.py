@@ -1,5 +1,6 @@
 """Windows without a screen, settings and state of their own, and an engine that answers from a table."""
 
+import contextlib
 import gc
 import os
 from collections.abc import Callable, Iterator
@@ -25,13 +26,28 @@ def own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(f"XDG_{name}_HOME", str(tmp_path / "xdg" / name.lower()))
 
 
+@contextlib.contextmanager
+def cycles_here() -> Iterator[None]:
+    """No other thread looks for cycles, or widgets would die in it and the process with them: not even between two tests, which
+    threads outlive that allocate, as the one that loads a window's other pages.
+    """
+    gc.disable()
+    yield
+    gc.collect()
+    gc.enable()
+
+
+@pytest.fixture(scope="package", autouse=True)
+def package_cycles() -> Iterator[None]:
+    with cycles_here():
+        yield
+
+
 @pytest.fixture(autouse=True)
 def cycles() -> Iterator[None]:
     """Widgets die in this thread, as in the program; a test's are young."""
-    gc.disable()
     yield
     gc.collect(1)
-    gc.enable()
 
 
 @pytest.fixture

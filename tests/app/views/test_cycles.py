@@ -2,12 +2,22 @@
 
 import gc
 import threading
+from collections.abc import Iterator
 
+import pytest
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from app.views.cycles import collect_here
 from tests.app.views.conftest import until
+
+
+@pytest.fixture(scope="module", autouse=True)
+def between_tests() -> Iterator[None]:
+    """A thread that outlived its test would take down widgets."""
+    assert not gc.isenabled()
+    yield
+    assert not gc.isenabled()
 
 
 class Knot(QWidget):

@@ -1,6 +1,8 @@
 """Promises of `engine.sfm.reconstruct`, on a small room ray cast in numpy."""
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,37 +59,49 @@ def matched(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("matched") / "features.db"
 
 
-@pytest.fixture(scope="module")
-def found(turned, matched, tmp_path_factory):
-    frames, masks, _ = turned
+@contextmanager
+def keeping(folder: Path) -> Iterator[None]:
+    """Poses that are found meanwhile leave there their database as matched, and their latest model."""
     match, grow = mapping.match, mapping.grow
 
     def kept(database: Path, *args) -> None:
         match(database, *args)
-        shutil.copytree(database.parent, matched.parent, dirs_exist_ok=True)
+        shutil.copytree(database.parent, folder, dirs_exist_ok=True)
 
     def kept_too(*args):
         model, sizes = grow(*args)
-        model.write_binary(str(matched.parent))
+        model.write_binary(str(folder))
         return model, sizes
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mapping, "match", kept)
         patch.setattr(mapping, "grow", kept_too)
+        yield
+
+
+@pytest.fixture(scope="module")
+def found(turned, matched, tmp_path_factory):
+    frames, masks, _ = turned
+    with keeping(matched.parent):
         return find_poses(frames, masks, None, PARAMS, tmp_path_factory.mktemp("sfm"), Progress())
+
+
+def match_as_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Features and matches are those of poses that were found `keeping(folder)`."""
+
+    def there(frames, masks, guess, params, workdir: Path, progress) -> Path:
+        shutil.copytree(folder, workdir, dirs_exist_ok=True)
+        mapping._begin_with(workdir / "features.db", guess.params, guess.has_prior_focal_length)
+        return workdir / "features.db"
+
+    monkeypatch.setattr(reconstruct, "detect", there)
+    monkeypatch.setattr(mapping, "match", lambda *_: None)
 
 
 @pytest.fixture
 def already_matched(found, matched, monkeypatch: pytest.MonkeyPatch) -> None:
     """Photographs whose features and matches are known: what is tried are the models grown from them."""
-
-    def there(frames, masks, guess, params, workdir: Path, progress) -> Path:
-        shutil.copytree(matched.parent, workdir, dirs_exist_ok=True)
-        mapping._begin_with(workdir / matched.name, guess.params, guess.has_prior_focal_length)
-        return workdir / matched.name
-
-    monkeypatch.setattr(reconstruct, "detect", there)
-    monkeypatch.setattr(mapping, "match", lambda *_: None)
+    match_as_in(matched.parent, monkeypatch)
 
 
 @pytest.fixture
@@ -160,12 +174,20 @@ def rigged(tmp_path_factory):
     frames, masks = as_frames(radiance)
     # `look` turns the world about y by its yaw, so the camera turns about -y, the rig's axis, by the same.
     pan = np.arange(VIEWS) * 360.0 / VIEWS + np.random.default_rng(2).normal(size=VIEWS) * 0.02
-    return frames, masks, truth, rig_log(pan), tmp_path_factory
+    return frames, masks, truth, rig_log(pan)
 
 
-def test_a_logged_rig_gives_metres_and_places_the_blank_view(rigged) -> None:
-    frames, masks, truth, log, folders = rigged
-    poses, report = find_poses(frames, masks, log, PARAMS, folders.mktemp("rig"), Progress())
+@pytest.fixture(scope="module")
+def rig_found(rigged, tmp_path_factory):
+    """What is found with the log, and where its matches are kept."""
+    frames, masks, _, log = rigged
+    folder = tmp_path_factory.mktemp("rig matched")
+    with keeping(folder):
+        return find_poses(frames, masks, log, PARAMS, tmp_path_factory.mktemp("rig"), Progress()), folder
+
+
+def test_a_logged_rig_gives_metres_and_places_the_blank_view(rigged, rig_found) -> None:
+    truth, (poses, report) = rigged[2], rig_found[0]
     assert poses.scale == "rig"
     assert report.from_rig == ("v05",)
     assert poses.registered.all()
@@ -178,10 +200,12 @@ def test_a_logged_rig_gives_metres_and_places_the_blank_view(rigged) -> None:
     assert distances.mean() < 0.0025
 
 
-def test_a_log_that_contradicts_the_photographs_is_not_used(rigged) -> None:
-    frames, masks, _, log, folders = rigged
-    wrong = rig_log(-log.pan_deg * 0.9)
-    poses, report = find_poses(frames, masks, wrong, PARAMS, folders.mktemp("wrong"), Progress())
+def test_a_log_that_contradicts_the_photographs_is_not_used(
+    rigged, rig_found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, masks, _, log = rigged
+    match_as_in(rig_found[1], monkeypatch)
+    poses, report = find_poses(frames, masks, rig_log(-log.pan_deg * 0.9), PARAMS, tmp_path, Progress())
     assert poses.scale == "unknown"
     assert "was not used" in report.scale_note
     assert report.rig_doubtful
