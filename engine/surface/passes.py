@@ -218,7 +218,7 @@ def refine_distance(scene: Scene, now: Estimate, progress: Progress) -> Estimate
     params = scene.params
     if params.object_distance > 0:
         return now
-    config = light_calibration.CalibrationConfig(rounds=light_calibration.CalibrationConfig().rounds // 2)
+    config = replace(light_calibration.CONFIG, rounds=light_calibration.CONFIG.rounds // 2)
     setting = light_calibration.calibrate_with_distance(
         known(now.light_parameters), known(now.grouped_light), *_calibration_pixels(scene, now),
         params.models("light_gains"), progress, config,
