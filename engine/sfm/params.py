@@ -21,7 +21,7 @@ class FeatureParams:
         PoseError: what is asked lies outside `FEATURE_BOUNDS`.
     """
 
-    maximum: int = 2000  # per view; COLMAP keeps the coarsest, which are the best located
+    maximum: int = 2500  # per view, of each orientation; the coarsest are kept, which are the best located
     enlarge_below_px: int = 900  # photographs whose longer side is shorter are enlarged by an integer factor
     enlarge_most: int = 2
     # SIFT's first octave is of doubled photographs. Of larger ones the coarsest `maximum` are elsewhere already.
