@@ -26,7 +26,8 @@ from app.views.process.page import ProcessPage
 from app.views.view3d.page import View3dPage
 from app.work.jobs import Job, JobState, JobStatus
 
-PATIENCE_S = 240.0  # for anything to happen on a machine that has other work; nothing takes as long by itself
+PATIENCE_S = 240.0  # of a core, for anything to happen; nothing takes as long
+AT_WORK, WATCHED_S = 0.05, 30.0  # least share of a core, over so long, of who is still at something
 LOOK_MS = 10
 
 # A rig whose moves take a third of a second, and a scene that takes no time.
@@ -93,14 +94,39 @@ def shut(window: MainWindow) -> None:
 def until(what: Callable[[], object], why: str = "", timeout_s: float = PATIENCE_S) -> None:
     """Let the window live until `what` is true.
 
+    Beside other programs everything takes longer: who is at work is waited for until it had a core for `timeout_s`.
+
     Raises:
         TimeoutError: it never was; names `why`.
     """
-    deadline = time.monotonic() + timeout_s
+    begun = marked = time.monotonic()
+    worked = before = worked_s()
+    at_work = True
     while not what():
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"waited {timeout_s:g} s in vain: {why}")
         live(LOOK_MS / 1000)
+        now = time.monotonic()
+        if now - marked > WATCHED_S:
+            latest = worked_s()
+            at_work = latest - before > AT_WORK * (now - marked) and latest - worked < timeout_s
+            marked, before = now, latest
+        if now - begun > timeout_s and not at_work:
+            raise TimeoutError(f"waited {now - begun:.0f} s in vain: {why}")
+
+
+def worked_s() -> float:
+    """Seconds of a core that this process and its children have had; of Linux, elsewhere its own."""
+    if not sys.platform.startswith("linux"):
+        return time.process_time()
+    parents, ticks = {}, {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = stat.read_text().rpartition(")")[2].split()
+            parents[stat.parent.name] = fields[1]
+            ticks[stat.parent.name] = sum(map(int, fields[11:15]))  # with those of children that have ended
+    ours = {str(os.getpid())}
+    while found := {pid for pid, parent in parents.items() if parent in ours} - ours:
+        ours |= found
+    return sum(ticks.get(pid, 0) for pid in ours) / os.sysconf("SC_CLK_TCK")
 
 
 def live(seconds: float) -> None:

@@ -86,7 +86,9 @@ class ExportPage(QWidget):
         if export is not None:
             self.greens[export.green].setChecked(True)
             length = (
-                "" if export.length != "unknown" else self.tr("; no real-world scale: lengths are relative")
+                ""
+                if export.length != "unknown"
+                else self.tr("; no real-world scale: Set scale in Maps gives one")
             )
             self.state.setText(self.tr("up to date") + length)
         self._show()
