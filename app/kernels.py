@@ -3,7 +3,7 @@
 `kernels.json` says of what types they are asked for by a session's run at the presets, by the 3D view and by the quick
 benchmark. Whatever else asks compiles when it does, and keeps that too.
 
-    python -m app.kernels
+    python -m app.kernels; `python -m tests.bench.kernels` writes the list anew
 """
 
 import hashlib

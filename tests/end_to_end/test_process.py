@@ -10,8 +10,7 @@ import pycolmap
 import pygltflib
 import pytest
 import trimesh
-from numba import types
-from numba.core.event import Event, Listener, install_listener
+from numba.core.event import install_listener
 
 from app import kernels, results
 from app.cli import main
@@ -20,6 +19,7 @@ from app.inspect.rerendering import Scene, open_run
 from engine.pipeline import artifacts
 from engine.progress import Progress
 from engine.types import ValidationRenders
+from tests.bench.kernels import Compilations
 from tests.end_to_end import bundled
 
 # A third of the pixels each way, a coarse sphere of directions, a small light: a minute on two cores.
@@ -41,50 +41,23 @@ QUICK = (
 
 
 @pytest.fixture(scope="module")
-def compiled() -> list[str]:
-    """What this module's process had to compile, as app/kernels.json would list it."""
-    return []
+def compiled() -> Compilations:
+    """What this module's process had to compile; `python -m tests.bench.kernels` lists it."""
+    return Compilations()
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory, compiled: list[str]) -> Path:
+def session(tmp_path_factory: pytest.TempPathFactory, compiled: Compilations) -> Path:
     folder = bundled.copy(bundled.DEMO, tmp_path_factory.mktemp("bundled") / "session")
     changes = [word for change in QUICK for word in ("--set", change)]
     kernels.compile_all()
-    with install_listener("numba:compile", Compilations(compiled)):
+    with install_listener("numba:compile", compiled):
         assert main(["process", str(folder), "--preset", "draft", "--device", "cpu", *changes]) == 0
     return folder
 
 
-class Compilations(Listener):
-    """Notes kernels that are compiled, without those that are for the sake of another."""
-
-    def __init__(self, found: list[str]) -> None:
-        self.found, self.depth = found, 0
-
-    def on_start(self, event: Event) -> None:
-        if self.depth == 0:
-            kernel = event.data["dispatcher"].py_func
-            arguments = ", ".join(map(written, event.data["args"]))
-            self.found.append(f'"{kernel.__module__}.{kernel.__name__}": ["{arguments}"]')
-        self.depth += 1
-
-    def on_end(self, event: Event) -> None:
-        self.depth -= 1
-
-
-def written(kind: types.Type) -> str:
-    """A type as one writes it in Python."""
-    if not isinstance(kind, types.Array) or not kind.mutable:
-        return repr(kind)
-    axes = [":"] * kind.ndim
-    if kind.layout != "A":
-        axes[-1 if kind.layout == "C" else 0] = "::1"
-    return f"{kind.dtype}[{','.join(axes)}]"
-
-
-def test_a_run_compiles_no_kernel_that_set_up_has_not(session: Path, compiled: list[str]) -> None:
-    assert compiled == []
+def test_a_run_compiles_no_kernel_that_set_up_has_not(session: Path, compiled: Compilations) -> None:
+    assert compiled.found == {}
 
 
 @pytest.fixture(scope="module")
