@@ -113,8 +113,8 @@ def leave_out(folder: Path, words: Sequence[str]) -> None:
 def set_scale(folder: Path, given: tuple[float, ...]) -> None:
     """x and y of two points of the upright photographs and the metres between them, from now on; nothing: no longer known."""
     from engine.io import scale_edit, session
+    from engine.io.scale_edit import ScaleBar
     from engine.orientation import size
-    from engine.scale_bar import ScaleBar
 
     opened = session.open_session(folder)
     if not given:

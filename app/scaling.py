@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import SurfaceError
-from engine.io import scale_edit
-from engine.scale_bar import scaled
+from engine.scale_bar import factor_of, scaled
 from engine.types import Poses, Surface
 
 
@@ -21,7 +20,7 @@ def fixed_scale(session: Path, surface: Surface | None, poses: Poses | None) -> 
     if poses is None:
         return 1.0, "unknown"
     try:
-        factor = None if surface is None else scale_edit.factor_of(session, surface, poses.camera)
+        factor = None if surface is None else factor_of(session, surface, poses.camera)
     except SurfaceError:
         return 1.0, "unknown"
     return (1.0, poses.scale) if factor is None else (factor, "scale bar")

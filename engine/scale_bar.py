@@ -5,7 +5,8 @@ pixel's centre is at (0.5, 0.5), as in `engine/geometry.py`. Lengths inside stay
 scaled where it goes out, as pictures are turned (`engine/orientation.py`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -13,21 +14,13 @@ from jaxtyping import Float
 
 from engine.errors import SurfaceError
 from engine.geometry import unproject
+from engine.io import scale_edit
+from engine.io.scale_edit import ScaleBar
 from engine.types import Camera, Emitters, Gaussians, Lamps, Poses, Surface, part_of
 
 Record = TypeVar("Record")
-Point = tuple[float, float]
 
 REMEDY = "choose two points of one part of the object"
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleBar:
-    """The two points, the (width, height) in pixels of the picture that they are of, and their distance."""
-
-    points: tuple[Point, Point]
-    size: tuple[int, int]
-    length_m: float
 
 
 def factor(bar: ScaleBar, surface: Surface, camera: Camera) -> float:
@@ -52,6 +45,20 @@ def factor(bar: ScaleBar, surface: Surface, camera: Camera) -> float:
     if not apart > 0:
         raise SurfaceError(f"the scale's two points are one; {REMEDY}, far from one another")
     return bar.length_m / apart
+
+
+def factor_of(folder: Path, surface: Surface, camera: Camera) -> float | None:
+    """Metres per scene unit of an upright surface of the session in `folder`; None where its scale is not given.
+
+    Raises:
+        SessionError: the file is damaged.
+        SurfaceError: the depth between the points is not determined.
+    """
+    bar = scale_edit.read(folder)
+    try:
+        return None if bar is None else factor(bar, surface, camera)
+    except SurfaceError as error:
+        raise SurfaceError(f"{folder / 'edits' / scale_edit.FILE}: {error}, or remove the file") from error
 
 
 def _depth(surface: Surface, at: Float[np.ndarray, " 2"]) -> tuple[int, float]:

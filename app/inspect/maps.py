@@ -21,10 +21,10 @@ from engine.color import relative_error
 from engine.errors import SessionError
 from engine.io import scale_edit
 from engine.io.formats.arrays import UNREADABLE
+from engine.io.scale_edit import ScaleBar
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
 from engine.results.quality import Quality
-from engine.scale_bar import ScaleBar
 from engine.types import METRIC, Camera, Frames, Poses, Surface, ValidationRenders, material_of, part_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views

@@ -5,14 +5,24 @@ Only stage *export* reads it: everything before is right up to one factor, whate
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
-from engine.errors import SessionError, SurfaceError, reason
+from engine.errors import SessionError, reason
 from engine.io.session import Session, drop_edit, lock, write_edit
-from engine.scale_bar import ScaleBar, factor
-from engine.types import Camera, Surface
 
 FILE = "scale.json"
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleBar:
+    """The two points, the (width, height) in pixels of the picture that they are of, and their distance."""
+
+    points: tuple[Point, Point]
+    size: tuple[int, int]
+    length_m: float
 
 
 def read(folder: Path) -> ScaleBar | None:
@@ -68,17 +78,3 @@ def _check(bar: ScaleBar) -> None:
             raise SessionError(
                 f"the scale's point {x:g}, {y:g} is off the picture of {width} x {height}; give points of the object"
             )
-
-
-def factor_of(folder: Path, surface: Surface, camera: Camera) -> float | None:
-    """Metres per scene unit of an upright surface of the session in `folder`; None where its scale is not given.
-
-    Raises:
-        SessionError: the file is damaged.
-        SurfaceError: the depth between the points is not determined.
-    """
-    bar = read(folder)
-    try:
-        return None if bar is None else factor(bar, surface, camera)
-    except SurfaceError as error:
-        raise SurfaceError(f"{folder / 'edits' / FILE}: {error}, or remove the file") from error

@@ -19,12 +19,12 @@ from jaxtyping import Bool, Int
 
 from engine.errors import MaskError, PoseError, SurfaceError
 from engine.geometry import inverse, rays, transform
-from engine.io import left_out, scale_edit
+from engine.io import left_out
 from engine.io.session import Session, shots, verify
 from engine.orientation import turned
 from engine.pipeline import artifacts
 from engine.pipeline.stages import Work
-from engine.scale_bar import scaled
+from engine.scale_bar import factor_of, scaled
 from engine.types import (
     Camera,
     CapturedScene,
@@ -237,7 +237,7 @@ def export(work: Work) -> Records:
     view = middle_view(placed)
     seen, clipped = panorama(found, emitters, placed, view, frames, masks, PANORAMA_ROWS)
     grounds = provenance_of(seen, clipped, found.normal[found.mask])
-    by = scale_edit.factor_of(work.session.folder, found, placed.camera)
+    by = factor_of(work.session.folder, found, placed.camera)
     if by is not None:
         found, placed, emitters = scaled(found, by), scaled(placed, by), scaled(emitters, by)
     write_files(

@@ -7,7 +7,8 @@ import pytest
 
 from engine.errors import SurfaceError
 from engine.geometry import project, resized, transform
-from engine.scale_bar import ScaleBar, factor, scaled
+from engine.io.scale_edit import ScaleBar
+from engine.scale_bar import factor, scaled
 from engine.types import Lamps
 from tests.engine.ball import CAMERA, CENTRE, RADIUS, ball
 

@@ -37,7 +37,7 @@ from app.views.verdict import Verdict
 from app.words import sentence
 from engine.io import scale_edit
 from engine.io import session as sessions
-from engine.scale_bar import ScaleBar
+from engine.io.scale_edit import ScaleBar
 
 
 class MapsPage(QWidget):

@@ -11,7 +11,8 @@ from app.views.pictures.viewport import Viewport
 from app.views.readout import told
 from app.words import sentence
 from engine.errors import RoomlightError
-from engine.scale_bar import Point, ScaleBar, factor
+from engine.io.scale_edit import Point, ScaleBar
+from engine.scale_bar import factor
 
 LONGEST_MM = 1e5
 
@@ -39,8 +40,10 @@ class ScaleRow(QFrame):
         label.setBuddy(self.length)
         self.set = QPushButton(self.tr("Se&t scale"))
         self.set.setObjectName("primary")
+        self.set.setAccessibleName(self.tr("Set scale"))
         self.set.clicked.connect(self._want)
         self.remove = QPushButton(self.tr("Re&move scale"))
+        self.remove.setAccessibleName(self.tr("Remove scale"))
         self.remove.clicked.connect(lambda: self.wanted.emit(None))
         self.close_button = QToolButton()
         self.close_button.setText("\u00d7")

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtGui import QUndoCommand
 
-from engine.scale_bar import ScaleBar
+from engine.io.scale_edit import ScaleBar
 
 
 class ScaleEdit(QUndoCommand):

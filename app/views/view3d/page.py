@@ -37,7 +37,7 @@ from app.views.view3d.turn import Turn
 from app.views.view3d.turntable import Turntable
 from engine.errors import ExportError
 from engine.io import scale_edit
-from engine.scale_bar import ScaleBar
+from engine.io.scale_edit import ScaleBar
 
 Loaded = tuple[dict[str, Path], ScaleBar | None]  # the stages and what fixes their scale
 

@@ -17,7 +17,7 @@ from app.views.maps.panel import MapPanel
 from app.views.pages import Shell
 from engine.io import scale_edit
 from engine.io import session as sessions
-from engine.scale_bar import ScaleBar
+from engine.io.scale_edit import ScaleBar
 from tests.app import furnace
 from tests.app.views.conftest import active, until
 from tests.app.work.children import QUICK, WILLING, job

@@ -18,12 +18,12 @@ from engine.errors import BusyError, SessionError, SurfaceError
 from engine.geometry import project
 from engine.io import scale_edit
 from engine.io import session as sessions
+from engine.io.scale_edit import ScaleBar
 from engine.pipeline import artifacts, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings
 from engine.pipeline.stages import Work
 from engine.progress import Progress
 from engine.results.params import ExportParams
-from engine.scale_bar import ScaleBar
 from tests.app import furnace
 from tests.engine.ball import CENTRE, RADIUS
 
