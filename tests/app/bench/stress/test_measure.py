@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -30,10 +31,13 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         counts.append(len(frames.names))
         if len(frames.names) < 10:
             raise LightError("too few views; add some")
-        return None, None, Report()
+        stored = a_set().stored
+        return stored.gaussians, stored.lamps, Report()
 
     monkeypatch.setattr(measuring.light_fit, "fit", fit)
-    monkeypatch.setattr(measuring, "solve", lambda *asked: (leaning(4.0), None, None, Report()))
+    monkeypatch.setattr(
+        measuring, "solve", lambda *asked: SimpleNamespace(surface=leaning(4.0), report=Report())
+    )
     return counts
 
 
