@@ -27,12 +27,12 @@ from app.views.maps.compare import MapsCompare
 from app.views.maps.grid import MapsGrid
 from app.views.maps.panel import Showing
 from app.views.maps.scale import ScaleRow
-from app.views.maps.scale_edit import ScaleEdit
 from app.views.maps.swipe import MapsSwipe
 from app.views.pages import Shell, tell
 from app.views.pictures.view import ImageView
 from app.views.pictures.viewport import Viewport
 from app.views.readout import Readout
+from app.views.value_edit import ValueEdit
 from app.views.verdict import Verdict
 from app.words import sentence
 from engine.io import scale_edit
@@ -278,7 +278,7 @@ class MapsPage(QWidget):
     def _want_scale(self, bar: ScaleBar | None) -> None:
         if self._maps is not None and bar != self._maps.scale_bar:
             self.undo_stack.push(
-                ScaleEdit(self.tr("the scale"), self._maps.scale_bar, bar, self._write_scale)
+                ValueEdit(self.tr("the scale"), self._maps.scale_bar, bar, self._write_scale)
             )
 
     def _write_scale(self, bar: ScaleBar | None) -> None:

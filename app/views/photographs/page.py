@@ -30,11 +30,11 @@ from app.views.elided import Elided
 from app.views.empty import Empty
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
-from app.views.photographs.edit import LeaveOut, TakeAgain
 from app.views.photographs.facts import Facts
 from app.views.photographs.large import LargePhotograph
 from app.views.photographs.looks import Looks
 from app.views.photographs.sheet import CELL, LOOK, ContactSheet
+from app.views.value_edit import ValueEdit
 from app.work.enquiries import Enquiries
 from engine.errors import RoomlightError
 
@@ -303,7 +303,7 @@ class PhotographsPage(QWidget):
 
     def _change(self, names: frozenset[str]) -> None:
         text = self.tr("leaving out") if len(names) > len(self._out) else self.tr("putting back")
-        self.undo_stack.push(LeaveOut(text, self._out, names, self._apply))
+        self.undo_stack.push(ValueEdit(text, self._out, names, self._apply))
 
     def _apply(self, names: frozenset[str]) -> None:
         listing = self._listing
@@ -355,7 +355,9 @@ class PhotographsPage(QWidget):
                 told = self.tr("{0} is put aside; resume on the Capture page to take it again")
                 self._shell.wishes.say.emit(told.format(photograph.name))
 
-        self.undo_stack.push(TakeAgain(self.tr("taking {0} again").format(photograph.name), apply))
+        self.undo_stack.push(
+            ValueEdit(self.tr("taking {0} again").format(photograph.name), False, True, apply)
+        )
 
     # The window
 

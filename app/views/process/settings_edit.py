@@ -4,24 +4,18 @@ from collections.abc import Callable
 
 from PySide6.QtGui import QUndoCommand
 
+from app.views.value_edit import ValueEdit
 from engine.pipeline.settings import Settings
 
 
-class SettingsEdit(QUndoCommand):
+class SettingsEdit(ValueEdit[Settings]):
     """Settings before and after; edits of the same thing in a row become one."""
 
     def __init__(
         self, text: str, what: str, before: Settings, after: Settings, apply: Callable[[Settings], None]
     ) -> None:
-        super().__init__(text)
-        self.what, self.before, self.after = what, before, after
-        self._apply = apply
-
-    def redo(self) -> None:
-        self._apply(self.after)
-
-    def undo(self) -> None:
-        self._apply(self.before)
+        super().__init__(text, before, after, apply)
+        self.what = what
 
     def id(self) -> int:
         return 1
