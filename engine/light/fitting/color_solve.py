@@ -224,7 +224,7 @@ def solve_colours(
     render_rows(rows, np.ones((count, 3)), rendered, run)
     whole = rendered[:, :1].copy()
     render_rows(rows, np.where(free[:, None], 0, colours), rendered, run)
-    # The others' light stays as it is, and most pixels show no free Gaussian: a tenth of the work is left.
+    # The others' light stays as it is, and most pixels show no free Gaussian: half of the stage's core-seconds went into those.
     rows, touched = rows_of_free(rows, free, run)
     whole, fixed = whole[touched], rendered[touched]
     rendered = np.empty_like(fixed)
