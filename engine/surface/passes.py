@@ -82,6 +82,8 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The light at probes around the object, by groups; again as soon as there is a depth, and where the object has moved."""
     params, picture, distance = scene.params, scene.picture, now.distance.value
     face_px, directions = params.probe_resolution, coarse_directions(params)
+    if now.depth is None and now.grouped_light is not None:
+        return now
     if now.depth is None:
         margin = CONFIG.wide_margin if params.object_distance <= 0 else CONFIG.tight_margin
         near_far, few = (distance / margin, distance * margin), CONFIG.wide_probes

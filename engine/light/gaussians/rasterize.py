@@ -74,7 +74,7 @@ class ThreadPool:
             job.result()
 
     def forward(
-        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
+        self, packed: Float[np.ndarray, "v 20"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
         image: Float[np.ndarray, "h w 5"],
     ) -> None:  # fmt: skip
         """Render into `image`."""
@@ -82,7 +82,7 @@ class ThreadPool:
         self(rasterize_kernels.forward, (packed, tile_start, members, lens, np.float32(near), image))
 
     def backward(
-        self, packed: Float[np.ndarray, "v 17"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
+        self, packed: Float[np.ndarray, "v 20"], lists: Lists, lens: Float[np.ndarray, " 4"], near: float,
         image: Float[np.ndarray, "h w 5"], loss: Loss, totals: Float[np.ndarray, "v 18"],
     ) -> None:  # fmt: skip
         """Render into `image` and sum every Gaussian's gradients into `totals`."""

@@ -50,13 +50,20 @@ def decay(x):
 @njit(forceinline=True, **_FLAGS)
 @no_type_check
 def _alphas(row, xs, ys, near, alpha, depth):
-    """Eq. (2), (4) for one Gaussian on 64 rays: alpha and the z where it answers; returns sum of alpha."""
+    """Eq. (2), (4) for one Gaussian on 64 rays: alpha and, where its outline reaches, the z where it answers; returns sum of alpha."""
+    first, last = 0, AREA
+    while first < last and ys[first] < row[18]:
+        alpha[first : first + TILE] = _ZERO
+        first += TILE
+    while first < last and ys[last - 1] > row[19]:
+        last -= TILE
+        alpha[last : last + TILE] = _ZERO
     m00, m01, m02 = row[0], row[1], row[2]
     m10, m11, m12 = row[3], row[4], row[5]
     m20, m21, m22 = row[6], row[7], row[8]
     m0, m1, m2, sigma = row[9], row[10], row[11], row[12]
     total = _ZERO
-    for i in range(AREA):
+    for i in range(first, last):
         x, y = xs[i], ys[i]
         e0 = m00 * x + m01 * y + m02
         e1 = m10 * x + m11 * y + m12
@@ -82,7 +89,12 @@ def gather(packed, members, begin, end, xs, ys, near, alpha, depth, live):
     """Evaluate a tile's list; rows of `alpha`, `depth` and `live` for those that touch any ray."""
     n = 0
     for slot in range(begin, end):
-        if _alphas(packed[members[slot]], xs, ys, near, alpha[n], depth[n]) > _ZERO:
+        row = packed[members[slot]]
+        if (
+            row[16] <= xs[TILE - 1]
+            and xs[0] <= row[17]
+            and _alphas(row, xs, ys, near, alpha[n], depth[n]) > _ZERO
+        ):
             live[n] = slot
             n += 1
     return n

@@ -4,8 +4,8 @@ Bounds are exact tangent planes of the ellipsoid |W (x - mu)|^2 <= q_cut, so the
 Gaussian, however near, wide or oblique; q_cut is where density * G falls below `FAINT`, and the kernels
 apply the same cut on every ray, so a ray's value never depends on the tile it was traced in.
 
-Per view, camera frame, float32: `packed[v]` = M (9, row major), m (3), density, radiance (3), q_cut, with
-M = W R_wc and m = W (mu - origin): the exponent on the ray z * (x, y, 1) is |m - z M (x, y, 1)|^2.
+Per view, camera frame, float32: `packed[v]` = M (9, row major), m (3), density, radiance (3), least and greatest x, then y,
+of rays that touch it, with M = W R_wc and m = W (mu - origin): the exponent on the ray z * (x, y, 1) is |m - z M (x, y, 1)|^2.
 """
 
 import math
@@ -15,8 +15,9 @@ import numpy as np
 from numba import njit
 
 TILE = 8
-WIDTH = 17  # columns of `packed`
+WIDTH = 20  # columns of `packed`
 FAINT = 2e-5  # density * G below which a Gaussian does not exist
+ROUNDING = 1e-4  # by which outlines on z = 1 are taken wider than they are
 
 _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 # With `forceinline`, here and elsewhere: what other kernels call. Left to the compiler, a caller is linked with the copy that a
@@ -25,18 +26,29 @@ _FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"co
 
 @njit(forceinline=True, **_FLAGS)
 @no_type_check
-def _column_span(x, z, sxx, sxz, szz, focal, centre, tiles):
-    """First and last tile (inclusive) along one axis whose edge planes do not exclude the ellipsoid.
+def _outline(x, z, sxx, sxz, szz):
+    """Where an ellipsoid's outline begins and ends along one axis of the plane z = 1; endless unless all of it is in front.
 
-    `sxx`, `sxz`, `szz` are q_cut times the covariance; the planes hold the origin and a tile edge.
+    `sxx`, `sxz`, `szz` are q_cut times the covariance.
     """
-    if z * z > szz * 1.001:  # wholly in front: the outline's extent in closed form
-        lower = szz - z * z
-        middle = (sxz - x * z) / lower
-        inner = sxz * sxz - szz * sxx - 2.0 * sxz * x * z + szz * x * x + sxx * z * z
-        half = math.sqrt(max(inner, 0.0)) / -lower
-        lo = (focal * (middle - half) + centre) / TILE
-        hi = (focal * (middle + half) + centre) / TILE
+    if z * z <= szz * 1.001:
+        return -math.inf, math.inf
+    lower = szz - z * z
+    middle = (sxz - x * z) / lower
+    inner = sxz * sxz - szz * sxx - 2.0 * sxz * x * z + szz * x * x + sxx * z * z
+    half = math.sqrt(max(inner, 0.0)) / -lower
+    return middle - half, middle + half
+
+
+@njit(forceinline=True, **_FLAGS)
+@no_type_check
+def _tile_span(x, z, sxx, sxz, szz, begin, end, focal, centre, tiles):
+    """First and last tile (inclusive) along one axis whose edge planes, which hold the origin, do not exclude the ellipsoid of
+    this `_outline`.
+    """
+    if end < math.inf:
+        lo = (focal * begin + centre) / TILE
+        hi = (focal * end + centre) / TILE
         return int(min(max(math.floor(lo), 0.0), float(tiles))), int(
             min(max(math.floor(hi), -1.0), tiles - 1.0)
         )
@@ -193,10 +205,12 @@ def touching(white, means, density, colours, maps, spans, rotation, origin, lens
         sxx, sxz, syy, syz, szz = spans[at, 2], spans[at, 3], spans[at, 4], spans[at, 5], spans[at, 6]
         if z < 0 and z * z > szz:
             continue
-        first, last = _column_span(x, z, sxx, sxz, szz, fx, cx, across)
+        left, right = _outline(x, z, sxx, sxz, szz)
+        first, last = _tile_span(x, z, sxx, sxz, szz, left, right, fx, cx, across)
         if first > last:
             continue
-        top, bottom = _column_span(y, z, syy, syz, szz, fy, cy, down)
+        above, below = _outline(y, z, syy, syz, szz)
+        top, bottom = _tile_span(y, z, syy, syz, szz, above, below, fy, cy, down)
         if top > bottom:
             continue
         for i in range(9):
@@ -205,7 +219,8 @@ def touching(white, means, density, colours, maps, spans, rotation, origin, lens
             packed[n, 9 + i] = white[k, i, 0] * wx + white[k, i, 1] * wy + white[k, i, 2] * wz
             packed[n, 13 + i] = colours[k, i]
         packed[n, 12] = float(density[k])
-        packed[n, 16] = spans[at, 0]
+        packed[n, 16], packed[n, 17] = left - ROUNDING, right + ROUNDING
+        packed[n, 18], packed[n, 19] = above - ROUNDING, below + ROUNDING
         index[n] = k
         boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = first, last, top, bottom
         depths[n] = math.sqrt(wx * wx + wy * wy + wz * wz)
