@@ -382,6 +382,9 @@ def _add_pipeline(order: argparse.ArgumentParser) -> None:
         help="of the photographs: 48 x 320 x 240, 96 x 512 x 384, 150 x 616 x 462, or 100 brackets of 6000 x 4000 (8 GB)",
     )  # fmt: skip
     order.add_argument(
+        "--views", type=_count, metavar="N", help="photographs of each size; its own if left out"
+    )
+    order.add_argument(
         "--beside",
         choices=("colmap",),
         help="its exhaustive and sequential routes on the same photographs too",
@@ -515,7 +518,7 @@ def _joined(words: Sequence[str]) -> list[str]:
 
 def _count(text: str) -> int:
     if not (text.isdigit() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of workers; give 1 or more")
+        raise argparse.ArgumentTypeError(f"{text!r} is no count; give 1 or more")
     return int(text)
 
 

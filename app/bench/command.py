@@ -38,6 +38,7 @@ from app.bench.stress import scores as stress_scores
 from app.bench.stress.measure import CLEAN, measure
 from engine.io.session import nearest_existing
 from engine.pipeline import stage_table
+from engine.surface.params import LEAST_VIEWS
 
 
 def run(args: Namespace) -> int:
@@ -194,19 +195,23 @@ def stressed(call: Call) -> list[Metric]:
 def piped(call: Call) -> list[Metric]:
     stages = [stage.name for stage in stage_table.stages()]
     room, thing, args = call.rooms[0], call.objects[0], call.args
+    if args.views is not None and args.views < LEAST_VIEWS:
+        raise BenchError(f"--views {args.views}: stage surface wants {LEAST_VIEWS} at least; give as many")
     ways: list[pipeline.Way] = []
-    for name in args.sizes:
-        size = pipeline.PHOTOGRAPHS[name]
+    sizes = {name: pipeline.PHOTOGRAPHS[name] for name in args.sizes}
+    sizes = {
+        name: replace(size, views=args.views or size.views, noise=args.noise) for name, size in sizes.items()
+    }
+    for name, size in sizes.items():
         session, truth = pipeline.photographs(size, room, thing, call.folder, args.seed, call.device)
         ways.append(pipeline.ours(name, session, truth, args.preset, args.seed, call.device, stages))
         if args.beside == "colmap":
             ways += [pipeline.colmap(name, route, session, truth) for route in pipeline.ROUTES]
         shutil.rmtree(session)
     call.size = replace(call.size, name="-".join(args.sizes))
-    photographs = (pipeline.PHOTOGRAPHS[name] for name in args.sizes)
     call.inputs = f"{room.name}-{thing.name}, {args.preset}: " + ", ".join(
         f"{name} {size.views} x {size.enlarged * size.width} x {size.enlarged * size.height}"
-        for name, size in zip(args.sizes, photographs, strict=True)
+        for name, size in sizes.items()
     )
     print(pipeline.table(ways))
     for path in pipeline_chart.write(ways, args.out, call.inputs):

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from engine.io import initial_maps
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams
 from engine.surface import passes
-from engine.surface.data import initial_maps
 from engine.surface.data.observations import evenly_spaced
 from engine.surface.lighting.distance_search import CONFIG, Distance, coarse_distance_search
 from engine.surface.lighting.emitter_groups import UNSEEN

@@ -26,6 +26,7 @@ from engine.surface.reflectance.brdf import PAINT, of_pixels
 from engine.surface.rendering.object_pixels import image
 from engine.surface.schedule import run, schedule
 from engine.surface.tiled_solve import SolvedMaps, evaluate_solution, solve_tiles
+from engine.surface.uncertainty.model_parts import PartWorth, part_worths
 from engine.surface.uncertainty.standard_errors import FLAGS, unresolved_variance
 from engine.types import CapturedScene, Frames, SolvedScene, Surface, ValidationRenders
 
@@ -56,6 +57,7 @@ class SurfaceReport:
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
     depth_parts: tuple[float, ...]  # shares of the pixels of `Surface.part`s, the largest first
+    part_worths: tuple[PartWorth, ...]  # what the parts of the model are worth to the views kept out
 
 
 def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.ndarray, " f"], tuple[int, ...]]:
@@ -161,6 +163,7 @@ def report_of(
         stderr_normal_deg=float(np.degrees(np.median(maps.stderr_normal))),
         flagged={name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
         depth_parts=depth_parts,
+        part_worths=part_worths(scene, found),
     )
 
 

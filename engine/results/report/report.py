@@ -72,6 +72,7 @@ def html(contents: Contents) -> str:
         _path(contents),
         _exposures(contents),
         _iterations(contents),
+        _model_parts(contents),
         _times(contents),
         _exports(contents),
         _parameters(contents),
@@ -343,6 +344,27 @@ def _iterations(c: Contents) -> str:
     )
     return html_page.section(
         "Iterations of the surface", text, (), html_page.table(heads, rows, numbers=range(2, 6))
+    )
+
+
+def _model_parts(c: Contents) -> str:
+    """What the parts of the surface's model are worth to the views kept out; of other solvers nothing is known."""
+    facts = _facts(c, "surface")
+    worths, probes = facts.get("part_worths"), facts.get("probes")
+    if not (isinstance(worths, list) and worths and isinstance(probes, list)):
+        return ""
+    rows = [
+        (one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}", "yes" if one["gain"] > one["stderr"] else "no")
+        for one in worths
+    ]  # fmt: skip
+    heads = ("part of the model", "validation views without it, error", "standard error", "needed")
+    text = (
+        f"<p>How much larger the error of the validation views is without each part, all else left as it is: the most that it can be"
+        f" worth. A part is needed that is worth more than its standard error over the views. The light was taken at"
+        f" {' x '.join(map(str, probes))} probes in {facts.get('directions')} directions.</p>"
+    )
+    return html_page.section(
+        "What this scene asks of the model", text, (), html_page.table(heads, rows, numbers=range(1, 3))
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from engine.geometry import cropped, resized
-from engine.surface.data.initial_maps import InitialMaps
+from engine.io.initial_maps import InitialMaps
 from engine.surface.data.observations import evenly_spaced, parent_index
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels, observe_object

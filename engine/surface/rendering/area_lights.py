@@ -54,6 +54,10 @@ class AreaLights:
         """Every lamp elsewhere; what hides it stays."""
         return replace(self, centres=self.centres + steps)
 
+    def from_afar(self, point: Float[np.ndarray, " 3"], times: float = 1000.0) -> "AreaLights":
+        """Every lamp so many times as far from a point, and as large from there."""
+        return replace(self, centres=point + times * (self.centres - point), radii=times * self.radii)
+
     def beside(self, other: "AreaLights") -> "AreaLights":
         """Their views, and another's after them, of the same lamps."""
         centres = np.concatenate([self.centres, other.centres])

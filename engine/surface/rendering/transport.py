@@ -112,6 +112,13 @@ class IncidentLight:
         """Energy at a point of the camera frame, without the lamps."""
         return self._sums(self.probe_grid.weights(point[None]))[0]
 
+    def from_afar(self, point: Float[np.ndarray, " 3"]) -> "IncidentLight":
+        """The light that reaches this point, everywhere."""
+        everywhere = np.broadcast_to(self.at(point), self.energy.shape)
+        return replace(
+            self, energy=np.ascontiguousarray(everywhere), area_lights=self.area_lights.from_afar(point)
+        )
+
     def among(self, points: Float[np.ndarray, "p 3"]) -> "LightModes":
         """What reaches some points, without the lamps."""
         told = self.shares(points)

@@ -89,6 +89,8 @@ def test_the_command_measures_draws_and_leaves_no_session(
     words = [
         "--sizes",
         "small",
+        "--views",
+        "20",
         "--beside",
         "colmap",
         "--device",
@@ -100,12 +102,17 @@ def test_the_command_measures_draws_and_leaves_no_session(
     ]
     assert main(["bench", "pipeline", *map(str, words), "--json", str(tmp_path / "record.json")]) == 0
     measured = record.read(tmp_path / "record.json")
-    assert "small 48 x 320 x 240" in measured.inputs
+    assert "small 20 x 320 x 240" in measured.inputs
     assert {metric.unit for metric in measured.metrics} == {"s", "bytes", "1"}
     assert "| small | process" in " ".join(capsys.readouterr().out.split())
     assert (tmp_path / "pipeline.png").stat().st_size > 5000
     assert (tmp_path / "pipeline.csv").read_text().splitlines()[1] == "small,process,hdr,1,0,2,1000000000"
     assert not session.exists()
+
+
+def test_fewer_views_than_are_solved_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "pipeline", "--views", "7"]) == 2
+    assert "--views 7: stage surface wants 8 at least" in capsys.readouterr().err
 
 
 def test_a_chart_has_a_panel_a_size_and_a_bar_a_part() -> None:

@@ -151,7 +151,7 @@ def test_only_what_uses_the_orientation_is_computed_anew_for_it(tmp_path: Path) 
 
 @TURNS
 def test_maps_to_start_from_are_of_the_upright_picture(tmp_path: Path, flip: int) -> None:
-    from engine.surface.data import initial_maps
+    from engine.io import initial_maps
 
     shape = furnace.surface()
     seen = turned(shape, flip)

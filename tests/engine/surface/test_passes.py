@@ -16,6 +16,7 @@ from engine.surface.params import SurfaceParams
 from engine.surface.passes import Pass
 from engine.surface.schedule import run, schedule, validation_error
 from engine.surface.solve import initial_state
+from engine.surface.uncertainty.model_parts import part_worths
 from tests.engine.reference.lit_room import glossy, scene
 
 ROUGHNESS = 0.5
@@ -119,3 +120,13 @@ def test_gather_light_renders_the_view_that_was_kept_out(saved):
     found = passes.gather_light(seen, now, Progress())
     assert found.validation is not None
     assert np.median(validation_error(seen, found)) < 0.03
+
+
+def test_a_convex_glossy_ball_near_its_lamps_asks_for_light_by_place_and_gloss_alone(saved):
+    seen = replace(saved[0], fitted=np.arange(2, 16), validation=np.array([0, 1]))
+    found = passes.gather_light(seen, saved[1], Progress())
+    worth = {one.part: one for one in part_worths(seen, found)}
+    assert {name for name, one in worth.items() if one.gain > 0.01} == {"light by place", "gloss"}
+    assert worth["light by place"].gain > worth["light by place"].stderr
+    assert abs(worth["visibility"].gain) < 0.005
+    assert part_worths(replace(seen, validation=np.array([0])), found) == ()

@@ -232,6 +232,20 @@ def test_the_iterations_of_the_surface_are_told_with_what_they_gained():
     assert "Iterations of the surface" not in " ".join(read(report.html(full())).text)
 
 
+def test_the_parts_of_the_model_are_told_with_what_they_are_worth():
+    worths = [
+        {"part": "gloss", "gain": 0.034, "stderr": 0.01},
+        {"part": "visibility", "gain": 0.001, "stderr": 0.002},
+    ]
+    facts = {"part_worths": worths, "probes": [2, 3, 1], "directions": 512}
+    text = " ".join(
+        read(report.html(replace(full(), stages=(StageRun("surface", 9.0, "cpu", {}, facts),)))).text
+    )
+    assert "gloss +3.40% 1.00% yes" in text
+    assert "visibility +0.10% 0.20% no" in text
+    assert "2 x 3 x 1 probes in 512 directions" in text
+
+
 def test_what_was_clipped_lost_or_guessed_is_listed():
     text = " ".join(read(report.html(full())).text)
     assert "2.1 % of all pixels are clipped" in text
