@@ -5,6 +5,7 @@ worth, and a part that is worth no more than its standard error is one that the 
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,9 @@ def part_worths(scene: Scene, found: Estimate) -> tuple[PartWorth, ...]:
 def _without_each(scene: Scene, found: Estimate) -> dict[str, tuple[Scene, Estimate]]:
     light, geometry, state = known(found.validation), found.geometry, known(found.state)
     made = np.tile(PAINT, (len(state.normals), 1)) if geometry.material is None else geometry.material
-    changed = {"light by place": {"validation": light.from_afar(geometry.points.mean(0))}}
+    changed: dict[str, dict[str, Any]] = {
+        "light by place": {"validation": light.from_afar(geometry.points.mean(0))}
+    }
     if geometry.visibility is not None:
         changed["visibility"] = {"geometry": replace(geometry, visibility=None)}
     if (made[:, 1] == 0).any():  # metals have nothing but gloss
