@@ -25,6 +25,22 @@ NORMAL_BAND = math.sqrt(math.log(20))
 two that are alike, exp(-(error / standard error)^2) lie farther out."""
 
 
+def normal_coverage(error: Float[np.ndarray, " p"], stderr: Float[np.ndarray, " p"], level: float) -> float:
+    """Share of normals whose error is within the interval that should hold `level` of them; both in one unit."""
+    return float((error <= math.sqrt(-math.log(1 - level)) * stderr).mean())
+
+
+def sparsification_error(error: Float[np.ndarray, " p"], stderr: Float[np.ndarray, " p"]) -> float:
+    """How much worse standard errors sort pixels than their true errors would: the area between the two curves of the mean error of
+    what is left as ever more of the worst is taken out, over the mean error of all; 0 at best.
+
+    Source: Ilg et al., "Uncertainty Estimates and Multi-Hypotheses Networks for Optical Flow", ECCV 2018 (AUSE).
+    """
+    kept = np.arange(1, len(error) + 1)
+    by_stderr, by_error = (np.cumsum(error[np.argsort(key, kind="stable")]) / kept for key in (stderr, error))
+    return float((by_stderr - by_error).mean() / error.mean())
+
+
 @dataclass(frozen=True, slots=True)
 class Evaluation:
     """Scores of one surface against its truth; `as_dict` is ready for JSON."""

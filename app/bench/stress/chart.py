@@ -1,10 +1,13 @@
-"""The heat map of stressed runs: ways of going wrong as rows, steps as columns.
+"""Stressed runs on one page: a heat map of ways of going wrong by steps, and a chart for each way.
 
-Colour is the mean over the sets of the normals' error over that of the clean set; a letter says what was told.
+The map's colour is the mean over the sets of the normals' error over that of the clean set; a letter says what was told. The charts
+show the errors themselves, those of light from infinitely far away beside them, and where each set breaks.
 """
 
 import csv
 import io
+import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,19 +17,25 @@ import numpy as np
 from app.bench import drawing
 from app.bench.stress.dials import DIALS
 from app.bench.stress.measure import CLEAN, Stressed
-from app.bench.stress.scores import cell, mean_ratio
+from app.bench.stress.scores import cell, failed, mean_ratio, told
 
 MOST = 8.0  # times the clean error that the darkest colour stands for
 ROW_IN, AROUND_IN = 0.24, 1.0
+ACROSS, PANEL_IN = 4, 1.35
+SET_COLOURS = drawing.BLUE, drawing.GREEN, drawing.PURPLE, drawing.ORANGE
 
 
 def write(runs: Sequence[Stressed], folder: Path, caption: str) -> list[Path]:
-    """stress.png, stress.svg and stress.csv in `folder`.
+    """stress.png, stress.svg and stress.csv in `folder`, and the same of the dials one by one.
 
     Raises:
         BenchError: the disk refuses.
     """
-    return drawing.write(draw(runs, caption), folder, "stress", rows(runs))
+    table = rows(runs)
+    return [
+        *drawing.write(draw(runs, caption), folder, "stress", table),
+        *drawing.write(draw_dials(runs, caption), folder, "stress_dials", table)[:2],
+    ]
 
 
 def rows(runs: Sequence[Stressed]) -> str:
@@ -75,6 +84,46 @@ def draw(runs: Sequence[Stressed], caption: str):
         0.5, 0.22 / height, "refused: R    warned: w    wrong and not warned: S", ha="center", fontsize=6.5
     )
     figure.text(0.5, 0.06 / height, caption, ha="center", fontsize=5.5, color="0.35")
+    return figure
+
+
+def draw_dials(runs: Sequence[Stressed], caption: str):
+    """A matplotlib figure: for every dial the mean error of the normals against how far it is turned."""
+    from matplotlib.figure import Figure
+
+    clean = {one.set: one for one in runs if one.dial == CLEAN}
+    dials = list(dict.fromkeys(one.dial for one in runs if one.dial != CLEAN))
+    down = max(math.ceil(len(dials) / ACROSS), 1)
+    figure = Figure(figsize=(drawing.WIDTH_IN, PANEL_IN * down + 0.4), dpi=drawing.DPI, layout="constrained")
+    panels = figure.subplots(down, ACROSS, squeeze=False).ravel()
+    for dial, axes in zip(dials, panels, strict=False):
+        for colour, first in zip(SET_COLOURS * len(clean), clean.values(), strict=False):
+            line = sorted(
+                (one for one in runs if (one.set, one.dial) == (first.set, dial)), key=lambda one: one.step
+            )
+            line = [first, *line]
+            at = [one.step for one in line]
+            axes.plot(at, [one.normal_deg for one in line], ".-", color=colour, lw=1, ms=4)
+            axes.plot(at, [one.far_field_deg for one in line], ":", color=colour, lw=0.8)
+            broken = next((one for one in line if failed(one, first)), None)
+            if broken is not None:
+                mark = "x" if told(broken) else "X"
+                high = first.normal_deg if broken.refused else broken.normal_deg
+                axes.plot(broken.step, high, mark, color=drawing.VERMILION, ms=6, zorder=3)
+        axes.set_yscale("log")
+        axes.set_ylim(0.3, 90)
+        axes.set_xticks(range(6), ["", *(f"{amount:g}" for amount in DIALS[dial].amounts)])
+        axes.set_title(textwrap.fill(DIALS[dial].title, 30), fontsize=6)
+        drawing.plain(axes)
+        drawing.number(axes.yaxis, (0.3, 90))
+        axes.tick_params(labelsize=5)
+    for axes in panels[len(dials) :]:
+        axes.axis("off")
+    figure.suptitle(
+        "mean error of the normals, degrees; dotted: light from afar; x: breaks and is told of, filled X: breaks silently",
+        fontsize=6.5,
+    )
+    figure.supxlabel(caption, fontsize=5.5, color="0.35")
     return figure
 
 

@@ -13,10 +13,13 @@ import numpy as np
 
 from app import places
 from app.bench import record
+from app.bench.alike import under
+from app.bench.baselines.known_light import KnownLightParams, far_field
 from app.bench.rows import params_of
 from app.bench.sets import Set, job
 from app.bench.stress.dials import DIALS
 from engine.errors import RoomlightError
+from engine.geometry import angle_between
 from engine.light.fitting import fit as light_fit
 from engine.light.fitting.params import LightParams
 from engine.pipeline import artifacts
@@ -41,8 +44,13 @@ class Stressed:
     amount: float
     refused: str  # why; empty where it was solved
     normal_deg: float = math.nan  # mean error
+    far_field_deg: float = math.nan  # the same of our solver under light from infinitely far away
     stated_deg: float = math.nan  # mean standard error
-    in_band: float = math.nan  # share of normals within their stated 95 %
+    in_50: float = math.nan  # share of normals within their stated 50 %,
+    in_68: float = math.nan
+    in_90: float = math.nan
+    in_95: float = math.nan
+    ause: float = math.nan  # of the stated errors, for sorting the pixels
     albedo_db: float = math.nan
     roughness: float = math.nan  # mean absolute error
     solved: float = math.nan  # share of the true mask that was answered
@@ -86,11 +94,24 @@ def _solved(
     verdict = quality({"light": artifacts.plain(light), "surface": artifacts.plain(report)})
     assert verdict is not None  # our solver knows its errors
     answered = surface.mask & on.truth.mask
+    error, stated = angle_between(surface.normal, on.truth.normal)[answered], surface.stderr_normal[answered]
+    afar = far_field(
+        under(given, solved.emitters).captured,
+        KnownLightParams(report.distance.value),
+        device,
+        seed,
+        Progress(),
+    )
     return Stressed(
         on.name, dial, step, amount, "",
         normal_deg=scored.normal_mean_deg,
-        stated_deg=float(np.degrees(surface.stderr_normal[answered].mean())),
-        in_band=scored.normal_in_band,
+        far_field_deg=metrics.evaluate(afar, on.truth).normal_mean_deg,
+        stated_deg=float(np.degrees(stated.mean())),
+        in_50=metrics.normal_coverage(error, stated, 0.5),
+        in_68=metrics.normal_coverage(error, stated, 0.68),
+        in_90=metrics.normal_coverage(error, stated, 0.9),
+        in_95=scored.normal_in_band,
+        ause=metrics.sparsification_error(error, stated),
         albedo_db=scored.albedo_psnr_db,
         roughness=scored.roughness_mae,
         solved=float(answered.sum() / on.truth.mask.sum()),

@@ -27,7 +27,11 @@ class Score:
     silent: float  # share of the runs that failed and were not told
     false_alarms: float  # share of the clean sets that were told
     auroc: float  # of the verdict's doubt, for telling failed from others
-    in_band: float  # mean share of normals within their stated 95 %, of runs that were not told
+    coverage: tuple[
+        float, ...
+    ]  # mean shares of normals within their stated 50, 68, 90, 95 %, of runs that were not told
+    ause: float  # mean, of all that were solved
+    behind: float  # share of the solved runs in which light from infinitely far away does better
 
 
 def told(one: Stressed) -> bool:
@@ -48,15 +52,22 @@ def score(runs: Sequence[Stressed]) -> Score:
     silent = [one for one, off in zip(worse, wrong, strict=True) if off and not told(one)]
     solved = [(one.doubt, off) for one, off in zip(worse, wrong, strict=True) if not one.refused]
     solved += [(one.doubt, False) for one in clean.values()]
-    trusted = [one.in_band for one in runs if not told(one)]
+    trusted = [(one.in_50, one.in_68, one.in_90, one.in_95) for one in runs if not told(one)]
+    answered = [one for one in runs if not one.refused]
     return Score(
         len(worse),
         sum(wrong),
         len(silent) / len(worse) if worse else math.nan,
         sum(told(one) for one in clean.values()) / len(clean),
         auroc(solved),
-        statistics.fmean(trusted) if trusted else math.nan,
+        tuple(map(statistics.fmean, zip(*trusted, strict=True))) or (math.nan,) * 4,
+        _mean([one.ause for one in answered]),
+        _mean([float(one.far_field_deg < one.normal_deg) for one in answered]),
     )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return statistics.fmean(values) if values else math.nan
 
 
 def auroc(doubts: Sequence[tuple[float, bool]]) -> float:
@@ -90,7 +101,7 @@ def cell(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> str:
 def mean_ratio(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> float:
     """Of the normals' error to that of the clean set, over the sets; NaN where all were refused."""
     solved = [one.normal_deg / clean[one.set].normal_deg for one in runs if not one.refused]
-    return statistics.fmean(solved) if solved else math.nan
+    return _mean(solved)
 
 
 def mark(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> str:
@@ -107,7 +118,8 @@ def summary(found: Score) -> str:
     return (
         f"{found.runs} worse captures, {found.failed} of them failed or were refused; silent failures"
         f" {_percent(found.silent)}, false alarms {_percent(found.false_alarms)}, AUROC {found.auroc:.3f};"
-        f" in band where nothing was told {_percent(found.in_band)}"
+        f" within the stated 50, 68, 90, 95 % where nothing was told: {', '.join(map(_percent, found.coverage))}; AUSE"
+        f" {found.ause:.3f}; light from afar does better in {_percent(found.behind)}"
     )
 
 

@@ -10,7 +10,14 @@ import pytest
 
 from engine.errors import TruthError
 from engine.io.ground_truth import Truth, read_truth
-from engine.results.metrics import angle_between, evaluate, evaluate_mask, evaluate_poses
+from engine.results.metrics import (
+    angle_between,
+    evaluate,
+    evaluate_mask,
+    evaluate_poses,
+    normal_coverage,
+    sparsification_error,
+)
 from engine.types import Camera, Poses, Surface
 
 
@@ -271,3 +278,14 @@ def test_a_missing_or_broken_file_is_told(tmp_path):
     (tmp_path / "truth.npz").write_bytes(b"PK\x03\x04 not really")
     with pytest.raises(TruthError, match="not a readable"):
         read_truth(tmp_path)
+
+
+def test_coverage_and_sparsification_of_errors_that_are_as_stated():
+    rng = np.random.default_rng(0)
+    stderr = rng.uniform(0.5, 3, 200_000)
+    error = np.hypot(*(rng.normal(size=(2, len(stderr))) * stderr / np.sqrt(2)))
+    for level in (0.5, 0.68, 0.9, 0.95):
+        assert abs(normal_coverage(error, stderr, level) - level) < 0.005
+    assert sparsification_error(error, error) == 0
+    random = sparsification_error(error, rng.permutation(stderr))
+    assert 0 < sparsification_error(error, stderr) < 0.7 * random

@@ -1,7 +1,7 @@
 """A worse capture goes through light and surface once; what refuses it is its answer."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +20,7 @@ class Report:
 
     held_out_error: float = 0.5
     stderr_normal_deg: float = 1.0
+    distance: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(value=0.5))
 
 
 @pytest.fixture
@@ -35,15 +36,19 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return stored.gaussians, stored.lamps, Report()
 
     monkeypatch.setattr(measuring.light_fit, "fit", fit)
-    monkeypatch.setattr(
-        measuring, "solve", lambda *asked: SimpleNamespace(surface=leaning(4.0), report=Report())
-    )
+    emitters = SimpleNamespace(gaussians=None, lamps=a_set().stored.lamps)
+    solved = SimpleNamespace(surface=leaning(4.0), report=Report(), emitters=emitters)
+    monkeypatch.setattr(measuring, "solve", lambda *asked: solved)
+    monkeypatch.setattr(measuring, "under", lambda stored, emitters: stored)
+    monkeypatch.setattr(measuring, "far_field", lambda *asked: leaning(6.0))
     return counts
 
 
 def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path, fits: list[int]) -> None:
     found = measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, False)
     assert found.normal_deg == pytest.approx(4, abs=1e-3)
+    assert found.far_field_deg == pytest.approx(6, abs=1e-3)
+    assert (found.in_50, found.in_95) == (0, 0)  # four degrees off, and less than one stated
     assert found.solved == 1
     assert (found.refused, found.grade) == ("", "not to be trusted")
     assert "50 % off" in found.reason

@@ -12,7 +12,11 @@ from engine.results.quality import BAD, DOUBTFUL, GOOD
 def run(
     dial: str, step: int, normal_deg: float, grade: str = GOOD, doubt: float = 0.5, on: str = "a"
 ) -> Stressed:
-    return Stressed(on, dial, step, 1.0, "", normal_deg, 2.0, 0.95, 30.0, 0.05, 1.0, 9.0, grade, doubt, "why")
+    coverage = {"in_50": 0.4, "in_68": 0.6, "in_90": 0.85, "in_95": 0.95}
+    return Stressed(
+        on, dial, step, 1.0, "", normal_deg, 4.0, 2.0, **coverage, ause=0.1, albedo_db=30.0, roughness=0.05,
+        solved=1.0, seconds=9.0, grade=grade, doubt=doubt, reason="why",
+    )  # fmt: skip
 
 
 def refused(dial: str, step: int, on: str = "a") -> Stressed:
@@ -39,7 +43,9 @@ def test_silent_failures_and_false_alarms_are_counted():
     assert found.false_alarms == 0.5
     # Of the 4 x 4 pairs of failed and other solved runs .7 is doubted less than .8 and 1.1, and all else is right.
     assert found.auroc == pytest.approx((16 - 2) / 16)
-    assert found.in_band == pytest.approx(0.95)
+    assert found.coverage == pytest.approx((0.4, 0.6, 0.85, 0.95))
+    assert found.ause == pytest.approx(0.1)
+    assert found.behind == 3 / 8  # 5, 4.5 and 9 degrees, where light from afar leaves 4
 
 
 def test_the_table_tells_ratios_and_marks():
@@ -62,7 +68,8 @@ def test_scores_are_gated_and_single_errors_are_not():
 
 def test_the_heat_map_is_drawn_with_every_run_beside_it(tmp_path: Path):
     paths = chart.write(RUNS, tmp_path, "two sets")
-    assert [path.name for path in paths] == ["stress.png", "stress.svg", "stress.csv"]
+    assert [path.name for path in paths[:3]] == ["stress.png", "stress.svg", "stress.csv"]
+    assert [path.name for path in paths[3:]] == ["stress_dials.png", "stress_dials.svg"]
     assert len(paths[2].read_text().splitlines()) == 1 + len(RUNS)
     drawn = paths[1].read_text()
     for words in ("focal length, % off", "2.25 S", "R", "two sets"):
