@@ -208,8 +208,12 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         32, 8192, advanced=False)),
     ("light.epochs", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Passes per size"), "",
-        QT_TRANSLATE_NOOP("parameters", "Passes over all views at each picture size, coarse to fine, each twice as wide as the last."),
+        QT_TRANSLATE_NOOP("parameters", "Passes over the views at each picture size, coarse to fine, each twice as wide as the last."),
         advanced=False)),
+    ("light.epoch_views", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Views per pass"), "",
+        QT_TRANSLATE_NOOP("parameters", "How many views, drawn anew, each pass is over at most."),
+        1, 100_000)),
     ("light.validation_every", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Hold out every n-th view"), "",
         QT_TRANSLATE_NOOP("parameters", "Every so many-th view only judges the fit. 0: none."),

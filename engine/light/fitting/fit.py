@@ -172,13 +172,14 @@ def _epoch(
     run: ThreadPool,
 ) -> float:
     """One Adam step per view, in random order; mean log-L1 of the pass."""
+    views = rng.permutation(len(photographs.weight))[: params.epoch_views].tolist()
     optimizer.weight[:] = 0
     optimizer.blame[:] = 0
     loss = 0.0
     tree = KDTree(camera_centres(photographs))
     distance = tree.query(optimizer.means)[0]
     smallest, largest = 0.35 * distance / photographs.lens[0], 0.3 * distance
-    for view in rng.permutation(len(photographs.weight)).tolist():
+    for view in views:
         _, gradients = backward(
             optimizer.geometry, np.exp(optimizer.log_radiance), photographs.pinhole(view), 0.0,
             photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.opacity_weight,
@@ -187,7 +188,7 @@ def _epoch(
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
         i = gradients.index
         step(optimizer, gradients, rate, smallest[i], largest[i])
-    return loss / len(photographs.weight)
+    return loss / len(views)
 
 
 def _relocate(

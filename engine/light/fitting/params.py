@@ -6,7 +6,7 @@ from engine.errors import LightError
 from engine.validation import MORE, check
 
 BOUNDS = {
-    "max_gaussians": (1, MORE), "max_image_width": (32, MORE), "epochs": (1, MORE), "validation_every": (0, MORE), "camera_clearance": (0.0, MORE),
+    "max_gaussians": (1, MORE), "max_image_width": (32, MORE), "epochs": (1, MORE), "epoch_views": (1, MORE), "validation_every": (0, MORE), "camera_clearance": (0.0, MORE),
     "opacity_weight": (0.0, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
@@ -24,7 +24,8 @@ class LightParams:
         6000  # Gaussians at most; fewer hurt the irradiance, more only sharpen views (decision 30)
     )
     max_image_width: int = 256  # widest picture trained on, pixels
-    epochs: tuple[int, ...] = (6, 8, 6)  # over all views, per picture size, each twice as wide as the last
+    epochs: tuple[int, ...] = (6, 8, 6)  # over the views, per picture size, each twice as wide as the last
+    epoch_views: int = 64  # in each, at most, drawn anew
     validation_every: int = 8  # every so many-th view only judges; 0: none
     # Radius around each camera centre without Gaussians, scene units; None: derived.
     camera_clearance: float | None = None
