@@ -141,6 +141,10 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Features of a view, at most"), "",
         QT_TRANSLATE_NOOP("parameters", "The coarsest are kept, which are the best located."),
         100, 100000)),
+    ("poses.features.altogether", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Features of all views"), "",
+        QT_TRANSLATE_NOOP("parameters", "How many features all views may have together: where there are many views, each needs fewer."),
+        100, 100_000_000)),
     ("poses.features.enlarge_below_px", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Enlarge photographs below"), PX,
         QT_TRANSLATE_NOOP("parameters", "Photographs whose longer side is shorter are enlarged by a whole factor before features are sought."),

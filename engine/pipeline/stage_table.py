@@ -31,7 +31,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
         ),
         Stage(
-            "poses", 9, PoseParams(), ("hdr", "segment"), _produce("poses"), reads=_pose_inputs, given="poses.json",
+            "poses", 10, PoseParams(), ("hdr", "segment"), _produce("poses"), reads=_pose_inputs, given="poses.json",
             given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(

@@ -25,6 +25,7 @@ _CONTRAST = 0.05  # log radiance; fainter texture is left faint
 _BLURRED_PX = 6  # standard deviation that a blur is left with in the smaller picture it is taken of
 _OCTAVE_LAYERS = 3
 _COARSE = 256  # features a view that vote on which pairs to match
+_FEWEST = 800  # features kept of a view, however many views share them
 # Descriptors are whole numbers of length 512, so their products are exact in float32 whatever the order of
 # summation; this is a cosine of 0.85, above which two may show the same point.
 _SIMILAR = 0.85 * 512**2
@@ -34,6 +35,11 @@ def enlargement(width: int, height: int, params: FeatureParams) -> int:
     """Integer factor by which photographs of this size are enlarged."""
     longer = max(width, height)
     return max(1, min(params.enlarge_most, params.enlarge_below_px // longer))
+
+
+def most_of_a_view(count: int, params: FeatureParams) -> int:
+    """How many features are kept of each of `count` views."""
+    return min(params.maximum, max(params.altogether // count, _FEWEST))
 
 
 def log_floor(frames: Frames) -> float:
@@ -137,6 +143,7 @@ def detect(
     factor, floor = enlargement(width, height, params), log_floor(frames)
     # SIFT doubles what it is given.
     by = 1 if factor * max(width, height) < params.doubled_below_px else 2
+    most = most_of_a_view(count, params)
 
     def find(i: int) -> Sift:
         picture = tone_mapped(frames.radiance[i], floor, factor)
@@ -144,7 +151,7 @@ def detect(
         if by > 1:
             picture = cv2.resize(picture, None, fx=1 / by, fy=1 / by, interpolation=cv2.INTER_AREA)
             free = cv2.resize(free, picture.shape[::-1], interpolation=cv2.INTER_NEAREST)
-        return sift(picture, free, params.peak_threshold, params.maximum, lambda point: point.size)
+        return sift(picture, free, params.peak_threshold, most, lambda point: point.size)
 
     with pycolmap.Database.open(database) as opened:
         _register(opened, camera, count)

@@ -6,7 +6,7 @@ from engine.errors import PoseError
 from engine.validation import MORE, check
 
 FEATURE_BOUNDS = {
-    "maximum": (100, MORE), "enlarge_below_px": (0, MORE), "enlarge_most": (1, 8), "doubled_below_px": (0, MORE),
+    "maximum": (100, MORE), "altogether": (100, MORE), "enlarge_below_px": (0, MORE), "enlarge_most": (1, 8), "doubled_below_px": (0, MORE),
     "peak_threshold": (0.0, 1.0),
     "margin": (0.0, 0.5), "neighbours": (1, MORE), "exhaustive_below": (0, MORE),
 }  # fmt: skip
@@ -22,6 +22,8 @@ class FeatureParams:
     """
 
     maximum: int = 2500  # per view, of each orientation; the coarsest are kept, which are the best located
+    # Of all views together: poses are as good as all their features, and what comparing two views costs grows with the square.
+    altogether: int = 240_000
     enlarge_below_px: int = 900  # photographs whose longer side is shorter are enlarged by an integer factor
     enlarge_most: int = 2
     # SIFT's first octave is of doubled photographs. Of larger ones the coarsest `maximum` are elsewhere already.

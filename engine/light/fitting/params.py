@@ -6,8 +6,8 @@ from engine.errors import LightError
 from engine.validation import MORE, check
 
 BOUNDS = {
-    "max_gaussians": (1, MORE), "max_image_width": (32, MORE), "epochs": (1, MORE), "epoch_views": (1, MORE), "validation_every": (0, MORE), "camera_clearance": (0.0, MORE),
-    "opacity_weight": (0.0, MORE),
+    "max_gaussians": (1, MORE), "max_image_width": (32, MORE), "epochs": (1, MORE), "epoch_views": (1, MORE),
+    "validation_every": (0, MORE), "camera_clearance": (0.0, MORE), "opacity_weight": (0.0, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
 

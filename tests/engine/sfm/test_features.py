@@ -12,6 +12,12 @@ from engine.sfm.params import FeatureParams
 from engine.types import Frames, Masks
 
 
+@pytest.mark.parametrize(("count", "most"), [(48, 2500), (150, 1600), (1000, 800)])
+def test_where_there_are_many_views_each_keeps_fewer_features(count: int, most: int) -> None:
+    assert features.most_of_a_view(count, FeatureParams()) == most
+    assert features.most_of_a_view(count, FeatureParams(maximum=500)) == 500
+
+
 @pytest.mark.parametrize(
     ("width", "enlarged", "sought"), [(300, 2, 600), (620, 1, 620), (1200, 1, 600)]
 )  # SIFT doubles what it is given
