@@ -69,6 +69,11 @@ def pytest_runtest_setup() -> None:
     Checks.test += 1
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Devices keep their own pace: who waits for them does so at first, while there is most else to compute, and not at the end."""
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/hardware/"))
+
+
 class Deaths:
     """Says how a process of tests ended that died in the middle of them: pytest itself only says that it did."""
 
