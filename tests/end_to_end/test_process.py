@@ -75,7 +75,7 @@ def exported(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("room", "score", "least", "most"),
     [
-        # Few directions and a light that is not calibrated, in a room lit through windows: 7.6 deg and 13.1 dB.
+        # Few directions, few Gaussians and a light that is not calibrated, in a room lit through windows.
         ("surface", "normal_mean_deg", 0.1, 8.5),
         ("surface", "coverage", 0.98, 1.0),
         ("surface", "albedo_psnr_db", 12.0, 60.0),
