@@ -22,17 +22,12 @@ settings.load_profile("roomlight")
 
 
 class Checks:
-    """Shapes and types are looked at in the first calls of every test, and in some of the others: what a solve calls ten thousand
-    times it calls with the same, and looking took as long as solving. What looks is made when a function is first called: of a
-    hundred functions that a process of tests imports it calls ten."""
+    """Shapes and types are looked at in the first calls of every function in every test, and in some of the others: what a solve
+    calls ten thousand times it calls with the same, and looking took as long as solving. What looks is made when a function is
+    first called: of a hundred functions that a process of tests imports it calls ten."""
 
-    FIRST, EVERY = 2000, 50
-    calls = 0
-
-    @classmethod
-    def spared(cls) -> bool:
-        cls.calls += 1
-        return cls.calls > cls.FIRST and cls.calls % cls.EVERY > 0
+    FIRST, EVERY = 20, 50
+    test = 0
 
 
 jaxtyped = jaxtyping.jaxtyped
@@ -50,12 +45,13 @@ def checked(*, typechecker: Any) -> Callable[[Any], Any]:
             if dataclasses.is_dataclass(thing) and "__init__" in vars(thing):
                 thing.__init__ = lazily(thing.__init__)
             return thing
-        looking = None
+        looking, calls, test = None, 0, Checks.test
 
         @functools.wraps(thing)
         def call(*args: Any, **kwargs: Any) -> Any:
-            nonlocal looking
-            if Checks.spared():
+            nonlocal looking, calls, test
+            calls, test = calls + 1 if test == Checks.test else 1, Checks.test
+            if calls > Checks.FIRST and calls % Checks.EVERY > 0:
                 return thing(*args, **kwargs)
             if looking is None:
                 looking = jaxtyped(thing, typechecker=typechecker)
@@ -70,7 +66,12 @@ jaxtyping.jaxtyped = checked
 
 
 def pytest_runtest_setup() -> None:
-    Checks.calls = 0
+    Checks.test += 1
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Devices keep their own pace: who waits for them does so at first, while there is most else to compute, and not at the end."""
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/hardware/"))
 
 
 class Deaths:

@@ -62,7 +62,7 @@ SIZES = {
         "quick", 40, 128, 96, ("booth",), ("blob",), True, (20, 40), (512, 1024, 2048), (64,), (12,), 2_000_000,
         0.001, 100_000,
         # The machinery is what is tried: a light of few Gaussians does, and one setting of the reference.
-        {"light": {"max_gaussians": 6000}}, panoramas=False,
+        {"light": {"max_gaussians": 3000, "max_image_width": 96}}, panoramas=False,
     ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),

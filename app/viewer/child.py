@@ -184,6 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     inbox = Inbox(sys.stdin.buffer)
     inbox.start()
     say(answers, protocol.Note("starting the 3D view"))
+    cores.leave_out_plots()
     try:
         canvas = make_canvas(args.renderer)
     except NoGraphics as error:

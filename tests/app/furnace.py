@@ -37,13 +37,14 @@ def surface() -> Surface:
 
 
 def room() -> tuple[Gaussians, Lamps]:
-    """An even shell of Gaussians around the world's origin, without lamps."""
+    """An even shell of Gaussians around the world's origin, of the type that is stored; without lamps."""
     means = ROOM * fibonacci_sphere(500)
     count = len(means)
-    radiance = np.full((count, 1, 3), GLOW / Y00)
-    gaussians = Gaussians(
-        means, np.tile([1.0, 0, 0, 0], (count, 1)), np.full((count, 3), 0.35), np.full(count, 20.0), radiance
-    )
+    fields = (
+        means, np.tile([1.0, 0, 0, 0], (count, 1)), np.full((count, 3), 0.35), np.full(count, 20.0),
+        np.full((count, 1, 3), GLOW / Y00),
+    )  # fmt: skip
+    gaussians = Gaussians(*(np.asarray(field, np.float32) for field in fields))
     none = np.zeros((0, 3))
     return gaussians, Lamps(none, np.zeros(0), none, np.zeros(0, bool))
 

@@ -119,3 +119,10 @@ def test_who_stands_back_yields_to_the_window_and_keeps_its_share_beside_other_p
         str(int(os.SCHED_BATCH)),
     ]  # its first thread, and the one that works
     assert len(told) == 4 or told[5] == str(cores.NICE)  # "nice 5", where the kernel has sessions' niceness
+
+
+def test_open3d_comes_without_its_plots_in_a_browser() -> None:
+    import open3d
+
+    assert open3d.t.geometry.RaycastingScene
+    assert "dash" not in sys.modules

@@ -114,11 +114,13 @@ def shapes(gaussians: Gaussians) -> Shapes:
 
 def project(geometry: Shapes, colours: Float[np.ndarray, "k 3"], view: Pinhole) -> tuple:
     """What `tiles.project` and `tiles.lists` say of one view: indices, packed rows, and the lists of its tiles."""
-    rotation = np.ascontiguousarray(view.cam_from_world[:, :3])
+    # Arrays in another order would have the kernel compiled a second time, for nine seconds.
+    white, spread, rotation = map(
+        np.ascontiguousarray, (geometry.white, geometry.spread, view.cam_from_world[:, :3])
+    )
     index, packed, boxes = tiles.project(
-        geometry.white, geometry.spread, geometry.means, geometry.density,
-        np.ascontiguousarray(colours, dtype=np.float64), rotation, view.origin,
-        view.lens, view.width, view.height,
+        white, spread, geometry.means, geometry.density, np.ascontiguousarray(colours, dtype=np.float64),
+        rotation, view.origin, view.lens, view.width, view.height,
     )  # fmt: skip
     across, down = -(-view.width // tiles.TILE), -(-view.height // tiles.TILE)
     return index, packed, tiles.lists(boxes, across, down)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
-from scipy.stats import qmc
 
 from hardware.virtual.studio.rooms import Room
 
@@ -75,6 +74,7 @@ class Numbers:
 
     def __init__(self, mi: Any, count: int, first: int):
         import drjit as dr
+        from scipy.stats import qmc  # takes half a second to load
 
         self.mi = mi
         self.first = dr.opaque(mi.UInt32, first)

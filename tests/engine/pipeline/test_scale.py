@@ -48,6 +48,12 @@ def plan(session: sessions.Session) -> dict[str, stages.Step]:
     return {step.stage.name: step for step in stages.plan(session, stage_table.stages(), Settings())}
 
 
+@pytest.fixture(autouse=True)
+def little_panorama(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light has no unit of length."""
+    monkeypatch.setattr(stage_functions, "PANORAMA_ROWS", 32)
+
+
 def exported(session: sessions.Session, to: Path) -> Path:
     places = {"hdr": "hhhh", "segment": "ssss", "poses": "pppp", "surface": "aaaa"}
     to.mkdir()

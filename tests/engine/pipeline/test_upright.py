@@ -45,7 +45,9 @@ def exported(folder: Path, flip: int) -> Path:
     def load(stage: str, name: str, kind: type):
         return artifacts.load(finished / "stages" / stage / PLACES[stage], name, kind)
 
-    stage_functions.export(Work(session, ExportParams(), 0, "cpu", to, False, load, Progress()))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stage_functions, "PANORAMA_ROWS", 64)
+        stage_functions.export(Work(session, ExportParams(), 0, "cpu", to, False, load, Progress()))
     return to
 
 

@@ -1,5 +1,6 @@
 """Rooms out of scene files: their light is what physics says, objects in it are lit without bias, and what cannot be is refused."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hardware.virtual.studio.samples import Effort
 from tests.hardware.virtual.studio.interior import scenes
 
 SMALL = gather.Quality(300, (4,) * 10, (16,) * 4)
+BARE = gather.Quality(100, (4,) * 2, (4,))
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +24,8 @@ def mi():
     return mi
 
 
-def baked(mi, path: Path, monkeypatch) -> tuple[gather.Baked, glow.Room]:
-    monkeypatch.setattr(gather, "QUALITY", SMALL)
+def baked(mi, path: Path, monkeypatch, quality: gather.Quality = SMALL) -> tuple[gather.Baked, glow.Room]:
+    monkeypatch.setattr(gather, "QUALITY", quality)
     made = gather.bake(read.read(path), path.parent / "cache", "cpu", lambda share, note: None)
     return made, glow.Room(mi, made.room, made.grid, made.light)
 
@@ -70,7 +72,7 @@ def test_a_bake_that_was_cut_off_goes_on_and_ends_the_same(mi, tmp_path, monkeyp
     path = scenes.scene(
         tmp_path / "box.xml", scenes.box(1.0, scenes.matte("0.5")) + scenes.lamp(0.9, 0.3, "5")
     )
-    whole, _ = baked(mi, path, monkeypatch)
+    whole, _ = baked(mi, path, monkeypatch, gather.Quality(100, (4,) * 6, (4,) * 2))
     room = read.read(path)
 
     def stop(share: float, note: str) -> None:
@@ -144,20 +146,23 @@ def order(room: Path, thing: Path, **changes: object) -> shoot.Order:
     return shoot.Order(**facts)  # type: ignore[arg-type]
 
 
-@pytest.fixture
-def furnished(tmp_path, mi, monkeypatch) -> tuple[Path, Path]:
-    monkeypatch.setattr(gather, "QUALITY", gather.Quality(100, (4,) * 2, (4,)))
-    monkeypatch.setattr(meshes, "DIVIDED_FACES", 20_000)
+@pytest.fixture(scope="module")
+def furnished(tmp_path_factory, mi) -> Iterator[tuple[Path, Path]]:
+    """A scene, baked once, and a mesh."""
+    folder = tmp_path_factory.mktemp("furnished")
     inner = scenes.box(1.5, scenes.matte("0.5")) + scenes.lamp(1.4, 0.4, "5")
-    return scenes.scene(tmp_path / "box.xml", inner), scenes.ball(tmp_path / "ball.obj")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gather, "QUALITY", BARE)
+        patch.setattr(meshes, "DIVIDED_FACES", 20_000)
+        yield scenes.scene(folder / "box.xml", inner), scenes.ball(folder / "ball.obj")
 
 
-def build(tmp_path: Path, wanted: shoot.Order) -> shoot.Studio:
-    return shoot.build(wanted, tmp_path / "cache", lambda share, note: None)
+def build(wanted: shoot.Order) -> shoot.Studio:
+    return shoot.build(wanted, Path(wanted.room).parent / "cache", lambda share, note: None)
 
 
-def test_a_place_is_found_where_camera_and_object_meet_nothing(tmp_path, furnished):
-    studio = build(tmp_path, order(*furnished, views=12))
+def test_a_place_is_found_where_camera_and_object_meet_nothing(furnished):
+    studio = build(order(*furnished, views=12))
     poses = studio.journey.world_from_cam
     there = np.einsum("nij,pj->npi", poses[:, :, :3], studio.body.solid.vertices) + poses[:, None, :, 3]
     assert np.abs(there).max() < 1.5
@@ -175,9 +180,9 @@ def test_a_place_is_found_where_camera_and_object_meet_nothing(tmp_path, furnish
         ({"material": "from-file"}, "says nothing of its colours"),
     ],
 )
-def test_what_cannot_stand_there_is_refused(tmp_path, furnished, changes, told):
+def test_what_cannot_stand_there_is_refused(furnished, changes, told):
     with pytest.raises(StudioError, match=told):
-        build(tmp_path, order(*furnished, **changes))
+        build(order(*furnished, **changes))
 
 
 @pytest.mark.parametrize(
