@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication, Qt, QUrl
-from PySide6.QtGui import QAction, QDesktopServices
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QRadioButton,
+    QStackedWidget,
     QTreeWidget,
     QTreeWidgetItem,
     QVBoxLayout,
@@ -26,9 +27,13 @@ from PySide6.QtWidgets import (
 from app import exports
 from app.exports import FORMATS, GREEN, TARGETS, Export, Format
 from app.plan import read_plan
+from app.state import Trouble
 from app.views import theme
 from app.views.bridge import Bridge
+from app.views.empty import Empty
 from app.views.errand import Errand
+from app.views.head import Head
+from app.views.page_actions import page_action
 from app.views.pages import Shell
 from app.views.side_picture import SidePicture
 from app.views.trouble import show_trouble
@@ -56,6 +61,7 @@ class ExportPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
         self.errand.board = shell.board
         self.show_session(shell.state.session.value)
 
@@ -64,11 +70,15 @@ class ExportPage(QWidget):
             self._export = None
             self.to.setText(str(folder.parent / f"{folder.stem}-export") if folder is not None else "")
         self._folder = folder
-        self.state.setText(self.tr("looking…") if folder is not None else self.tr("No session is open"))
+        self.head.show_session(folder)
+        self.state.setText(self.tr("looking…") if folder is not None else "")
         self._show()
         if folder is None or self._shell is None:
             self.verdict.show_quality(None)
+            self.empty.say_nothing_yet(folder)
             return
+        if self._export is None:
+            self.empty.say(Trouble(self.tr("Reading the session…")))
         self._newest += 1
         take, number = self._bridge.queued(self._take), self._newest
         self._shell.enquiries.ask("plan", lambda answer: take(number, *_found(answer)), session=str(folder))
@@ -82,7 +92,8 @@ class ExportPage(QWidget):
             return
         self._export = export
         self.verdict.show_quality(quality)
-        self.state.setText(why)
+        self.state.setText("")
+        self.empty.say_nothing_yet(self._folder, Trouble(why))
         if export is not None:
             self.greens[export.green].setChecked(True)
             length = (
@@ -95,19 +106,6 @@ class ExportPage(QWidget):
         self._preview()
 
     def _build(self) -> None:
-        heading = QLabel(self.tr("Export"))
-        heading.setObjectName("heading")
-        self.state = QLabel()
-        self.state.setObjectName("dim")
-        self.process = QPushButton(self.tr("Go to P&rocess"))
-        self.process.setAccessibleName(self.tr("Go to the Process page"))
-        self.process.clicked.connect(self._go_to_process)
-        top = QHBoxLayout()
-        top.addWidget(heading)
-        top.addSpacing(6)
-        top.addWidget(self.state, 1)
-        top.addWidget(self.process)
-
         self.table = QTreeWidget()
         self.table.setAccessibleName(self.tr("Formats"))
         self.table.setFrameShape(QFrame.Shape.NoFrame)
@@ -158,9 +156,6 @@ class ExportPage(QWidget):
         self.target.activated.connect(lambda row: self._choose(self.target.itemData(row)))
         name = QLabel(self.tr("&Program"))
         name.setBuddy(self.target)
-        for part in (name, self.target):
-            top.insertWidget(top.count() - 1, part)
-
         self.to = QLineEdit()
         self.to.setAccessibleName(self.tr("Folder to write to"))
         self.to.textChanged.connect(self._enable)
@@ -176,28 +171,32 @@ class ExportPage(QWidget):
         self.report.setAccessibleName(self.tr("Write the report and open it"))
         self.report.setToolTip(self.tr("One self-contained HTML page about the results"))
         self.report.clicked.connect(self._report)
-        self.go = QPushButton(self.tr("E&xport"))
-        self.go.setObjectName("primary")
-        self.go.setAccessibleName(self.tr("Export"))
-        self.action = QAction(self.tr("Export"), self)
-        self.action.setShortcut("Ctrl+Return")
-        self.action.triggered.connect(self._start)
-        self.addAction(self.action)
-        self.go.clicked.connect(self.action.trigger)
+        self.action = page_action(self, self.tr("E&xport"), "Ctrl+Return", self._start)
+        self.head = Head(self, self.action)
+        self.head.add(name, self.target)
+        self.state, self.go = self.head.state, self.head.primary
         self.errand = Errand(self)
         self.errand.changed.connect(self._enable)
         self.errand.done.connect(self._done)
         self.errand.failed.connect(lambda fault: show_trouble(self, fault))
         bottom = QHBoxLayout()
-        for part in (to, self.to, browse, self.open, self.errand, self.report, self.go):
+        for part in (to, self.to, browse, self.open, self.errand, self.report):
             bottom.addWidget(part, 1 if part is self.to else 0)
 
-        layout = QVBoxLayout(self)
+        body = QWidget()
+        layout = QVBoxLayout(body)
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(10)
-        self.verdict = Verdict()
-        layout.addLayout(top)
-        layout.addWidget(self.verdict)
+        self.verdict, self.empty = Verdict(), Empty("export")
+        self.stack = QStackedWidget()
+        for part in (self.empty, body):
+            self.stack.addWidget(part)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(0)
+        whole.addWidget(self.head)
+        whole.addWidget(self.verdict)
+        whole.addWidget(self.stack, 1)
         middle = QHBoxLayout()
         middle.addWidget(self.table, 1)
         middle.addWidget(self.preview)
@@ -240,10 +239,9 @@ class ExportPage(QWidget):
     def _enable(self) -> None:
         running = self.errand.busy
         ready = self._export is not None and not running
-        self.go.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
-        self.action.setEnabled(self.go.isEnabled())
+        self.action.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
         self.report.setEnabled(self._folder is not None and not running)
-        self.process.setVisible(self._folder is not None and self._export is None)
+        self.stack.setCurrentIndex(self._export is not None)
         self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())
 
     def resizeEvent(self, event) -> None:
@@ -270,10 +268,6 @@ class ExportPage(QWidget):
             return
         files = next((offer.files for offer in self._export.offers if offer.format.key == key), ())
         self.preview.show_file(Path(picture), ", ".join(files[:3]) + (", \u2026" if len(files) > 3 else ""))
-
-    def _go_to_process(self) -> None:
-        if self._shell is not None:
-            self._shell.wishes.show_page.emit("process")
 
     def _browse(self) -> None:
         said = QFileDialog.getExistingDirectory(

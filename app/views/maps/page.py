@@ -22,19 +22,20 @@ from app.state import Trouble, called, place_of
 from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.empty import Empty
+from app.views.head import Head
 from app.views.maps.bar import MapsBar
 from app.views.maps.compare import MapsCompare
 from app.views.maps.grid import MapsGrid
 from app.views.maps.panel import Showing
 from app.views.maps.scale import ScaleRow
 from app.views.maps.swipe import MapsSwipe
+from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.pictures.view import ImageView
 from app.views.pictures.viewport import Viewport
 from app.views.readout import Readout
 from app.views.value_edit import ValueEdit
 from app.views.verdict import Verdict
-from app.words import sentence
 from engine.io import scale_edit
 from engine.io import session as sessions
 from engine.io.scale_edit import ScaleBar
@@ -66,7 +67,9 @@ class MapsPage(QWidget):
         self.bar = MapsBar(self, self.viewport)
         self.readout = Readout(self)
         self.scale = ScaleRow(self, self.viewport)
-        self.empty = Empty()
+        self.empty = Empty("maps")
+        self.export = page_action(self, self.tr("E&xport…"), "", lambda: self._wish_page("export"))
+        self.head = Head(self, self.export)
         self.body = QWidget()
         column = QVBoxLayout(self.body)
         column.setContentsMargins(0, 0, 0, 0)
@@ -79,6 +82,8 @@ class MapsPage(QWidget):
         column.addWidget(self.readout)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
+        layout.addWidget(self.head)
         layout.addWidget(self.body)
         layout.addWidget(self.empty)
 
@@ -102,12 +107,14 @@ class MapsPage(QWidget):
             view.clicked.connect(self.scale.mark)
         self.scale.wanted.connect(self._want_scale)
         self.scale.closed.connect(self.scale.leave)
-        self._show_empty(runs.nothing_yet(None))
+        self._show_nothing()
 
     # The contract with the window
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._show_nothing()
         self.swipe.errand.board = shell.board
         shell.state.view.listen(self._turn_to)
         shell.board.listen(Bridge(self).latest(self._look_again))
@@ -117,6 +124,7 @@ class MapsPage(QWidget):
         """Show a session's results; returns at once."""
         if folder != self._session:
             self._session = folder
+            self.head.show_session(folder)
             self._runs, self._others, self._maps = (), [], None
             self._show_maps(None)
             self.compare.show_other(None)
@@ -129,7 +137,7 @@ class MapsPage(QWidget):
         folder = self._session
         if folder is None:
             self._background.drop("runs")
-            self._show_empty(runs.nothing_yet(None))
+            self._show_nothing()
             return
         self._background.ask(
             "runs", lambda: (runs.runs_of(folder), scale_edit.read(folder)), self._show_runs, self._tell
@@ -203,7 +211,7 @@ class MapsPage(QWidget):
         found, bar = answer
         if not found:
             self._runs, self._maps = (), None
-            self._show_empty(runs.nothing_yet(self._session))
+            self._show_nothing()
             return
         now = self._maps.run.fingerprint if self._maps is not None else None
         same = self._maps is not None and self._maps.scale_bar == bar
@@ -237,6 +245,8 @@ class MapsPage(QWidget):
             self._offer(None)
             self.empty.hide()
             self.body.show()
+            self.export.setEnabled(True)
+            self.head.state.setText(self.bar.run_box.currentText())
         self._show_all()
         self._read()
 
@@ -348,16 +358,21 @@ class MapsPage(QWidget):
 
     # Troubles
 
-    def _show_empty(self, why: Trouble) -> None:
+    def _show_nothing(self, fault: Trouble | None = None) -> None:
         self.body.hide()
         self.empty.show()
-        self.empty.what.setText(why.what)
-        self.empty.remedy.setText(sentence(why.remedy))
+        self.export.setEnabled(False)
+        self.head.state.setText("")
+        self.empty.say_nothing_yet(self._session, fault)
+
+    def _wish_page(self, key: str) -> None:
+        if self._shell is not None:
+            self._shell.wishes.show_page.emit(key)
 
     def _fail_load(self, fault: Trouble) -> None:
         self._maps = None
         self._show_all()
-        self._show_empty(fault)
+        self._show_nothing(fault)
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)

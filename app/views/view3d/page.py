@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
 from app.frame_writer import VIDEO
 from app.state import Trouble, trouble
@@ -26,6 +26,9 @@ from app.viewer.supervisor import Supervisor
 from app.viewer.turntable import Film
 from app.views.background import Background
 from app.views.bridge import Bridge
+from app.views.empty import Empty
+from app.views.head import Head
+from app.views.page_actions import action_button
 from app.views.pages import Shell, tell
 from app.views.theme import DARK
 from app.views.trouble import show_trouble
@@ -81,11 +84,21 @@ class View3dPage(QWidget):
         self.panel = ViewPanel(self, self._actions)
         self.cover, self.banner = Cover(self.canvas), Banner(self.canvas)
         self.photograph = Photograph(self.canvas)
-        layout = QHBoxLayout(self)
+        self.head, self.empty, body = Head(self, self._actions["screenshot"]), Empty("view3d"), QWidget()
+        self.head.add(action_button(self._actions["turntable"]))
+        across = QHBoxLayout(body)
+        across.setContentsMargins(0, 0, 0, 0)
+        across.setSpacing(0)
+        across.addWidget(self.canvas, 1)
+        across.addWidget(self.panel)
+        self.stack = QStackedWidget()
+        for part in (self.empty, body):
+            self.stack.addWidget(part)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
-        layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.panel)
+        layout.addWidget(self.head)
+        layout.addWidget(self.stack, 1)
         self._settle = self._timer(SETTLE_MS, lambda: self._ask(moving=False))
         self._quiet = self._timer(BANNER_MS, self._say_missing)
         self._unseen = self._timer(UNSEEN_MS, self.end)
@@ -99,6 +112,8 @@ class View3dPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._cover()
         self.view_picked.connect(shell.state.view.set)
         shell.state.relit.listen(self._paint_relit)
         self._paint_relit(shell.state.relit.value)
@@ -107,6 +122,7 @@ class View3dPage(QWidget):
         """Show a session; returns at once. While the page is hidden, nothing is started."""
         if folder != self._session:
             self._session, self._loaded = folder, None
+            self.head.show_session(folder)
             self.photograph.hide()
             self._actions["close"].setEnabled(False)
             self.canvas.show_picture(None)
@@ -254,7 +270,13 @@ class View3dPage(QWidget):
         self._cover()
 
     def _cover(self) -> None:
-        self.cover.show_status(self.status, self._session is not None, self.canvas.picture is not None)
+        there = self._session is not None
+        self.stack.setCurrentIndex(there)
+        if not there:
+            self.empty.say_nothing_yet(None)
+        self.cover.show_status(self.status, self.canvas.picture is not None)
+        for name in ("screenshot", "turntable"):
+            self._actions[name].setEnabled(there and self.canvas.picture is not None)
 
     def _say_missing(self) -> None:
         self.banner.say_missing(self.state.contents.missing)

@@ -74,7 +74,7 @@ def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, 
     made.errand._make_job = make
     made.resize(1100, 700)
     made.show()
-    until(qtbot, lambda: made.go.isEnabled() or made.process.isVisible())
+    until(qtbot, lambda: made.go.isEnabled() or made.empty.isVisible())
     return made
 
 
@@ -175,11 +175,11 @@ def test_results_older_than_the_settings_send_to_the_process_page(
 ) -> None:
     questions.stages_done = 5
     page.show_session(session)
-    until(qtbot, lambda: page.process.isVisible())
+    until(qtbot, lambda: page.empty.isVisible())
     assert not page.go.isEnabled()
-    assert "process first" in page.state.text()
+    assert "process first" in page.empty.what.text()
     with qtbot.waitSignal(shell.wishes.show_page) as asked:
-        page.process.click()
+        page.empty.buttons[0].click()
     assert asked.args == ["process"]
 
 

@@ -293,7 +293,7 @@ def test_a_cluster_that_is_named_does_what_is_queued_and_rows_say_where(
 def test_without_a_session_there_is_nothing_to_run(page: ProcessPage, qtbot: QtBot) -> None:
     page.show_session(None)
     until(qtbot, lambda: page.column.count() == 0)
-    assert page.bar.name.text() == "No session is open"
+    assert page.empty.what.text() == "No session is open"
     assert not page.bar.run.isEnabled()
     assert not page.parameters.isEnabled()
 

@@ -131,10 +131,10 @@ def child(page: View3dPage) -> int:
 
 def test_without_a_session_it_says_what_to_do(page: Open) -> None:
     one = page()
-    assert one.cover.isVisible()
-    assert "No session" in one.cover.what.text()
+    assert one.empty.isVisible()
+    assert "No session" in one.empty.what.text()
     assert one._supervisor is None
-    assert not one.cover.again.isVisible()
+    assert not one.canvas.isVisible()
 
 
 def test_a_session_is_shown(qtbot, page: Open, session: Path) -> None:
@@ -176,7 +176,7 @@ def test_showing_the_page_again_reads_only_new_results(qtbot, own_page: View3dPa
 def test_closing_the_session_clears_the_picture(own_page: View3dPage) -> None:
     own_page.show_session(None)
     assert own_page.canvas.picture is None
-    assert own_page.cover.isVisible()
+    assert own_page.empty.isVisible()
     assert own_page.state.contents.folder == ""
 
 
