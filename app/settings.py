@@ -30,6 +30,9 @@ class Preferences:
     scheduler: str = ""  # of the cluster that does what is queued, as tcp://head:8786; "" for this machine
     last_folder: str = ""  # where the last file dialog was
     window: str = ""  # size and place, as Qt writes them, in hexadecimal
+    shortcuts: dict[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # keys other than the shipped ones, by what they do
 
 
 class Settings:
@@ -115,4 +118,6 @@ def _fits(name: str, value: Any) -> bool:
         return value in typing.get_args(hint)
     if typing.get_origin(hint) is tuple:
         return isinstance(value, list) and all(isinstance(item, str) for item in value)
+    if typing.get_origin(hint) is dict:
+        return isinstance(value, dict) and all(isinstance(item, str) for item in value.values())
     return hint is not None and type(value) is hint

@@ -1,4 +1,4 @@
-"""The dialog of preferences: looks, device, and what is kept in the cache."""
+"""The dialog of preferences: looks, device, keys, and what is kept in the cache."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -30,7 +30,7 @@ DEVICES = ("auto", "cpu", "cuda")
 class PreferencesDialog(QDialog):
     """Every change holds at once, here and in later sessions."""
 
-    def __init__(self, parent: QWidget | None, shell: Shell) -> None:
+    def __init__(self, parent: QWidget | None, shell: Shell, show_shortcuts: Callable[[], None]) -> None:
         super().__init__(parent)
         self._shell, self._background = shell, Background(self, "caches")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -47,6 +47,12 @@ class PreferencesDialog(QDialog):
         rows.addRow(
             "", hint(self.tr("Of runs that are started from now on. Finished stages are not done again."))
         )
+
+        keys = QPushButton(self.tr("&Keyboard shortcuts…"))
+        keys.setAccessibleName(self.tr("Keyboard shortcuts"))
+        keys.setAutoDefault(False)
+        keys.clicked.connect(show_shortcuts)
+        rows.addRow("", keys)
 
         self.sizes: dict[str, QLabel] = {}
         self.clear: dict[str, QPushButton] = {}

@@ -231,7 +231,7 @@ def _sheet(ours: Palette) -> str:
     QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}
     QToolButton#rail:focus {{ border: 2px solid {ours.focus}; }}
     QToolTip {{ background: {ours.panel}; color: {ours.text}; border: 1px solid {ours.line}; padding: 4px; }}
-    QProgressBar {{ background: {ours.field}; border: none; border-radius: 3px; max-height: 6px; }}
+    QProgressBar {{ background: {ours.line}; border: none; border-radius: 3px; max-height: 6px; }}
     QProgressBar::chunk {{ background: {ours.accent}; border-radius: 3px; }}
     QDialogButtonBox {{ dialogbuttonbox-buttons-have-icons: 0; }}
     QStatusBar {{ border-top: 1px solid {ours.line}; }}

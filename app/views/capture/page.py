@@ -106,14 +106,17 @@ class CapturePage(QWidget):
     def _lay_out(self) -> None:
         left = QVBoxLayout()
         left.setSpacing(0)
-        for part in (self.bar, self.banner):
-            left.addWidget(part)
+        left.addWidget(self.banner)
         left.addWidget(self.scene, 1)
-        layout = QHBoxLayout(self)
+        across = QHBoxLayout()
+        across.setSpacing(0)
+        across.addLayout(left, 1)
+        across.addWidget(self.setup)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
-        layout.addLayout(left, 1)
-        layout.addWidget(self.setup)
+        layout.addWidget(self.bar)
+        layout.addLayout(across, 1)
 
     def _connect(self) -> None:
         setup, panel = self.setup, self.panel

@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 from app import exports
 from app.exports import FORMATS, GREEN, TARGETS, Export, Format
 from app.plan import read_plan
-from app.state import Trouble
+from app.state import Trouble, trouble
 from app.views import theme
 from app.views.bridge import Bridge
 from app.views.empty import Empty
@@ -93,7 +93,7 @@ class ExportPage(QWidget):
         self._export = export
         self.verdict.show_quality(quality)
         self.state.setText("")
-        self.empty.say_nothing_yet(self._folder, Trouble(why))
+        self.empty.say_nothing_yet(self._folder, trouble(why))
         if export is not None:
             self.greens[export.green].setChecked(True)
             length = (
@@ -328,7 +328,7 @@ def _found(answer: Answer) -> tuple[Export | None, str, Quality | None]:
     if not row.done:
         return (
             None,
-            translate("ExportPage", "The results are not there, or older than the settings: process first."),
+            translate("ExportPage", "The results are not there, or older than the settings; process first"),
             plan.quality,
         )
     try:

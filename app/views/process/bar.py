@@ -1,4 +1,4 @@
-"""The bar over the Process page: session, how much is left, preset, device, seed, and the two buttons."""
+"""The bar over the Process page: session, how much is left, preset, seed, and the two buttons."""
 
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QAction
@@ -9,14 +9,11 @@ from app.views.head import Head
 from app.views.page_actions import action_button
 from engine.pipeline.settings import PRESETS, Settings
 
-DEVICES = ("auto", "cpu", "cuda")
-
 
 class RunBar(QWidget):
     """Tells what was chosen; shows what it is told."""
 
     preset_chosen = Signal(str)
-    device_chosen = Signal(str)
     seed_chosen = Signal(int)
 
     def __init__(self, parent: QWidget | None, start: QAction, stop: QAction) -> None:
@@ -30,11 +27,6 @@ class RunBar(QWidget):
             self.tr("draft: a first look. standard: what the accuracy is measured with. fine: more time")
         )
         self.preset.activated.connect(lambda row: self.preset_chosen.emit(PRESETS[row]))
-        self.device = QComboBox()
-        self.device.addItems(list(DEVICES))
-        self.device.setAccessibleName(self.tr("Device"))
-        self.device.setToolTip(self.tr("CPU or GPU; changing it does not redo finished stages"))
-        self.device.activated.connect(lambda row: self.device_chosen.emit(DEVICES[row]))
         self.seed = Number(whole=True)
         self.seed.setRange(0, 2**31 - 1)
         self.seed.setAccessibleName(self.tr("Seed"))
@@ -43,9 +35,7 @@ class RunBar(QWidget):
         )
         self.seed.setMaximumWidth(90)
         self.seed.valueChanged.connect(lambda value: self.seed_chosen.emit(round(value)))
-        for text, control in (
-            (self.tr("P&reset"), self.preset), (self.tr("&Device"), self.device), (self.tr("S&eed"), self.seed)
-        ):  # fmt: skip
+        for text, control in ((self.tr("P&reset"), self.preset), (self.tr("S&eed"), self.seed)):
             label = QLabel(text)
             label.setBuddy(control)
             self.head.add(label, control)

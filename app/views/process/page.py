@@ -75,10 +75,6 @@ class ProcessPage(QWidget):
         self.queue.scheduler_given.connect(lambda address: shell.settings.change(scheduler=address))
         self.queue.chosen.connect(shell.wishes.open_session)
         self.tabs.addTab(self.queue, self.tr("Queue"))
-        self.bar.device.setCurrentText(shell.settings.value.device)
-        shell.settings.preferences.listen(
-            lambda preferences: self.bar.device.setCurrentText(preferences.device)
-        )
         shell.board.listen(self._bridge.latest(self._show_job))
         shell.enquiries.ask("gpu", self._bridge.queued(self._take_gpu))
         self.show_session(shell.state.session.value)
@@ -121,7 +117,6 @@ class ProcessPage(QWidget):
         self.stop.setIconText(self.tr("&Cancel"))
         self.bar = RunBar(self, self.start, self.stop)
         self.bar.preset_chosen.connect(self._edit_preset)
-        self.bar.device_chosen.connect(self._choose_device)
         self.bar.seed_chosen.connect(self._edit_seed)
         self.column = StageColumn()
         self.column.chosen.connect(self._choose)
@@ -326,10 +321,6 @@ class ProcessPage(QWidget):
     def _choose(self, stage: str) -> None:
         self._stage = stage
         self._show_parameters()
-
-    def _choose_device(self, device: str) -> None:
-        if self._shell is not None:
-            self._shell.settings.change(device=device)
 
     def _edit(self, name: str, value: object) -> None:
         parameter = self.model.plan.value.parameter(name) if self.model and self.model.plan.value else None

@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.inspect import maps, runs
+from app.inspect import maps
 from app.inspect.maps import Maps
 from app.inspect.runs import Run
 from app.relight import files as relighting_files
@@ -507,5 +507,5 @@ class RelightPage(QWidget):
 
 
 def _found(session: Path) -> tuple[Run | None, Maps | None]:
-    run = runs.current(runs.runs_of(session))
-    return run, None if run is None else maps.load(run)
+    shown = maps.load_current(session)
+    return None if shown is None else shown.run, shown

@@ -4,17 +4,21 @@ The window never waits for that process: what it should draw is left with the su
 are there. If it hangs or dies it is started again with the same session and the same eye.
 """
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent
+from jaxtyping import Float
+from PySide6.QtCore import QPointF, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent, QUndoStack
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
 from app.frame_writer import VIDEO
+from app.inspect import maps
+from app.inspect.maps import Maps
 from app.state import Trouble, trouble
 from app.viewer import orbit, showing
 from app.viewer.events import Event, Picture, Status
@@ -30,6 +34,7 @@ from app.views.empty import Empty
 from app.views.head import Head
 from app.views.page_actions import action_button
 from app.views.pages import Shell, tell
+from app.views.scale import ScaleRow
 from app.views.theme import DARK
 from app.views.trouble import show_trouble
 from app.views.view3d import actions as view3d_actions
@@ -38,9 +43,11 @@ from app.views.view3d.cover import Banner, Cover, Photograph
 from app.views.view3d.panel import ViewPanel
 from app.views.view3d.turn import Turn
 from app.views.view3d.turntable import Turntable
-from engine.errors import ExportError
+from engine.errors import ExportError, RoomlightError
+from engine.geometry import project
 from engine.io import scale_edit
 from engine.io.scale_edit import ScaleBar
+from engine.scale_bar import on_surface
 
 Loaded = tuple[dict[str, Path], ScaleBar | None]  # the stages and what fixes their scale
 
@@ -75,9 +82,11 @@ class View3dPage(QWidget):
         self._to_relit = False  # the surface is to be shown relit once it can be
         self._shell: Shell | None = None
         self._background = Background(self, "view3d")
+        self.undo_stack = QUndoStack(self)
         self._bridge = Bridge(self)
         self._turntable: Turntable | None = None
-        self._probe = -1
+        self._probe = self._marking = -1  # numbers of the newest questions what is under a pixel
+        self._maps: Maps | None = None  # of the run that is measured in
         self._homing = False  # the turn that is under way ends at home
         self._actions = self._make_actions()
         self.canvas = ViewCanvas(self)
@@ -85,12 +94,13 @@ class View3dPage(QWidget):
         self.cover, self.banner = Cover(self.canvas), Banner(self.canvas)
         self.photograph = Photograph(self.canvas)
         self.head, self.empty, body = Head(self, self._actions["screenshot"]), Empty("view3d"), QWidget()
-        self.head.add(action_button(self._actions["turntable"]))
+        self.head.add(*(action_button(self._actions[key]) for key in ("measure", "turntable")))
         across = QHBoxLayout(body)
         across.setContentsMargins(0, 0, 0, 0)
         across.setSpacing(0)
         across.addWidget(self.canvas, 1)
         across.addWidget(self.panel)
+        self.scale = ScaleRow(self, self.undo_stack, self._background)
         self.stack = QStackedWidget()
         for part in (self.empty, body):
             self.stack.addWidget(part)
@@ -98,6 +108,7 @@ class View3dPage(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self.head)
+        layout.addWidget(self.scale)
         layout.addWidget(self.stack, 1)
         self._settle = self._timer(SETTLE_MS, lambda: self._ask(moving=False))
         self._quiet = self._timer(BANNER_MS, self._say_missing)
@@ -123,6 +134,8 @@ class View3dPage(QWidget):
         if folder != self._session:
             self._session, self._loaded = folder, None
             self.head.show_session(folder)
+            self.undo_stack.clear()
+            self.scale.show_session(folder)
             self.photograph.hide()
             self._actions["close"].setEnabled(False)
             self.canvas.show_picture(None)
@@ -252,6 +265,8 @@ class View3dPage(QWidget):
                 self._ask(moving=False)
                 if not self._quiet.isActive():
                     self._say_missing()
+        elif event.number == self._marking and event.point:
+            self._mark(np.array(event.point))
         elif event.number == self._probe and event.point:
             self._turn_to(orbit.aimed(self.state.eye, np.array(event.point)))
 
@@ -275,7 +290,7 @@ class View3dPage(QWidget):
         if not there:
             self.empty.say_nothing_yet(None)
         self.cover.show_status(self.status, self.canvas.picture is not None)
-        for name in ("screenshot", "turntable"):
+        for name in ("measure", "screenshot", "turntable"):
             self._actions[name].setEnabled(there and self.canvas.picture is not None)
 
     def _say_missing(self) -> None:
@@ -288,6 +303,10 @@ class View3dPage(QWidget):
         canvas.eye_moved.connect(self._moved)
         canvas.picked.connect(self._picked)
         canvas.probed.connect(self._ask_point)
+        canvas.clicked.connect(self._ask_mark)
+        self.scale.marked.connect(self._show_marks)
+        self.scale.written.connect(self._scale_written)
+        self.scale.failed.connect(lambda fault: tell(self._shell, self, fault))
         canvas.resized.connect(self._resized)
         panel.layer_toggled.connect(
             lambda name, shown: self._restyle(showing.with_layer(self.state, name, shown))
@@ -318,6 +337,8 @@ class View3dPage(QWidget):
                 "photograph": self._show_photograph,
                 "maps": self._go_to_maps,
                 "through": lambda: self._turn_to(showing.looking_through(self.state).eye),
+                "measure": self._measure,
+                "mark": lambda: self._ask_mark(0.5, 0.5),
                 "screenshot": self._ask_screenshot,
                 "turntable": self._ask_turntable,
                 "close": self._close_photograph,
@@ -332,7 +353,7 @@ class View3dPage(QWidget):
             self._settle.start()
 
     def _picked(self, view: int) -> None:
-        if view >= 0:
+        if view >= 0 and not self.scale.isVisible():
             self._restyle(showing.chose(self.state, view))
             self._show_photograph()
 
@@ -429,6 +450,53 @@ class View3dPage(QWidget):
         name = self._session.stem if self._session is not None else "roomlight"
         return str(Path(folder) / f"{name}-{ending}")
 
+    # Measuring
+
+    def _measure(self) -> None:
+        """Load what is measured in, and open the row."""
+        folder = self._session
+        if folder is not None:
+            self._background.ask(
+                "maps", lambda: maps.load_current(folder), self._open_scale, lambda fault: tell(self._shell, self, fault)
+            )  # fmt: skip
+
+    def _open_scale(self, loaded: Maps | None) -> None:
+        self._maps = loaded
+        self.scale.show_run(loaded)
+        self.scale.setVisible(loaded is not None)
+        self.scale.open()
+
+    def _ask_mark(self, x: float, y: float) -> None:
+        if self._supervisor is not None and self.scale.isVisible():
+            self._marking = self._supervisor.probe(x, y)
+
+    def _mark(self, point: Float[np.ndarray, " 3"]) -> None:
+        """Mark a point of the world, as the view has it in which the surface stands."""
+        pose = showing.pose_of(self.state.contents, showing.standing(self.state))
+        if pose is not None and self._maps is not None and self._maps.camera is not None:
+            x, y = project(self._maps.camera, pose[:, :3] @ point + pose[:, 3])
+            if np.isfinite(x):
+                self.scale.mark(QPointF(x, y) / self._maps.camera.width)
+
+    def _show_marks(self) -> None:
+        """Where the marks are in space, in the view in which the surface stands."""
+        shown, pose = self._maps, showing.pose_of(self.state.contents, showing.standing(self.state))
+        points = []
+        if shown is not None and shown.camera is not None and pose is not None:
+            height, width = shown.surface.mask.shape
+            for mark in self.scale.marks:
+                with contextlib.suppress(RoomlightError):  # off the object; the row says so
+                    at = (mark.x() * width, mark.y() * width)
+                    _, point = on_surface(at, (width, height), shown.surface, shown.camera)
+                    points.append((shown.metres * point - pose[:, 3]) @ pose[:, :3])
+        self.canvas.show_marks(np.array(points).reshape(-1, 3))
+
+    def _scale_written(self, said: str) -> None:
+        self.refresh()
+        self._measure()
+        if self._shell is not None:
+            self._shell.wishes.say.emit(said)
+
     # Moving the eye
 
     def _turn_to(self, eye: Orbit, home: bool = False) -> None:
@@ -463,6 +531,7 @@ class View3dPage(QWidget):
         self.canvas.show_state(state)
         if panel_too:
             self.panel.show_state(state)
+            self._show_marks()
 
     def _ask(self, moving: bool) -> None:
         """Leave with the supervisor what should be drawn."""

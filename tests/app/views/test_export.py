@@ -177,7 +177,7 @@ def test_results_older_than_the_settings_send_to_the_process_page(
     page.show_session(session)
     until(qtbot, lambda: page.empty.isVisible())
     assert not page.go.isEnabled()
-    assert "process first" in page.empty.what.text()
+    assert page.empty.remedy.text() == "Process first"
     with qtbot.waitSignal(shell.wishes.show_page) as asked:
         page.empty.buttons[0].click()
     assert asked.args == ["process"]

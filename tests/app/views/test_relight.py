@@ -252,7 +252,10 @@ def test_what_cannot_be_prepared_says_why(page: RelightPage, qtbot: QtBot, sessi
     script = 'emit("failed", message="made by an older version; process again")'
     page.errand._make_job = lambda name, task, request: job(script, name, task, request)
     page.show_session(session)
-    until(qtbot, lambda: "older version" in page.empty.what.text() and "rocess again" in page.empty.remedy.text())
+    until(
+        qtbot,
+        lambda: "older version" in page.empty.what.text() and "rocess again" in page.empty.remedy.text(),
+    )
 
 
 def test_a_panorama_becomes_the_light(page: RelightPage, qtbot: QtBot, session: Path, tmp_path: Path) -> None:
