@@ -72,9 +72,14 @@ class Head(QFrame):
             return
 
         def read() -> QImage:
-            image = QImage(str(recent.look(folder).picture or ""))
-            return image.scaled(
-                size, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+            path = recent.look(folder).picture
+            image = QImage() if path is None else QImage(str(path))
+            return (
+                image
+                if image.isNull()
+                else image.scaled(
+                    size, Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+                )
             )
 
         self._background.ask("picture", read, self._show_picture)

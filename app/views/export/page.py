@@ -172,6 +172,7 @@ class ExportPage(QWidget):
         self.report.setToolTip(self.tr("One self-contained HTML page about the results"))
         self.report.clicked.connect(self._report)
         self.action = page_action(self, self.tr("E&xport"), "Ctrl+Return", self._start)
+        self.action.setShortcutContext(Qt.ShortcutContext.WindowShortcut)  # from the rail too
         self.head = Head(self, self.action)
         self.head.add(name, self.target)
         self.state, self.go = self.head.state, self.head.primary

@@ -66,7 +66,7 @@ class MapsPage(QWidget):
         self.readout = Readout(self)
         self.scale = ScaleRow(self, self.undo_stack, self._background)
         self.empty = Empty("maps")
-        self.export = page_action(self, self.tr("E&xport…"), "", lambda: self._wish_page("export"))
+        self.export = page_action(self, self.tr("E&xport…"), "Ctrl+Return", lambda: self._wish_page("export"))
         self.head = Head(self, self.export)
         self.head.add(self.bar.run_box)
         self.body = QWidget()

@@ -102,7 +102,9 @@ class PhotographsPage(QWidget):
         self.clipping = QCheckBox(self.tr("Show &clipping"))
         self.clipping.setAccessibleName(self.tr("Show clipping"))
         self.clipping.setToolTip(self.tr("Red: clipped in all exposures; amber: in the one shown (C)"))
-        self.process = page_action(self, self.tr("To &processing"), "", lambda: self._wish_page("process"))
+        self.process = page_action(
+            self, self.tr("To &processing"), "Ctrl+Return", lambda: self._wish_page("process")
+        )
         self.head = Head(self, self.process)
         self.head.add(self.clipping, self.order)
         self.told = self.head.state

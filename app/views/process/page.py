@@ -115,6 +115,8 @@ class ProcessPage(QWidget):
         self.start = page_action(self, self.tr("&Process"), "F5", self._process)
         self.stop = page_action(self, self.tr("&Cancel processing"), "Ctrl+.", self._cancel)
         self.stop.setIconText(self.tr("&Cancel"))
+        for action in (self.start, self.stop):
+            action.setShortcutContext(Qt.ShortcutContext.WindowShortcut)  # from the rail too
         self.bar = RunBar(self, self.start, self.stop)
         self.bar.preset_chosen.connect(self._edit_preset)
         self.bar.seed_chosen.connect(self._edit_seed)
