@@ -254,7 +254,7 @@ def run_export(args: Namespace) -> int:
 
 def run_relight(args: Namespace) -> int:
     from app import terminal
-    from app.relight import pictures, ready
+    from app.relight import panoramas, pictures
 
     if args.seconds <= 0:
         from engine.errors import SessionError
@@ -262,7 +262,7 @@ def run_relight(args: Namespace) -> int:
         raise SessionError(
             f"--seconds {args.seconds:g}: a video lasts longer than that; give a number above 0"
         )
-    light = str(ready.file(args.light)) if args.light in ready.NAMES else args.light
+    light = str(panoramas.file(args.light)) if args.light in panoramas.NAMES else args.light
     lamp = args.lamp and tuple(args.lamp)
     wish = pictures.Wish(
         str(args.session), str(args.out), light, setting={"yaw_deg": args.turn, "room": args.room, "spot": lamp},

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.inspect.falsecolour import MINUS
-from app.relight.ready import NAMES as READY
+from app.relight.panoramas import NAMES as PANORAMAS
 from app.relight.relit import Setting
 from app.views.boxes import box_of
 from app.views.column import Column
@@ -81,7 +81,7 @@ class RelightControls(Column):
         self._column.addLayout(row)
         self.ready = box_of(self.tr("Light"), 6)
         self.ready.addItem(self.tr("Of the room, as recovered"), "")
-        for name, words in READY.items():
+        for name, words in PANORAMAS.items():
             self.ready.addItem(QCoreApplication.translate("relight", words), name)
         self.ready.activated.connect(lambda row: self.ready_picked.emit(self.ready.itemData(row)))
         row = QHBoxLayout()

@@ -31,7 +31,7 @@ from app.inspect import maps
 from app.inspect.maps import Maps
 from app.inspect.runs import Run
 from app.relight import files as relighting_files
-from app.relight import ready
+from app.relight import panoramas
 from app.relight import relit as relighting
 from app.relight.relit import Light, Setting, Transfer
 from app.state import Trouble, called
@@ -261,7 +261,7 @@ class RelightPage(QWidget):
 
     def _pick_ready(self, name: str) -> None:
         if name:
-            self.load_panorama(ready.file(name))
+            self.load_panorama(panoramas.file(name))
         elif self._run is not None:
             known = relighting_files.lights_of(self._run)
             if known:
@@ -335,7 +335,7 @@ class RelightPage(QWidget):
 
     def _use_panorama(self, light: Light, white: float) -> None:
         self.controls.view.setCurrentIndex(-1)
-        names = [ready.file(name) for name in ready.NAMES]
+        names = [panoramas.file(name) for name in panoramas.NAMES]
         row = names.index(self._panorama) + 1 if self._panorama in names else -1
         self.controls.ready.setCurrentIndex(row)
         self._white = white
