@@ -28,6 +28,7 @@ from app.relight import lights as light_files
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
+from app.views.bridge import Bridge
 from app.views.elided import Elided
 from app.views.empty import Empty
 from app.views.errand import Errand
@@ -143,6 +144,7 @@ class ChartsPage(QWidget):
         self.message.use(shell)
         self._say_nothing()
         self.errand.board = shell.board
+        shell.board.listen(Bridge(self).latest(self._look_again))
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's charts; returns at once."""
@@ -164,7 +166,10 @@ class ChartsPage(QWidget):
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
-        if self._session is not None:
+        self._look_again()
+
+    def _look_again(self) -> None:
+        if self._session is not None and self.isVisible():
             self.refresh()
 
     # Choices

@@ -55,7 +55,7 @@ class ExportPage(QWidget):
         self._shell: Shell | None = None
         self._folder: Path | None = None
         self._export: Export | None = None
-        self._newest = self._pictured = 0
+        self._newest = self._pictured = self._ended = 0
         self._build()
         self._show()
 
@@ -63,6 +63,7 @@ class ExportPage(QWidget):
         self._shell = shell
         self.empty.use(shell)
         self.errand.board = shell.board
+        shell.board.listen(self._bridge.latest(self._look_again))
         self.show_session(shell.state.session.value)
 
     def show_session(self, folder: Path | None) -> None:
@@ -86,6 +87,13 @@ class ExportPage(QWidget):
     def showEvent(self, event) -> None:
         super().showEvent(event)
         self.show_session(self._folder)
+
+    def _look_again(self) -> None:
+        """Once a run has ended; what runs beside the queue is this page's own."""
+        ended = sum(job.status.ended for job in self._shell.board.queue) if self._shell is not None else 0
+        if ended != self._ended and self.isVisible():
+            self.show_session(self._folder)
+        self._ended = ended
 
     def _take(self, number: int, export: Export | None, why: str, quality: Quality | None) -> None:
         if number != self._newest:

@@ -127,6 +127,7 @@ class View3dPage(QWidget):
         self._cover()
         self.view_picked.connect(shell.state.view.set)
         shell.state.relit.listen(self._paint_relit)
+        shell.board.listen(self._bridge.latest(self.refresh))
         self._paint_relit(shell.state.relit.value)
 
     def show_session(self, folder: Path | None) -> None:

@@ -229,3 +229,14 @@ def test_the_verdict_of_what_would_be_exported_is_told(page: ExportPage) -> None
     assert page.verdict.text() == "<b>Quality: good.</b> Nothing speaks against it."
     page.show_session(None)
     assert page.verdict.isHidden()
+
+
+def test_files_that_a_run_makes_meanwhile_are_offered_without_leaving_the_page(
+    page: ExportPage, questions: Finished, session: Path, shell: Shell, qtbot: QtBot
+) -> None:
+    questions.stages_done = 5
+    page.show_session(session)
+    until(qtbot, page.empty.isVisible)
+    questions.stages_done = 6
+    shell.board.enqueue(job('emit("done", result={})', "lion", "process", {"session": str(session)}))
+    until(qtbot, page.go.isEnabled)
