@@ -61,6 +61,13 @@ class Head(QFrame):
         self.name.setToolTip(tip or name)
         self.name.setVisible(bool(name))
 
+    def lead(self, leads: bool) -> None:
+        """Whether the primary button is the one to press; else it looks like any other."""
+        name = "primary" if leads else ""
+        if self.primary.objectName() != name:
+            self.primary.setObjectName(name)
+            self.primary.style().polish(self.primary)
+
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._look()  # a run may have made a better picture

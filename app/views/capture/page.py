@@ -237,11 +237,9 @@ class CapturePage(QWidget):
 
     def _show_banner(self) -> None:
         found = notice(self.state, self.captured, self._seen)
-        if found is None:
-            self.banner.show_notice(None)
-        else:
-            matter, told = found
-            self.banner.show_notice(told, choices(matter, self.state, self.captured, self._answers))
+        steps = () if found is None else choices(found[0], self.state, self.captured, self._answers)
+        self.banner.show_notice(None if found is None else found[1], steps)
+        self.bar.head.lead(not any(step.primary for step in steps))  # one blue button
 
     def _put_away(self) -> None:
         """What the banner says was read."""

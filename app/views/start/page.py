@@ -120,6 +120,7 @@ class StartPage(QWidget):
         )
         self.empty.setObjectName("dim")
         self.empty.setIndent(7)
+        self.empty.setWordWrap(True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         right = QVBoxLayout()
         right.setSpacing(10)
