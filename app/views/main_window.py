@@ -233,7 +233,7 @@ class MainWindow(QMainWindow):
 
     def _keys_of(self, key: str) -> tuple[Shortcut, ...]:
         row = next(row for row in PAGES if row.key == key)
-        return shortcuts.collect([(rail.title(row), self._pages[key])])
+        return shortcuts.collect([(rail.title(row), self.page(key))])
 
     # --- drag and drop
 
