@@ -336,6 +336,5 @@ class CapturePage(QWidget):
     def _offer_place(self) -> None:
         if self._shell is None:
             return
-        last = self._shell.settings.value.last_folder
-        folder = Path(last) if last else Path.home()
+        folder = self._shell.settings.place
         self._background.ask("place", lambda: wanted.free_place(folder), self.setup.place.offer)
