@@ -67,6 +67,10 @@ class Empty(QWidget):
             self._row.addWidget(button)
             self.buttons.append(button)
 
+    def say_reading(self) -> None:
+        """Until it is known what there is."""
+        self.say(Trouble(self.tr("Reading the session…")))
+
     def say_nothing_yet(self, session: Path | None, why: Trouble | None = None) -> None:
         """That no session is open, or that this one has no results yet; None: because it is not processed."""
         leads: list[tuple[str, Callable[[], object]]] = []

@@ -153,6 +153,9 @@ class ChartsPage(QWidget):
             self._session = folder
             self.head.show_session(folder)
             self._runs, self._truth, self._chart = (), None, None
+            self._say_nothing()
+            if folder is not None:
+                self.message.say_reading()
         self.refresh()
 
     def refresh(self) -> None:

@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 from app import exports
 from app.exports import FORMATS, GREEN, TARGETS, Export, Format
 from app.plan import read_plan
-from app.state import Trouble, trouble
+from app.state import trouble
 from app.views import theme
 from app.views.bridge import Bridge
 from app.views.empty import Empty
@@ -79,7 +79,7 @@ class ExportPage(QWidget):
             self.empty.say_nothing_yet(folder)
             return
         if self._export is None:
-            self.empty.say(Trouble(self.tr("Reading the session…")))
+            self.empty.say_reading()
         self._newest += 1
         take, number = self._bridge.queued(self._take), self._newest
         self._shell.enquiries.ask("plan", lambda answer: take(number, *_found(answer)), session=str(folder))

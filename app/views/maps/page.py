@@ -127,6 +127,9 @@ class MapsPage(QWidget):
             self.head.show_session(folder)
             self._runs, self._others, self._maps = (), [], None
             self._show_maps(None)
+            self._show_nothing()
+            if folder is not None:
+                self.empty.say_reading()
             self.compare.show_other(None)
             self.undo_stack.clear()
             self.scale.show_session(folder)

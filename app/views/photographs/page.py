@@ -253,7 +253,7 @@ class PhotographsPage(QWidget):
             if self._session is None:
                 self.empty.say_nothing_yet(None)
             else:
-                self.empty.say(Trouble(self.tr("Reading the session…")))
+                self.empty.say_reading()
             return
         self.empty.say(
             Trouble(
