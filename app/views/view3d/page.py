@@ -4,7 +4,6 @@ The window never waits for that process: what it should draw is left with the su
 are there. If it hangs or dies it is started again with the same session and the same eye.
 """
 
-import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -20,7 +19,7 @@ from app.frame_writer import VIDEO
 from app.inspect import maps
 from app.inspect.maps import Maps
 from app.state import Trouble, trouble
-from app.viewer import orbit, showing
+from app.viewer import marks, orbit, showing
 from app.viewer.events import Event, Picture, Status
 from app.viewer.orbit import Orbit
 from app.viewer.protocol import Colour, Contents, Probed
@@ -43,11 +42,9 @@ from app.views.view3d.cover import Banner, Cover, Photograph
 from app.views.view3d.panel import ViewPanel
 from app.views.view3d.turn import Turn
 from app.views.view3d.turntable import Turntable
-from engine.errors import ExportError, RoomlightError
-from engine.geometry import project
+from engine.errors import ExportError
 from engine.io import scale_edit
 from engine.io.scale_edit import ScaleBar
-from engine.scale_bar import on_surface
 
 Loaded = tuple[dict[str, Path], ScaleBar | None]  # the stages and what fixes their scale
 
@@ -136,6 +133,7 @@ class View3dPage(QWidget):
             self._session, self._loaded = folder, None
             self.head.show_session(folder)
             self.undo_stack.clear()
+            self._background.drop("maps")
             self.scale.show_session(folder)
             self.photograph.hide()
             self._actions["close"].setEnabled(False)
@@ -291,7 +289,7 @@ class View3dPage(QWidget):
         if not there:
             self.empty.say_nothing_yet(None)
         self.cover.show_status(self.status, self.canvas.picture is not None)
-        for name in ("measure", "screenshot", "turntable"):
+        for name in ("screenshot", "turntable"):
             self._actions[name].setEnabled(there and self.canvas.picture is not None)
 
     def _say_missing(self) -> None:
@@ -464,33 +462,30 @@ class View3dPage(QWidget):
     def _open_scale(self, loaded: Maps | None) -> None:
         self._maps = loaded
         self.scale.show_run(loaded)
-        self.scale.setVisible(loaded is not None)
-        self.scale.open()
+        if loaded is not None:
+            self.scale.open()
 
     def _ask_mark(self, x: float, y: float) -> None:
         if self._supervisor is not None and self.scale.isVisible():
             self._marking = self._supervisor.probe(x, y)
 
     def _mark(self, point: Float[np.ndarray, " 3"]) -> None:
-        """Mark a point of the world, as the view has it in which the surface stands."""
-        pose = showing.pose_of(self.state.contents, showing.standing(self.state))
-        if pose is not None and self._maps is not None and self._maps.camera is not None:
-            x, y = project(self._maps.camera, pose[:, :3] @ point + pose[:, 3])
-            if np.isfinite(x):
-                self.scale.mark(QPointF(x, y) / self._maps.camera.width)
+        """Mark a point of the world."""
+        pose = self._pose
+        at = None if self._maps is None or pose is None else marks.in_picture(self._maps, pose, point)
+        if at is not None:
+            self.scale.mark(QPointF(*at))
 
     def _show_marks(self) -> None:
-        """Where the marks are in space, in the view in which the surface stands."""
-        shown, pose = self._maps, showing.pose_of(self.state.contents, showing.standing(self.state))
-        points = []
-        if shown is not None and shown.camera is not None and pose is not None:
-            height, width = shown.surface.mask.shape
-            for mark in self.scale.marks:
-                with contextlib.suppress(RoomlightError):  # off the object; the row says so
-                    at = (mark.x() * width, mark.y() * width)
-                    _, point = on_surface(at, (width, height), shown.surface, shown.camera)
-                    points.append((shown.metres * point - pose[:, 3]) @ pose[:, :3])
-        self.canvas.show_marks(np.array(points).reshape(-1, 3))
+        pose, points = self._pose, np.empty((0, 3))
+        if self._maps is not None and pose is not None:
+            points = marks.in_space(self._maps, pose, [mark.toTuple() for mark in self.scale.marks])
+        self.canvas.show_marks(points)
+
+    @property
+    def _pose(self) -> Float[np.ndarray, "3 4"] | None:
+        """Of the view in which the surface stands."""
+        return showing.pose_of(self.state.contents, showing.standing(self.state))
 
     def _scale_written(self, said: str) -> None:
         self.refresh()
@@ -532,6 +527,8 @@ class View3dPage(QWidget):
         self.canvas.show_state(state)
         if panel_too:
             self.panel.show_state(state)
+            for name in ("measure", "mark"):
+                self._actions[name].setEnabled(state.contents.triangles > 0)
             self._show_marks()
 
     def _ask(self, moving: bool) -> None:
