@@ -3,7 +3,8 @@
     python -m tests.bench.newcomer [--demo | --capture] [--poses 12] [--camera URL]
 
 Open demo, maps, 3D, relight, export for Blender, and the GLB as trimesh reads it; then, from an empty window, a capture in
-the virtual studio that ships, its draft, and the report. Settings, cache and sessions are of an empty folder.
+the virtual studio that ships, its draft, and the report. Settings, cache and sessions are of an empty folder; kernels are
+this person's, as `roomlight set-up` compiled them.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from PySide6.QtWidgets import QFileDialog
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
+from app import cores
 from app.views.capture.page import CapturePage
 from app.views.export.page import ExportPage
 from app.views.main_window import MainWindow
@@ -151,6 +153,7 @@ def main() -> int:
     parser.add_argument("--poses", type=int, default=12)
     parser.add_argument("--camera", default="", help="in place of the one that the page offers")
     args = parser.parse_args()
+    cores.keep_kernels()
     gui_start.main(1)
     paths: list[Callable[[MainWindow, Path], None]] = []
     if not args.capture:
