@@ -54,9 +54,7 @@ class PreferencesDialog(QDialog):
         self.cores.setValue(chosen.cores)
         self.cores.valueChanged.connect(lambda count: shell.settings.change(cores=round(count)))
         rows.addRow(label(self.tr("C&ores"), self.cores), self.cores)
-        rows.addRow(
-            "", hint(self.tr("Of runs that are started from now on. Finished stages are not done again."))
-        )
+        rows.addRow("", hint(self.tr("Of what is started from now on; nothing is done again for it.")))
 
         self.folder = QLineEdit(chosen.new_sessions)
         self.folder.setPlaceholderText(self.tr("Where the last one went"))

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFrame,
+    QHeaderView,
     QKeySequenceEdit,
     QMainWindow,
     QStyledItemDelegate,
@@ -121,6 +122,9 @@ class ShortcutsDialog(QDialog):
         self.sheet.setAccessibleName(self.windowTitle())
         self.sheet.setHeaderLabels([self.tr("What"), self.tr("Keys")])
         self.sheet.setRootIsDecorated(False)
+        self.sheet.header().setStretchLastSection(False)
+        self.sheet.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.sheet.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self.sheet.setFrameShape(QFrame.Shape.NoFrame)
         self.sheet.setEditTriggers(
             QTreeWidget.EditTrigger.DoubleClicked | QTreeWidget.EditTrigger.EditKeyPressed
@@ -141,7 +145,7 @@ class ShortcutsDialog(QDialog):
         layout.addWidget(self.sheet)
         layout.addWidget(self.said)
         layout.addWidget(box)
-        self.resize(560, 640)
+        self.resize(640, 640)
 
     def _fill(self) -> None:
         groups: dict[str, QTreeWidgetItem] = {}
@@ -157,7 +161,6 @@ class ShortcutsDialog(QDialog):
             if shortcut.of is not None:
                 line.setFlags(line.flags() | Qt.ItemFlag.ItemIsEditable)
         self.sheet.expandAll()
-        self.sheet.resizeColumnToContents(0)
 
     def lines(self) -> list[QTreeWidgetItem]:
         """One for each shortcut."""

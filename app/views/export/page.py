@@ -129,10 +129,11 @@ class ExportPage(QWidget):
                 self.tr("Size"),
             ]
         )
-        for column, width in enumerate((140, 318, 244, 300, 64)):
+        for column, width in ((0, 150), (2, 200), (4, 68)):
             self.table.header().resizeSection(column, width)
         self.table.header().setStretchLastSection(False)
-        self.table.header().setSectionResizeMode(3, QHeaderView.ResizeMode.Stretch)
+        for column in (1, 3):
+            self.table.header().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self._lines = [_line(entry) for entry in FORMATS]
         self.table.addTopLevelItems(self._lines)
         self.table.itemChanged.connect(lambda item, column: self._enable())
@@ -237,6 +238,7 @@ class ExportPage(QWidget):
         unit = length if length not in ("", "unknown") else self.tr("scene units")
         for item, entry in zip(self._lines, FORMATS, strict=True):
             item.setText(3, _translated(entry.unit).replace("{length}", unit))
+            item.setToolTip(3, item.text(3))
             item.setText(4, exports.told_bytes(there[entry.key].bytes) if entry.key in there else "")
             item.setToolTip(0, f"{_translated(entry.title)}: {', '.join(entry.files)}")
             absent = bool(there) and entry.key not in there
