@@ -28,10 +28,12 @@ def in_picture(shown: Maps, pose: Float[np.ndarray, "3 4"], point: Float[np.ndar
 
 def in_space(shown: Maps, pose: Float[np.ndarray, "3 4"], marks: Sequence[Mark]) -> Float[np.ndarray, "n 3"]:
     """Where the marks are that lie on the surface."""
+    camera, points = shown.camera, []
+    if camera is None:
+        return np.empty((0, 3))
     height, width = shown.surface.mask.shape
-    points = []
-    for x, y in marks if shown.camera is not None else ():
+    for x, y in marks:
         with contextlib.suppress(SurfaceError):
-            _, point = on_surface((x * width, y * width), (width, height), shown.surface, shown.camera)
+            _, point = on_surface((x * width, y * width), (width, height), shown.surface, camera)
             points.append((shown.metres * point - pose[:, 3]) @ pose[:, :3])
     return np.array(points).reshape(-1, 3)

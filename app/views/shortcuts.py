@@ -164,8 +164,12 @@ class ShortcutsDialog(QDialog):
 
     def lines(self) -> list[QTreeWidgetItem]:
         """One for each shortcut."""
-        groups = (self.sheet.topLevelItem(row) for row in range(self.sheet.topLevelItemCount()))
-        return [group.child(row) for group in groups for row in range(group.childCount())]
+        groups = self.sheet.invisibleRootItem()
+        return [
+            groups.child(group).child(row)
+            for group in range(groups.childCount())
+            for row in range(groups.child(group).childCount())
+        ]
 
     def _edited(self, line: QTreeWidgetItem, column: int) -> None:
         shortcut: Shortcut = line.data(0, SHORTCUT)
