@@ -19,6 +19,7 @@ from pathlib import Path
 
 from PySide6.QtGui import QImage
 
+from app import cores
 from app.views import theme
 from app.views.capture.page import CapturePage
 from app.views.main_window import MainWindow
@@ -63,6 +64,7 @@ def main() -> int:
             for ratio in RATIOS
         )
     args.to.mkdir(parents=True, exist_ok=True)
+    cores.keep_kernels()  # this person's, not those of an empty cache
     blank = []
     with tempfile.TemporaryDirectory(prefix="roomlight-pictures-") as scratch:
         os.environ.update(windowed.own_places(Path(scratch) / "xdg"))
