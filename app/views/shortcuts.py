@@ -116,6 +116,7 @@ class ShortcutsDialog(QDialog):
         """
         super().__init__(parent)
         self._shortcuts, self._change = shortcuts, change
+        self.lines: list[QTreeWidgetItem] = []  # one for each shortcut
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Keyboard shortcuts"))
         self.sheet = QTreeWidget()
@@ -158,18 +159,10 @@ class ShortcutsDialog(QDialog):
                 heading.setFlags(Qt.ItemFlag.ItemIsEnabled)
             line = QTreeWidgetItem(groups[shortcut.group], [shortcut.what, shortcut.keys])
             line.setData(0, SHORTCUT, shortcut)
+            self.lines.append(line)
             if shortcut.of is not None:
                 line.setFlags(line.flags() | Qt.ItemFlag.ItemIsEditable)
         self.sheet.expandAll()
-
-    def lines(self) -> list[QTreeWidgetItem]:
-        """One for each shortcut."""
-        groups = self.sheet.invisibleRootItem()
-        return [
-            groups.child(group).child(row)
-            for group in range(groups.childCount())
-            for row in range(groups.child(group).childCount())
-        ]
 
     def _edited(self, line: QTreeWidgetItem, column: int) -> None:
         shortcut: Shortcut = line.data(0, SHORTCUT)
@@ -199,7 +192,7 @@ class ShortcutsDialog(QDialog):
 
     def _show(self) -> None:
         with QSignalBlocker(self.sheet):
-            for line in self.lines():
+            for line in self.lines:
                 action = line.data(0, SHORTCUT).of
                 if action is not None:
                     line.setText(1, ", ".join(map(_told, action.shortcuts())))

@@ -35,7 +35,7 @@ def test_a_key_that_two_pages_have_stands_under_both_and_undo_names_no_edit(
 ) -> None:
     window.show_shortcuts()
     (dialog,) = window.findChildren(ShortcutsDialog)
-    told = [(line.parent().text(0), line.text(0), line.text(1)) for line in dialog.lines()]
+    told = [(line.parent().text(0), line.text(0), line.text(1)) for line in dialog.lines]
     whats = [what for _, what, _ in told]
     assert whats.count("Fit the object") == 3  # 3D, Maps and Mask, shown before or not
     assert sum("PgUp" in keys for *_, keys in told) == 4  # and Photographs
@@ -49,7 +49,7 @@ def test_other_keys_hold_at_once_and_after_a_restart_but_not_those_that_are_take
 ) -> None:
     window.show_shortcuts()
     (dialog,) = window.findChildren(ShortcutsDialog)
-    lines = {(line.parent().text(0), line.text(0)): line for line in dialog.lines()}
+    lines = {(line.parent().text(0), line.text(0)): line for line in dialog.lines}
     fit = lines["Maps", "Fit the object"]
     action = fit.data(0, SHORTCUT).of
     fit.setText(1, "Ctrl+E")
@@ -74,8 +74,8 @@ def test_question_mark_opens_the_sheet(window: MainWindow, qtbot: QtBot) -> None
     until(qtbot, lambda: window.findChildren(ShortcutsDialog))
     (dialog,) = window.findChildren(ShortcutsDialog)
     for row in PAGES:
-        assert row.shortcut in {line.text(1) for line in dialog.lines()}
-    assert "Keyboard shortcuts" in {line.text(0) for line in dialog.lines()}
+        assert row.shortcut in {line.text(1) for line in dialog.lines}
+    assert "Keyboard shortcuts" in {line.text(0) for line in dialog.lines}
     dialog.close()
 
 
