@@ -13,7 +13,7 @@ from typing import Any
 
 from app import commands, cores, exports, simulating
 from app.exit_codes import ExitCode, code_of
-from app.relight.ready import NAMES as LIGHTS
+from app.relight.panoramas import NAMES as LIGHTS
 from engine.errors import Cancelled, RoomlightError
 from engine.pipeline.settings import AUTO, PRESETS, SOLVERS
 from hardware.errors import HardwareError

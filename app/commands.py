@@ -112,6 +112,7 @@ def leave_out(folder: Path, words: Sequence[str]) -> None:
 
 def set_scale(folder: Path, given: tuple[float, ...]) -> None:
     """x and y of two points of the upright photographs and the metres between them, from now on; nothing: no longer known."""
+    from app import results
     from engine.io import scale_edit, session
     from engine.io.scale_edit import ScaleBar
     from engine.orientation import size
@@ -124,7 +125,9 @@ def set_scale(folder: Path, given: tuple[float, ...]) -> None:
     ax, ay, bx, by, metres = given
     camera = opened.facts["camera"]
     upright = size((camera["width"], camera["height"]), opened.orientation)
-    scale_edit.write(opened, ScaleBar(((ax, ay), (bx, by)), upright, metres))
+    bar = ScaleBar(((ax, ay), (bx, by)), upright, metres)
+    results.check_scale(folder, bar)
+    scale_edit.write(opened, bar)
     print(f"scale: {1000 * metres:g} mm from {ax:g}, {ay:g} to {bx:g}, {by:g}")
 
 
@@ -251,7 +254,7 @@ def run_export(args: Namespace) -> int:
 
 def run_relight(args: Namespace) -> int:
     from app import terminal
-    from app.relight import pictures, ready
+    from app.relight import panoramas, pictures
 
     if args.seconds <= 0:
         from engine.errors import SessionError
@@ -259,7 +262,7 @@ def run_relight(args: Namespace) -> int:
         raise SessionError(
             f"--seconds {args.seconds:g}: a video lasts longer than that; give a number above 0"
         )
-    light = str(ready.file(args.light)) if args.light in ready.NAMES else args.light
+    light = str(panoramas.file(args.light)) if args.light in panoramas.NAMES else args.light
     lamp = args.lamp and tuple(args.lamp)
     wish = pictures.Wish(
         str(args.session), str(args.out), light, setting={"yaw_deg": args.turn, "room": args.room, "spot": lamp},

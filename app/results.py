@@ -15,6 +15,7 @@ from engine.hdr.merge import HdrReport
 from engine.io import left_out
 from engine.io import session as sessions
 from engine.io.ground_truth import REQUIRED, Truth, read_truth
+from engine.io.scale_edit import ScaleBar
 from engine.orientation import turn_maps, turned
 from engine.pipeline import artifacts, run, stage_functions, stage_table, stages
 from engine.pipeline import settings as asked
@@ -22,6 +23,7 @@ from engine.pipeline.stages import Step
 from engine.progress import Progress
 from engine.results import metrics
 from engine.results.report import report
+from engine.scale_bar import factor
 from engine.types import (
     Frames,
     Gaussians,
@@ -54,6 +56,18 @@ def finished(folder: Path, stage: str) -> Step:
     if not step.done:
         raise SessionError(f"{folder}: stage {stage} {step.tell()}; run `roomlight process {folder}` first")
     return step
+
+
+def check_scale(folder: Path, bar: ScaleBar) -> None:
+    """Refuse a scale that the surface of the present settings, where there is one, does not determine.
+
+    Raises:
+        SurfaceError: the depth between the points is not determined, or they are one.
+    """
+    there = _there(steps_of(folder), sessions.open_session(folder).orientation)
+    surface, poses = there("surface", "surface", Surface), there("poses", "poses", Poses)
+    if surface is not None and poses is not None:
+        factor(bar, surface, poses.camera)
 
 
 def evaluate(folder: Path, truth_path: Path) -> Scores:

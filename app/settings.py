@@ -26,10 +26,15 @@ class Preferences:
 
     theme: Literal["system", "dark", "light"] = "system"
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    cores: int = 0  # that what the window starts may use; 0: all
+    new_sessions: str = ""  # the folder they are proposed in; "": where the last one went
     recent: tuple[str, ...] = ()  # session folders, latest first
     scheduler: str = ""  # of the cluster that does what is queued, as tcp://head:8786; "" for this machine
     last_folder: str = ""  # where the last file dialog was
     window: str = ""  # size and place, as Qt writes them, in hexadecimal
+    shortcuts: dict[str, str] = dataclasses.field(
+        default_factory=dict
+    )  # keys other than the shipped ones, by what they do
 
 
 class Settings:
@@ -50,6 +55,11 @@ class Settings:
         """Change preferences by name, and keep them."""
         self.preferences.set(dataclasses.replace(self.value, **facts))
         self._save()
+
+    @property
+    def place(self) -> Path:
+        """The folder that new sessions are proposed in."""
+        return Path(self.value.new_sessions or self.value.last_folder or Path.home())
 
     def opened(self, session: Path) -> None:
         """Put a session first in the list of recent ones."""
@@ -115,4 +125,6 @@ def _fits(name: str, value: Any) -> bool:
         return value in typing.get_args(hint)
     if typing.get_origin(hint) is tuple:
         return isinstance(value, list) and all(isinstance(item, str) for item in value)
+    if typing.get_origin(hint) is dict:
+        return isinstance(value, dict) and all(isinstance(item, str) for item in value.values())
     return hint is not None and type(value) is hint

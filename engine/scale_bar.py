@@ -15,7 +15,7 @@ from jaxtyping import Float
 from engine.errors import SurfaceError
 from engine.geometry import unproject
 from engine.io import scale_edit
-from engine.io.scale_edit import ScaleBar
+from engine.io.scale_edit import Point, ScaleBar
 from engine.types import Camera, Emitters, Gaussians, Lamps, Poses, Surface, part_of
 
 Record = TypeVar("Record")
@@ -29,22 +29,32 @@ def factor(bar: ScaleBar, surface: Surface, camera: Camera) -> float:
     Raises:
         SurfaceError: the depth between the points is not determined, or they are one.
     """
-    parts, ends = [], []
-    for point in bar.points:
-        # Averaging by a whole factor drops the last columns and rows that do not fill a block.
-        at = np.array(point) / max(round(bar.size[0] / camera.width), 1)
-        part, depth = _depth(surface, at)
-        parts.append(part)
-        ends.append(np.append(unproject(camera, at), 1.0) * depth)
-    if parts[0] != parts[1] or (surface.part is not None and parts[0] == 0):
+    (part, end), (other_part, other_end) = (
+        on_surface(point, bar.size, surface, camera) for point in bar.points
+    )
+    if part != other_part or (surface.part is not None and part == 0):
         raise SurfaceError(
             f"the scale's points lie on different parts of the depth, and how far these stand behind one another is not"
             f" determined; {REMEDY}"
         )
-    apart = float(np.linalg.norm(ends[1] - ends[0]))
+    apart = float(np.linalg.norm(other_end - end))
     if not apart > 0:
         raise SurfaceError(f"the scale's two points are one; {REMEDY}, far from one another")
     return bar.length_m / apart
+
+
+def on_surface(
+    point: Point, size: tuple[int, int], surface: Surface, camera: Camera
+) -> tuple[int, Float[np.ndarray, " 3"]]:
+    """The part of the depth at a point of a picture of `size`, and where it is, camera frame.
+
+    Raises:
+        SurfaceError: it is off the object.
+    """
+    # Averaging by a whole factor drops the last columns and rows that do not fill a block.
+    at = np.array(point) / max(round(size[0] / camera.width), 1)
+    part, depth = _depth(surface, at)
+    return part, np.append(unproject(camera, at), 1.0) * depth
 
 
 def factor_of(folder: Path, surface: Surface, camera: Camera) -> float | None:

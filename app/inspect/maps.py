@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from app.inspect import falsecolour
 from app.inspect.falsecolour import Scale
-from app.inspect.runs import Run
+from app.inspect.runs import Run, current, runs_of
 from app.quality import quality_of
 from app.scaling import fixed_scale
 from app.words import QT_TRANSLATE_NOOP
@@ -127,6 +127,11 @@ class Maps:
     scale_bar: ScaleBar | None = None  # that fixed the unit
 
     @property
+    def metres(self) -> float:
+        """From the surface's lengths to metres where they are known, else to those that are shown."""
+        return self.unit_factor / 1000 if self.unit == "mm" else self.unit_factor
+
+    @property
     def held_out(self) -> tuple[int, ...]:
         """Views that took no part in the fit; their re-renderings are part of the result."""
         return () if self.renders is None else self.renders.views
@@ -175,6 +180,16 @@ def load(run: Run) -> Maps:
         run, surface, names, frames, renders, registered, unit, by * factor, white, rerendered_folder(run), verdict,
         None if poses is None else poses.camera, scale_edit.read(run.session),
     )  # fmt: skip
+
+
+def load_current(session: Path) -> Maps | None:
+    """Open the run that the pages show first; None where there is none yet.
+
+    Raises:
+        SessionError: the surface cannot be read back.
+    """
+    run = current(runs_of(session))
+    return None if run is None else load(run)
 
 
 def unit_of(scale: str) -> tuple[str, float]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from app.parameters import MEANINGS
-from app.state import Trouble
 from engine.io import session as sessions
 from engine.pipeline import differences, stage_table
 from engine.pipeline.artifacts import plain
@@ -175,15 +174,6 @@ def _asked(records: Mapping[str, Mapping[str, Any]]) -> tuple[str, dict[str, Any
 
 def _label(name: str) -> str:
     return MEANINGS[name].label.casefold() if name in MEANINGS else name.rpartition(".")[2]
-
-
-def nothing_yet(session: Path | None) -> Trouble:
-    """Why there is nothing to show."""
-    if session is None:
-        return Trouble("No session is open", "open one, or capture a new one, on the start page")
-    return Trouble(
-        "This session has no finished surface yet", "process it; results appear here when they are there"
-    )
 
 
 def _records(session: Path, stage: str) -> dict[str, dict[str, Any]]:

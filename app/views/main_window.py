@@ -18,7 +18,7 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMainWindow, QStackedWid
 
 from app.settings import Settings
 from app.state import State, Trouble, called, place_of, trouble
-from app.views import pages, rail
+from app.views import pages, rail, shortcuts
 from app.views.bridge import Bridge
 from app.views.closing import Closing
 from app.views.demo import Demo
@@ -27,7 +27,7 @@ from app.views.manual.window import ManualWindow
 from app.views.menus import Menus
 from app.views.notice import Notice
 from app.views.pages import PAGES, Shell, UsesShell, Wishes
-from app.views.shortcuts import Shortcut, ShortcutsDialog, collect, mouse
+from app.views.shortcuts import Shortcut, ShortcutsDialog
 from app.views.status import StatusBar
 from app.views.trouble import show_trouble
 from app.work import queue_file
@@ -76,6 +76,7 @@ class MainWindow(QMainWindow):
         self.menus = Menus(self)
         self._connect()
         self._title()
+        shortcuts.choose(shortcuts.collect([(self.tr("Everywhere"), self)]), settings.value.shortcuts)
         self.restoreGeometry(QByteArray.fromHex(settings.value.window.encode()))
         self.show_page("start")
         if settings.notice is not None:
@@ -97,6 +98,7 @@ class MainWindow(QMainWindow):
             if isinstance(page, UsesShell):
                 page.use(self.shell)
             self._show_session_on(page)
+            shortcuts.choose(self._keys_of(key), self.shell.settings.value.shortcuts)
         return self._pages[key]
 
     def show_page(self, key: str) -> None:
@@ -209,9 +211,15 @@ class MainWindow(QMainWindow):
         everywhere = self.tr("Everywhere")
         groups: list[tuple[str, QWidget]] = [(rail.title(row), self.page(row.key)) for row in PAGES]
         # Pages are children of the window too: what is theirs is listed under their names first.
-        found = collect([*groups, (everywhere, self)])
+        found = shortcuts.collect([*groups, (everywhere, self)])
         keys = sorted(found, key=lambda shortcut: shortcut.group != everywhere)
-        ShortcutsDialog(self, [*keys, *mouse()]).open()
+
+        def change(name: str | None, chosen: str) -> None:
+            settings = self.shell.settings
+            settings.change(shortcuts={} if name is None else {**settings.value.shortcuts, name: chosen})
+            shortcuts.choose(keys, settings.value.shortcuts)
+
+        ShortcutsDialog(self, [*keys, *shortcuts.mouse()], change).open()
 
     def show_manual(self) -> None:
         """The manual's page on the page that is shown."""
@@ -224,7 +232,8 @@ class MainWindow(QMainWindow):
         self._manual.activateWindow()
 
     def _keys_of(self, key: str) -> tuple[Shortcut, ...]:
-        return collect([(self.tr("Keys"), self.page(key))])
+        row = next(row for row in PAGES if row.key == key)
+        return shortcuts.collect([(rail.title(row), self.page(key))])
 
     # --- drag and drop
 

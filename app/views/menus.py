@@ -91,7 +91,7 @@ class Menus(QObject):
         return action
 
     def _preferences(self) -> None:
-        PreferencesDialog(self._window, self._window.shell).open()
+        PreferencesDialog(self._window, self._window.shell, self._window.show_shortcuts).open()
 
     def _choose_theme(self, name: theme.Theme) -> None:
         self._window.shell.settings.change(theme=name)

@@ -1,5 +1,6 @@
-"""The dialog of preferences: looks, device, and what is kept in the cache."""
+"""The dialog of preferences: looks, device and cores, folder, keys, and what is kept in the cache."""
 
+import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,8 +10,10 @@ from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
     QDialogButtonBox,
+    QFileDialog,
     QGridLayout,
     QLabel,
+    QLineEdit,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -20,7 +23,8 @@ from app import caches, places
 from app.state import Trouble
 from app.views import theme
 from app.views.background import Background
-from app.views.forms import form, hint, label
+from app.views.editors import Number
+from app.views.forms import browsed, form, hint, label
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
 
@@ -30,7 +34,7 @@ DEVICES = ("auto", "cpu", "cuda")
 class PreferencesDialog(QDialog):
     """Every change holds at once, here and in later sessions."""
 
-    def __init__(self, parent: QWidget | None, shell: Shell) -> None:
+    def __init__(self, parent: QWidget | None, shell: Shell, show_shortcuts: Callable[[], None]) -> None:
         super().__init__(parent)
         self._shell, self._background = shell, Background(self, "caches")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -44,9 +48,28 @@ class PreferencesDialog(QDialog):
         rows = form()
         rows.addRow(label(self.tr("&Theme"), self.theme), self.theme)
         rows.addRow(label(self.tr("&Device"), self.device), self.device)
-        rows.addRow(
-            "", hint(self.tr("Of runs that are started from now on. Finished stages are not done again."))
-        )
+        self.cores = Number(whole=True)
+        self.cores.setRange(0, len(os.sched_getaffinity(0)))
+        self.cores.setSpecialValueText(self.tr("all"))
+        self.cores.setValue(chosen.cores)
+        self.cores.valueChanged.connect(lambda count: shell.settings.change(cores=round(count)))
+        rows.addRow(label(self.tr("C&ores"), self.cores), self.cores)
+        rows.addRow("", hint(self.tr("Of what is started from now on; nothing is done again for it.")))
+
+        self.folder = QLineEdit(chosen.new_sessions)
+        self.folder.setPlaceholderText(self.tr("Where the last one went"))
+        self.folder.editingFinished.connect(self._choose_folder)
+        whole_row = browsed(
+            self.folder, self.tr("Folder for new sessions"),
+            lambda: QFileDialog.getExistingDirectory(self, self.tr("Folder for new sessions"), str(shell.settings.place)),
+            self._choose_folder,
+        )  # fmt: skip
+        rows.addRow(label(self.tr("&New sessions"), self.folder), whole_row)
+        keys = QPushButton(self.tr("&Keyboard shortcuts…"))
+        keys.setAccessibleName(self.tr("Keyboard shortcuts"))
+        keys.setAutoDefault(False)
+        keys.clicked.connect(show_shortcuts)
+        rows.addRow("", keys)
 
         self.sizes: dict[str, QLabel] = {}
         self.clear: dict[str, QPushButton] = {}
@@ -96,6 +119,10 @@ class PreferencesDialog(QDialog):
     def _choose_theme(self, name: theme.Theme) -> None:
         self._shell.settings.change(theme=name)
         theme.choose(name)
+
+    def _choose_folder(self) -> None:
+        said = self.folder.text().strip()
+        self._shell.settings.change(new_sessions=os.path.abspath(os.path.expanduser(said)) if said else "")
 
     def _measure(self) -> None:
         self._background.ask("sizes", caches.sizes, self._show)

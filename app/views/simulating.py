@@ -150,8 +150,9 @@ class SimulateDialog(QDialog):
 
     def _follow(self) -> None:
         if not self._named:
-            folder = Path(self._shell.settings.value.last_folder or Path.home())
-            self.out.setText(str(proposed(folder, self.room.currentText(), self.thing.currentText())))
+            self.out.setText(
+                str(proposed(self._shell.settings.place, self.room.currentText(), self.thing.currentText()))
+            )
         self._check()
 
     # --- building

@@ -169,9 +169,9 @@ def gpu(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def made(content: Mapping[str, Any]) -> dict[str, Any]:
     """What a stage made, as a picture and numbers. Question: session, stage."""
-    from app.work import made as drawn
+    from app.work import stage_picture
 
-    return drawn.show(content)
+    return stage_picture.show(content)
 
 
 def exported(content: Mapping[str, Any]) -> dict[str, Any]:

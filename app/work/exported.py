@@ -14,7 +14,7 @@ from plyfile import PlyData
 from app import exports, places
 from app.exports import Export, Offer
 from app.inspect import falsecolour
-from app.work.made import write
+from app.work.stage_picture import write
 from engine.io.images import read_radiance
 
 Picture = UInt8[np.ndarray, "h w 4"]  # blue, green, red, alpha

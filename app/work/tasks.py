@@ -46,10 +46,10 @@ def process(request: Mapping[str, Any], link: Link) -> Mapping[str, Any]:
         link.log(f"{step.stage.name}: done in {seconds:.1f} s")
 
     def views(step: stages.Step, make: Callable[[], Any]) -> None:
-        from app.work import made
+        from app.work import stage_picture
 
         to = opened.folder / "derived" / f"{step.stage.name}-so-far.png"
-        made.preview(make(), opened.orientation, to)
+        stage_picture.preview(make(), opened.orientation, to)
         link.emit("data", kind="preview", stage=step.stage.name, file=str(to))
 
     watcher = run.Watcher(

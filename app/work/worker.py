@@ -16,6 +16,7 @@ from typing import Any
 
 from app import cores
 from app.exit_codes import ExitCode, code_of
+from app.settings import Settings
 from engine.errors import Cancelled, RoomlightError
 from engine.progress import Progress
 from hardware.errors import HardwareError
@@ -187,6 +188,7 @@ def main(argv: Sequence[str]) -> int:
     name, request, *options = argv
     if UNATTENDED in options:
         cores.die_with_starter()
+    cores.hold_to(Settings().value.cores)
     cores.prepare()
     out = os.dup(1)
     os.dup2(2, 1)

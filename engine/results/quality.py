@@ -5,11 +5,10 @@ of the dials of `roomlight bench stress`; the other half scored them (docs/decis
 """
 
 import math
+import statistics
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 Facts = Mapping[str, Mapping[str, Any]]
 """Of every finished stage, by its name: the values of its report."""
@@ -58,8 +57,8 @@ def quality(facts: Facts) -> Quality | None:
     if "stderr_normal_deg" not in facts.get("surface", {}):
         return None
     doubts = [sign.doubt(facts) for sign in SIGNS]
-    most = int(np.argmax(doubts))
-    sign, doubt = SIGNS[most], doubts[most]
+    doubt = max(doubts)
+    sign = SIGNS[doubts.index(doubt)]
     if doubt < 1:
         return Quality(GOOD, doubt, "nothing that the stages measured of themselves speaks against it.", "")
     reason = sign.reason.format(sign.told(sign.measure(facts)))
@@ -83,7 +82,7 @@ def _share(value: float) -> str:
 def _exposure_drift(facts: Facts) -> float:
     """Standard deviation of the views' log factors."""
     drift = facts.get("surface", {}).get("exposure_drift")
-    return float(np.std(drift)) if drift else math.nan
+    return statistics.pstdev(drift) if drift else math.nan
 
 
 SIGNS = (

@@ -7,7 +7,7 @@ import pytest
 
 from app import demo, results
 from app.inspect import maps, runs
-from app.work import made, tasks
+from app.work import stage_picture, tasks
 from app.work.worker import Link
 from engine.errors import SessionError
 
@@ -49,12 +49,12 @@ def test_what_finished_stages_made_is_pictured(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folder, _ = laid_out
-    assert made.show({"session": str(folder), "stage": "hdr"}) == {"picture": None, "facts": {}}
+    assert stage_picture.show({"session": str(folder), "stage": "hdr"}) == {"picture": None, "facts": {}}
     done = [
         step.stage.name for step in results.steps_of(folder) if step.done and step.stage.name != "segment"
     ]
     for stage in done:
-        answer = made.show({"session": str(folder), "stage": stage})
+        answer = stage_picture.show({"session": str(folder), "stage": stage})
         assert Path(answer["picture"]).stat().st_size > 1000, stage
         assert answer["facts"], stage
 

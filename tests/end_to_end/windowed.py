@@ -62,7 +62,7 @@ Page = TypeVar("Page", bound=QWidget)
 
 def own_places(home: Path) -> dict[str, str]:
     """The environment of a person who never started the program."""
-    return {f"XDG_{name}_HOME": str(home / name.lower()) for name in ("CONFIG", "STATE", "CACHE")}
+    return {f"XDG_{name}_HOME": str(home / name.lower()) for name in ("CONFIG", "STATE", "CACHE", "DATA")}
 
 
 @contextlib.contextmanager

@@ -1,15 +1,15 @@
 """The bar over the picture: which session, what the capture is doing, how far, how long still, and its buttons."""
 
-from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtCore import QCoreApplication
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QProgressBar, QVBoxLayout, QWidget
 
 from app.capture.panel import PanelState
 from app.capture.panel_state import Going
 from app.capture.status import Phase
 from app.plan import told_seconds
-from app.views.capture.parts import action_button
-from app.views.elided import Elided
+from app.views.head import Head
+from app.views.page_actions import action_button
 from app.words import QT_TRANSLATE_NOOP
 
 PHASES = {
@@ -31,11 +31,8 @@ class CaptureBar(QWidget):
 
     def __init__(self, parent: QWidget | None, start: QAction, pause: QAction, cancel: QAction) -> None:
         super().__init__(parent)
-        self.name = QLabel()
-        self.name.setObjectName("heading")
-        self.name.setTextFormat(Qt.TextFormat.PlainText)
-        self.phase = Elided()
-        self.phase.setObjectName("dim")
+        self.head = Head(self, start)
+        self.name, self.phase = self.head.name, self.head.state
         self.phase.setAccessibleName(self.tr("What the capture is doing"))
         self.left = QLabel()
         self.left.setAccessibleName(self.tr("How far, and how long still"))
@@ -47,19 +44,11 @@ class CaptureBar(QWidget):
         policy.setRetainSizeWhenHidden(True)
         self.bar.setSizePolicy(policy)
         self.bar.setAccessibleName(self.tr("Progress of the capture"))
-        line = QHBoxLayout()
-        line.setContentsMargins(16, 8, 12, 6)
-        line.setSpacing(8)
-        line.addWidget(self.name)
-        line.addWidget(self.phase, 1)
-        line.addWidget(self.left)
-        line.addSpacing(4)
-        for action, look in ((pause, ""), (cancel, ""), (start, "primary")):
-            line.addWidget(action_button(action, look))
+        self.head.add(self.left, action_button(pause), action_button(cancel))
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
-        column.addLayout(line)
+        column.addWidget(self.head)
         column.addWidget(self.bar)
 
     def show_state(self, state: PanelState, idle: str) -> None:
@@ -68,9 +57,11 @@ class CaptureBar(QWidget):
             idle: what stands in place of a phase while nothing is captured.
         """
         going = state.going if state.capturing else None
-        self.name.setText(
-            state.session.stem if going is not None and state.session is not None else self.tr("New capture")
-        )
+        named = state.session if going is not None else None
+        if named != self.head.session:
+            self.head.show_session(named)
+        if named is None:
+            self.head.show_name(self.tr("New capture"))
         if state.ending:
             self.phase.setText(
                 self.tr("stopping…") if state.asked == "stop" else self.tr("ending after this exposure…")

@@ -106,14 +106,17 @@ class CapturePage(QWidget):
     def _lay_out(self) -> None:
         left = QVBoxLayout()
         left.setSpacing(0)
-        for part in (self.bar, self.banner):
-            left.addWidget(part)
+        left.addWidget(self.banner)
         left.addWidget(self.scene, 1)
-        layout = QHBoxLayout(self)
+        across = QHBoxLayout()
+        across.setSpacing(0)
+        across.addLayout(left, 1)
+        across.addWidget(self.setup)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
-        layout.addLayout(left, 1)
-        layout.addWidget(self.setup)
+        layout.addWidget(self.bar)
+        layout.addLayout(across, 1)
 
     def _connect(self) -> None:
         setup, panel = self.setup, self.panel
@@ -234,11 +237,9 @@ class CapturePage(QWidget):
 
     def _show_banner(self) -> None:
         found = notice(self.state, self.captured, self._seen)
-        if found is None:
-            self.banner.show_notice(None)
-        else:
-            matter, told = found
-            self.banner.show_notice(told, choices(matter, self.state, self.captured, self._answers))
+        steps = () if found is None else choices(found[0], self.state, self.captured, self._answers)
+        self.banner.show_notice(None if found is None else found[1], steps)
+        self.bar.head.lead(not any(step.primary for step in steps))  # one blue button
 
     def _put_away(self) -> None:
         """What the banner says was read."""
@@ -335,6 +336,5 @@ class CapturePage(QWidget):
     def _offer_place(self) -> None:
         if self._shell is None:
             return
-        last = self._shell.settings.value.last_folder
-        folder = Path(last) if last else Path.home()
+        folder = self._shell.settings.place
         self._background.ask("place", lambda: wanted.free_place(folder), self.setup.place.offer)

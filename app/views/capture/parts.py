@@ -1,7 +1,6 @@
 """What the parts of the Capture page are made of: sections, rows, and buttons with names."""
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 
@@ -59,24 +58,4 @@ def button(text: str, tip: str = "", look: str = "") -> QPushButton:
     made.setAccessibleName(text.replace("&", ""))
     made.setToolTip(tip)
     made.setObjectName(look)
-    return made
-
-
-def action_button(action: QAction, look: str = "") -> QPushButton:
-    """A button for an action: its words (those for an icon, where it has some), enabled and seen as it is."""
-    made = button(action.text(), look=look)
-    made.clicked.connect(action.trigger)
-
-    def follow() -> None:
-        keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-        words = action.toolTip().replace("&", "")
-        plain = action.text().replace("&", "")
-        made.setText(action.text() if action.iconText() == plain else action.iconText())
-        made.setAccessibleName(plain)
-        made.setToolTip(f"{words} ({keys})" if keys else words)
-        made.setEnabled(action.isEnabled())
-        made.setVisible(action.isVisible())
-
-    action.changed.connect(follow)
-    follow()
     return made

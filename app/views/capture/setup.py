@@ -11,10 +11,10 @@ from app.views.capture.bracket import BracketBox, Offered
 from app.views.capture.devices import Devices, Live
 from app.views.capture.histogram import Histogram
 from app.views.capture.jog import Jog
-from app.views.capture.parts import action_button
 from app.views.capture.place import PlaceBox
 from app.views.capture.plan import PlanBox
 from app.views.column import Column
+from app.views.page_actions import action_button
 from app.views.theme import LIGHT
 from app.words import QT_TRANSLATE_NOOP
 from hardware.interfaces import CameraStatus, State

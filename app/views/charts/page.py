@@ -28,8 +28,11 @@ from app.relight import lights as light_files
 from app.state import Trouble
 from app.views.background import Background
 from app.views.boxes import box_of, widened
+from app.views.bridge import Bridge
 from app.views.elided import Elided
+from app.views.empty import Empty
 from app.views.errand import Errand
+from app.views.head import Head
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.readout import told
@@ -105,14 +108,11 @@ class ChartsPage(QWidget):
         head.addWidget(self.heading)
         head.addStretch(1)
         for widget in (
-            self.error_box, self.truth, self.run_box, self.errand, self.export
+            self.error_box, self.truth, self.run_box, self.errand
         ):  # fmt: skip
             head.addWidget(widget)
         self.said.setContentsMargins(14, 0, 14, 8)
-        self.message = QLabel()
-        self.message.setObjectName("dim")
-        self.message.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.message.setWordWrap(True)
+        self.message = Empty("charts")
         self.stack = QStackedWidget()
         self.stack.addWidget(self.message)
         self.pointed = Elided()
@@ -125,26 +125,37 @@ class ChartsPage(QWidget):
         right.addWidget(self.said)
         right.addWidget(self.stack, 1)
         right.addWidget(self.pointed)
-        layout = QHBoxLayout(self)
+        across = QHBoxLayout()
+        across.setSpacing(0)
+        across.addWidget(self.list)
+        across.addLayout(right, 1)
+        self.head = Head(self, self.export)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(self.list)
-        layout.addLayout(right, 1)
-        self._show_buttons()
-        self._say(runs.nothing_yet(None))
+        layout.setSpacing(2)
+        layout.addWidget(self.head)
+        layout.addLayout(across, 1)
+        self._say_nothing()
 
     # The contract with the window
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.message.use(shell)
+        self._say_nothing()
         self.errand.board = shell.board
+        shell.board.listen(Bridge(self).latest(self._look_again))
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's charts; returns at once."""
         if folder != self._session:
             self.errand.stop()
             self._session = folder
+            self.head.show_session(folder)
             self._runs, self._truth, self._chart = (), None, None
+            self._say_nothing()
+            if folder is not None:
+                self.message.say_reading()
         self.refresh()
 
     def refresh(self) -> None:
@@ -152,13 +163,16 @@ class ChartsPage(QWidget):
         folder = self._session
         if folder is None:
             self._background.drop("runs")
-            self._say(runs.nothing_yet(None))
+            self._say_nothing()
             return
         self._background.ask("runs", lambda: _found(folder), self._show_runs, self._tell)
 
     def showEvent(self, event) -> None:
         super().showEvent(event)
-        if self._session is not None:
+        self._look_again()
+
+    def _look_again(self) -> None:
+        if self._session is not None and self.isVisible():
             self.refresh()
 
     # Choices
@@ -196,7 +210,7 @@ class ChartsPage(QWidget):
             importlib.import_module("app.views.charts.view")
             return make()
 
-        self._background.ask("chart", work, self._show, self._say)
+        self._background.ask("chart", work, self._show, self._say_nothing)
 
     def _pick_run(self, index: int) -> None:
         self.errand.stop()
@@ -279,7 +293,7 @@ class ChartsPage(QWidget):
         found, truth = answer
         if not found:
             self._runs = ()
-            self._say(runs.nothing_yet(self._session))
+            self._say_nothing()
             return
         if [(run.fingerprint, run.name) for run in found] != [
             (run.fingerprint, run.name) for run in self._runs
@@ -297,7 +311,7 @@ class ChartsPage(QWidget):
     def _show(self, chart: Chart) -> None:
         self.pointed.setText("")
         if chart.missing:
-            self.message.setText(told(sentence(chart.missing)))
+            self.message.say(Trouble(told(sentence(chart.missing))))
             self.stack.setCurrentWidget(self.message)
         elif self._view is None:
             self._make_view()
@@ -337,11 +351,11 @@ class ChartsPage(QWidget):
         chart = self._chart
         return chart is not None and chart.key == self.key and chart.lacking and self.key in CHILDREN
 
-    def _say(self, why: Trouble) -> None:
+    def _say_nothing(self, fault: Trouble | None = None) -> None:
         self._chart = None
         self.heading.clear()
         self.said.clear()
-        self.message.setText(f"{why.what}\n{sentence(why.remedy)}")
+        self.message.say_nothing_yet(self._session, fault)
         self.stack.setCurrentWidget(self.message)
         self._show_buttons()
 

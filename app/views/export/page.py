@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication, Qt, QUrl
-from PySide6.QtGui import QAction, QDesktopServices
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QRadioButton,
+    QStackedWidget,
     QTreeWidget,
     QTreeWidgetItem,
     QVBoxLayout,
@@ -26,9 +27,13 @@ from PySide6.QtWidgets import (
 from app import exports
 from app.exports import FORMATS, GREEN, TARGETS, Export, Format
 from app.plan import read_plan
+from app.state import trouble
 from app.views import theme
 from app.views.bridge import Bridge
+from app.views.empty import Empty
 from app.views.errand import Errand
+from app.views.head import Head
+from app.views.page_actions import page_action
 from app.views.pages import Shell
 from app.views.side_picture import SidePicture
 from app.views.trouble import show_trouble
@@ -50,13 +55,15 @@ class ExportPage(QWidget):
         self._shell: Shell | None = None
         self._folder: Path | None = None
         self._export: Export | None = None
-        self._newest = self._pictured = 0
+        self._newest = self._pictured = self._ended = 0
         self._build()
         self._show()
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
         self.errand.board = shell.board
+        shell.board.listen(self._bridge.latest(self._look_again))
         self.show_session(shell.state.session.value)
 
     def show_session(self, folder: Path | None) -> None:
@@ -64,11 +71,15 @@ class ExportPage(QWidget):
             self._export = None
             self.to.setText(str(folder.parent / f"{folder.stem}-export") if folder is not None else "")
         self._folder = folder
-        self.state.setText(self.tr("looking…") if folder is not None else self.tr("No session is open"))
+        self.head.show_session(folder)
+        self.state.setText(self.tr("looking…") if folder is not None else "")
         self._show()
         if folder is None or self._shell is None:
             self.verdict.show_quality(None)
+            self.empty.say_nothing_yet(folder)
             return
+        if self._export is None:
+            self.empty.say_reading()
         self._newest += 1
         take, number = self._bridge.queued(self._take), self._newest
         self._shell.enquiries.ask("plan", lambda answer: take(number, *_found(answer)), session=str(folder))
@@ -77,12 +88,20 @@ class ExportPage(QWidget):
         super().showEvent(event)
         self.show_session(self._folder)
 
+    def _look_again(self) -> None:
+        """Once a run has ended; what runs beside the queue is this page's own."""
+        ended = sum(job.status.ended for job in self._shell.board.queue) if self._shell is not None else 0
+        if ended != self._ended and self.isVisible():
+            self.show_session(self._folder)
+        self._ended = ended
+
     def _take(self, number: int, export: Export | None, why: str, quality: Quality | None) -> None:
         if number != self._newest:
             return
         self._export = export
         self.verdict.show_quality(quality)
-        self.state.setText(why)
+        self.state.setText("")
+        self.empty.say_nothing_yet(self._folder, trouble(why))
         if export is not None:
             self.greens[export.green].setChecked(True)
             length = (
@@ -95,19 +114,6 @@ class ExportPage(QWidget):
         self._preview()
 
     def _build(self) -> None:
-        heading = QLabel(self.tr("Export"))
-        heading.setObjectName("heading")
-        self.state = QLabel()
-        self.state.setObjectName("dim")
-        self.process = QPushButton(self.tr("Go to P&rocess"))
-        self.process.setAccessibleName(self.tr("Go to the Process page"))
-        self.process.clicked.connect(self._go_to_process)
-        top = QHBoxLayout()
-        top.addWidget(heading)
-        top.addSpacing(6)
-        top.addWidget(self.state, 1)
-        top.addWidget(self.process)
-
         self.table = QTreeWidget()
         self.table.setAccessibleName(self.tr("Formats"))
         self.table.setFrameShape(QFrame.Shape.NoFrame)
@@ -123,10 +129,11 @@ class ExportPage(QWidget):
                 self.tr("Size"),
             ]
         )
-        for column, width in enumerate((140, 318, 244, 300, 64)):
+        for column, width in ((0, 150), (2, 200), (4, 68)):
             self.table.header().resizeSection(column, width)
         self.table.header().setStretchLastSection(False)
-        self.table.header().setSectionResizeMode(3, QHeaderView.ResizeMode.Stretch)
+        for column in (1, 3):
+            self.table.header().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self._lines = [_line(entry) for entry in FORMATS]
         self.table.addTopLevelItems(self._lines)
         self.table.itemChanged.connect(lambda item, column: self._enable())
@@ -158,9 +165,6 @@ class ExportPage(QWidget):
         self.target.activated.connect(lambda row: self._choose(self.target.itemData(row)))
         name = QLabel(self.tr("&Program"))
         name.setBuddy(self.target)
-        for part in (name, self.target):
-            top.insertWidget(top.count() - 1, part)
-
         self.to = QLineEdit()
         self.to.setAccessibleName(self.tr("Folder to write to"))
         self.to.textChanged.connect(self._enable)
@@ -176,28 +180,33 @@ class ExportPage(QWidget):
         self.report.setAccessibleName(self.tr("Write the report and open it"))
         self.report.setToolTip(self.tr("One self-contained HTML page about the results"))
         self.report.clicked.connect(self._report)
-        self.go = QPushButton(self.tr("E&xport"))
-        self.go.setObjectName("primary")
-        self.go.setAccessibleName(self.tr("Export"))
-        self.action = QAction(self.tr("Export"), self)
-        self.action.setShortcut("Ctrl+Return")
-        self.action.triggered.connect(self._start)
-        self.addAction(self.action)
-        self.go.clicked.connect(self.action.trigger)
+        self.action = page_action(self, self.tr("E&xport"), "Ctrl+Return", self._start)
+        self.action.setShortcutContext(Qt.ShortcutContext.WindowShortcut)  # from the rail too
+        self.head = Head(self, self.action)
+        self.head.add(name, self.target)
+        self.state, self.go = self.head.state, self.head.primary
         self.errand = Errand(self)
         self.errand.changed.connect(self._enable)
         self.errand.done.connect(self._done)
         self.errand.failed.connect(lambda fault: show_trouble(self, fault))
         bottom = QHBoxLayout()
-        for part in (to, self.to, browse, self.open, self.errand, self.report, self.go):
+        for part in (to, self.to, browse, self.open, self.errand, self.report):
             bottom.addWidget(part, 1 if part is self.to else 0)
 
-        layout = QVBoxLayout(self)
+        body = QWidget()
+        layout = QVBoxLayout(body)
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(10)
-        self.verdict = Verdict()
-        layout.addLayout(top)
-        layout.addWidget(self.verdict)
+        self.verdict, self.empty = Verdict(), Empty("export")
+        self.stack = QStackedWidget()
+        for part in (self.empty, body):
+            self.stack.addWidget(part)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(0)
+        whole.addWidget(self.head)
+        whole.addWidget(self.verdict)
+        whole.addWidget(self.stack, 1)
         middle = QHBoxLayout()
         middle.addWidget(self.table, 1)
         middle.addWidget(self.preview)
@@ -229,6 +238,7 @@ class ExportPage(QWidget):
         unit = length if length not in ("", "unknown") else self.tr("scene units")
         for item, entry in zip(self._lines, FORMATS, strict=True):
             item.setText(3, _translated(entry.unit).replace("{length}", unit))
+            item.setToolTip(3, item.text(3))
             item.setText(4, exports.told_bytes(there[entry.key].bytes) if entry.key in there else "")
             item.setToolTip(0, f"{_translated(entry.title)}: {', '.join(entry.files)}")
             absent = bool(there) and entry.key not in there
@@ -240,10 +250,9 @@ class ExportPage(QWidget):
     def _enable(self) -> None:
         running = self.errand.busy
         ready = self._export is not None and not running
-        self.go.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
-        self.action.setEnabled(self.go.isEnabled())
+        self.action.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
         self.report.setEnabled(self._folder is not None and not running)
-        self.process.setVisible(self._folder is not None and self._export is None)
+        self.stack.setCurrentIndex(self._export is not None)
         self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())
 
     def resizeEvent(self, event) -> None:
@@ -270,10 +279,6 @@ class ExportPage(QWidget):
             return
         files = next((offer.files for offer in self._export.offers if offer.format.key == key), ())
         self.preview.show_file(Path(picture), ", ".join(files[:3]) + (", \u2026" if len(files) > 3 else ""))
-
-    def _go_to_process(self) -> None:
-        if self._shell is not None:
-            self._shell.wishes.show_page.emit("process")
 
     def _browse(self) -> None:
         said = QFileDialog.getExistingDirectory(
@@ -334,7 +339,7 @@ def _found(answer: Answer) -> tuple[Export | None, str, Quality | None]:
     if not row.done:
         return (
             None,
-            translate("ExportPage", "The results are not there, or older than the settings: process first."),
+            translate("ExportPage", "The results are not there, or older than the settings; process first"),
             plan.quality,
         )
     try:

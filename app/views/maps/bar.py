@@ -70,8 +70,6 @@ class MapsBar(QFrame):
         row.addSpacing(8)
         self.run_box = box_of(self.tr("Run"), 20)
         self.run_box.activated.connect(self.run_picked)
-        self._labelled(row, self.tr("&Run"), self.run_box)
-        row.addSpacing(4)
         self.view_box = box_of(self.tr("View"), 13)
         self.view_box.setMaxVisibleItems(24)
         self.view_box.currentIndexChanged.connect(lambda index: self.changed.emit())

@@ -22,21 +22,20 @@ from app.state import Trouble, called, place_of
 from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.empty import Empty
+from app.views.head import Head
 from app.views.maps.bar import MapsBar
 from app.views.maps.compare import MapsCompare
 from app.views.maps.grid import MapsGrid
 from app.views.maps.panel import Showing
-from app.views.maps.scale import ScaleRow
 from app.views.maps.swipe import MapsSwipe
+from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.pictures.view import ImageView
 from app.views.pictures.viewport import Viewport
 from app.views.readout import Readout
-from app.views.value_edit import ValueEdit
+from app.views.scale import ScaleRow
 from app.views.verdict import Verdict
-from app.words import sentence
 from engine.io import scale_edit
-from engine.io import session as sessions
 from engine.io.scale_edit import ScaleBar
 
 
@@ -65,8 +64,11 @@ class MapsPage(QWidget):
             self.stack.addWidget(pane)
         self.bar = MapsBar(self, self.viewport)
         self.readout = Readout(self)
-        self.scale = ScaleRow(self, self.viewport)
-        self.empty = Empty()
+        self.scale = ScaleRow(self, self.undo_stack, self._background)
+        self.empty = Empty("maps")
+        self.export = page_action(self, self.tr("E&xport…"), "Ctrl+Return", lambda: self._wish_page("export"))
+        self.head = Head(self, self.export)
+        self.head.add(self.bar.run_box)
         self.body = QWidget()
         column = QVBoxLayout(self.body)
         column.setContentsMargins(0, 0, 0, 0)
@@ -79,6 +81,8 @@ class MapsPage(QWidget):
         column.addWidget(self.readout)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
+        layout.addWidget(self.head)
         layout.addWidget(self.body)
         layout.addWidget(self.empty)
 
@@ -97,17 +101,20 @@ class MapsPage(QWidget):
         self.bar.refresh_wanted.connect(self.refresh)
         self.bar.name_wanted.connect(self._ask_name)
         self.bar.scale_wanted.connect(self.scale.open)
-        self.bar.mark_wanted.connect(self.scale.mark)
+        self.bar.mark_wanted.connect(self._mark)
         for view in self.findChildren(ImageView):
-            view.clicked.connect(self.scale.mark)
-        self.scale.wanted.connect(self._want_scale)
-        self.scale.closed.connect(self.scale.leave)
-        self._show_empty(runs.nothing_yet(None))
+            view.clicked.connect(self._mark)
+        self.scale.marked.connect(lambda: self.viewport.mark(self.scale.marks))
+        self.scale.written.connect(self._scale_written)
+        self.scale.failed.connect(self._tell)
+        self._show_nothing()
 
     # The contract with the window
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._show_nothing()
         self.swipe.errand.board = shell.board
         shell.state.view.listen(self._turn_to)
         shell.board.listen(Bridge(self).latest(self._look_again))
@@ -117,11 +124,15 @@ class MapsPage(QWidget):
         """Show a session's results; returns at once."""
         if folder != self._session:
             self._session = folder
+            self.head.show_session(folder)
             self._runs, self._others, self._maps = (), [], None
             self._show_maps(None)
+            self._show_nothing()
+            if folder is not None:
+                self.empty.say_reading()
             self.compare.show_other(None)
             self.undo_stack.clear()
-            self.scale.leave()
+            self.scale.show_session(folder)
         self.refresh()
 
     def refresh(self) -> None:
@@ -129,7 +140,7 @@ class MapsPage(QWidget):
         folder = self._session
         if folder is None:
             self._background.drop("runs")
-            self._show_empty(runs.nothing_yet(None))
+            self._show_nothing()
             return
         self._background.ask(
             "runs", lambda: (runs.runs_of(folder), scale_edit.read(folder)), self._show_runs, self._tell
@@ -203,7 +214,7 @@ class MapsPage(QWidget):
         found, bar = answer
         if not found:
             self._runs, self._maps = (), None
-            self._show_empty(runs.nothing_yet(self._session))
+            self._show_nothing()
             return
         now = self._maps.run.fingerprint if self._maps is not None else None
         same = self._maps is not None and self._maps.scale_bar == bar
@@ -228,15 +239,18 @@ class MapsPage(QWidget):
     def _show_maps(self, loaded: Maps | None) -> None:
         self._maps = loaded
         self.verdict.show_quality(None if loaded is None else loaded.quality)
-        self.scale.show_run(loaded)
         if loaded is not None:
             mask = loaded.surface.mask
             self.viewport.show(mask.shape[1], mask.shape[0], maps.object_box(loaded))
+        self.scale.show_run(loaded)
+        if loaded is not None:
             self.bar.offer_views(loaded)
             self._turn_to(self._picked)
             self._offer(None)
             self.empty.hide()
             self.body.show()
+            self.export.setEnabled(True)
+            self.bar.run_box.setEnabled(True)
         self._show_all()
         self._read()
 
@@ -275,29 +289,15 @@ class MapsPage(QWidget):
 
     # The scale
 
-    def _want_scale(self, bar: ScaleBar | None) -> None:
-        if self._maps is not None and bar != self._maps.scale_bar:
-            self.undo_stack.push(
-                ValueEdit(self.tr("the scale"), self._maps.scale_bar, bar, self._write_scale)
-            )
+    def _mark(self) -> None:
+        """The pixel under the cursor."""
+        if self.viewport.cursor is not None and self.viewport.pixel() is not None:
+            self.scale.mark(self.viewport.cursor)
 
-    def _write_scale(self, bar: ScaleBar | None) -> None:
-        folder = self._session
-        if folder is not None:
-            self._background.ask(
-                "scale", lambda: scale_edit.write(sessions.open_session(folder), bar), self._scale_written, self._no_scale
-            )  # fmt: skip
-
-    def _scale_written(self, answer: None) -> None:
+    def _scale_written(self, said: str) -> None:
         self.refresh()
         if self._shell is not None:
-            self._shell.wishes.say.emit(
-                self.tr("The scale has changed: process once more to write the files anew")
-            )
-
-    def _no_scale(self, fault: Trouble) -> None:
-        self.undo_stack.clear()
-        self._tell(fault)
+            self._shell.wishes.say.emit(said)
 
     # Comparing
 
@@ -348,16 +348,21 @@ class MapsPage(QWidget):
 
     # Troubles
 
-    def _show_empty(self, why: Trouble) -> None:
+    def _show_nothing(self, fault: Trouble | None = None) -> None:
         self.body.hide()
         self.empty.show()
-        self.empty.what.setText(why.what)
-        self.empty.remedy.setText(sentence(why.remedy))
+        self.export.setEnabled(False)
+        self.bar.run_box.setEnabled(False)
+        self.empty.say_nothing_yet(self._session, fault)
+
+    def _wish_page(self, key: str) -> None:
+        if self._shell is not None:
+            self._shell.wishes.show_page.emit(key)
 
     def _fail_load(self, fault: Trouble) -> None:
         self._maps = None
         self._show_all()
-        self._show_empty(fault)
+        self._show_nothing(fault)
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)

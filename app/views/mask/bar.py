@@ -1,16 +1,15 @@
 """The two bars of the mask page: above what one paints with, below what one looks at."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal, SignalInstance
-from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QButtonGroup,
     QCheckBox,
     QFrame,
     QHBoxLayout,
     QLabel,
-    QPushButton,
     QSlider,
     QSpinBox,
     QToolButton,
@@ -20,6 +19,7 @@ from PySide6.QtWidgets import (
 from app.inspect.falsecolour import MINUS
 from app.masking import LARGEST, SMALLEST, TOOLS
 from app.views.maps.bar import EV_RANGE, EV_STEPS
+from app.views.page_actions import action_button
 
 GROWTH = 1.25  # of the brush, by a press of ] or [
 
@@ -30,13 +30,13 @@ def grown(size: int, way: int) -> int:
 
 
 class ToolBar(QFrame):
-    """What one paints with, and what one does with it."""
+    """What one paints with."""
 
     tool_picked = Signal(str)
     side_picked = Signal(bool)  # adds to the object, or takes from it
     size_picked = Signal(int)
 
-    def __init__(self, parent: QWidget, find: QAction, stop: QAction, clear: QAction) -> None:
+    def __init__(self, parent: QWidget, clear: QAction) -> None:
         super().__init__(parent)
         self.setObjectName("panel")
         row = QHBoxLayout(self)
@@ -76,14 +76,8 @@ class ToolBar(QFrame):
         row.addWidget(label)
         row.addWidget(self.size_box)
         row.addSpacing(8)
-        self.clear = self._button(clear, self.tr("C&lear strokes"))
-        row.addWidget(self.clear)
+        row.addWidget(action_button(clear))
         row.addStretch(1)
-        self.cancel = self._button(stop, self.tr("&Cancel"))
-        self.run = self._button(find, self.tr("&Update mask"))
-        self.run.setObjectName("primary")
-        row.addWidget(self.cancel)
-        row.addWidget(self.run)
 
     def show_tool(self, tool: str, adds: bool, size: int) -> None:
         self.tools[tool].setChecked(True)
@@ -104,16 +98,6 @@ class ToolBar(QFrame):
         button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         group.addButton(button)
         row.addWidget(button)
-        return button
-
-    def _button(self, action: QAction, text: str) -> QPushButton:
-        button = QPushButton(text)
-        button.setAccessibleName(action.text())
-        button.clicked.connect(action.trigger)
-        keys = action.shortcut().toString()
-        button.setToolTip(f"{action.text()} ({keys})" if keys else action.text())
-        button.setEnabled(action.isEnabled())
-        action.changed.connect(lambda: button.setEnabled(action.isEnabled()))
         return button
 
 
@@ -217,13 +201,3 @@ class ViewBar(QFrame):
         box.toggled.connect(wanted)
         row.addWidget(box)
         return box
-
-
-def action(page: QWidget, text: str, keys: str, call: Callable[[], object]) -> QAction:
-    """An action of the page, with its shortcut, that works wherever on it the focus is."""
-    made = QAction(text, page)
-    made.setShortcut(QKeySequence(keys))
-    made.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-    made.triggered.connect(lambda checked: call())
-    page.addAction(made)
-    return made

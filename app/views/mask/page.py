@@ -18,11 +18,14 @@ from app.processing import Processing
 from app.state import Trouble, trouble
 from app.views.background import Background
 from app.views.bridge import Bridge
-from app.views.mask.bar import ToolBar, ViewBar, action, grown
+from app.views.empty import Empty
+from app.views.head import Head
+from app.views.mask.bar import ToolBar, ViewBar, grown
 from app.views.mask.canvas import MaskCanvas
 from app.views.mask.edit import MaskEdit
 from app.views.mask.saving import Saving
-from app.views.mask.status import Empty, Standing, StatusLine
+from app.views.mask.status import Standing, StatusLine, why_nothing
+from app.views.page_actions import action_button, page_action
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
 from app.work.jobs import JobState
@@ -55,6 +58,8 @@ class MaskPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._show_state()
         self.model = Processing(shell.enquiries, shell.board, self._bridge.queued)
         self.model.answered.listen(lambda number: self._load())
         self.model.trouble.listen(lambda trouble: self._show_state())
@@ -69,6 +74,7 @@ class MaskPage(QWidget):
             self.model.refresh()
             return
         self._session, self._failed, self._find_wanted, self._planned = folder, None, False, True
+        self.head.show_session(folder)
         for key in ("load", "labels", "picture"):
             self._background.drop(key)
         self._take_labels(None)
@@ -88,13 +94,17 @@ class MaskPage(QWidget):
     # Building
 
     def _build(self) -> None:
-        self.run = action(self, self.tr("Find the object again"), "F5", self.find_again)
-        self.stop = action(self, self.tr("Cancel"), "Ctrl+.", self._cancel)
-        self.clear = action(self, self.tr("Clear all strokes"), "Ctrl+Del", self._clear)
-        self.tools = ToolBar(self, self.run, self.stop, self.clear)
+        self.run = page_action(self, self.tr("Find the object again"), "F5", self.find_again)
+        self.run.setIconText(self.tr("&Update mask"))
+        self.stop = page_action(self, self.tr("&Cancel"), "Ctrl+.", self._cancel)
+        self.clear = page_action(self, self.tr("Clear all strokes"), "Ctrl+Del", self._clear)
+        self.clear.setIconText(self.tr("C&lear strokes"))
+        self.head = Head(self, self.run)
+        self.head.add(action_button(self.stop))
+        self.tools = ToolBar(self, self.clear)
         self.views = ViewBar(self)
         self.canvas = MaskCanvas(self, self.editor)
-        self.empty = Empty(self, self.run)
+        self.empty = Empty("mask")
         self.line = StatusLine(self)
         self.stack = QStackedWidget()
         self.stack.addWidget(self.empty)
@@ -102,6 +112,7 @@ class MaskPage(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(2)
+        column.addWidget(self.head)
         column.addWidget(self.tools)
         column.addWidget(self.stack, 1)
         column.addWidget(self.views)
@@ -144,7 +155,7 @@ class MaskPage(QWidget):
             (self.tr("Zoom out"), "-", lambda: port.zoom(0.8, port.cursor)),
             (self.tr("To the photograph"), "Ctrl+L", self.canvas.setFocus),
         ):
-            action(self, text, keys, call)
+            page_action(self, text, keys, call)
         for keys, what in (
             ("Space", self.tr("Paint at the cursor, or set a corner")),
             ("Return", self.tr("Set a corner; twice in one place closes the polygon")),
@@ -324,13 +335,21 @@ class MaskPage(QWidget):
         self.stack.setCurrentIndex(1 if standing.developed is not None else 0)
         for bar in (self.tools, self.views):
             bar.setVisible(standing.developed is not None)
-        self.empty.show_standing(standing)
+        self._say_nothing(standing)
         self.line.show_standing(standing)
         self.run.setEnabled(standing.may_find)
         self.stop.setEnabled(standing.job is not None)
-        self.tools.cancel.setVisible(standing.job is not None)
+        self.stop.setVisible(standing.job is not None)
         painting = self.editor.painting
         self.clear.setEnabled(painting is not None and not painting.empty)
+
+    def _say_nothing(self, now: Standing) -> None:
+        if now.session is None:
+            self.empty.say_nothing_yet(None)
+        elif now.fault is None and now.hdr is not None and not now.hdr.done and now.job is None:
+            self.empty.say(why_nothing(now), (self.tr("&Develop photographs"), self.run.trigger))
+        else:
+            self.empty.say(why_nothing(now))
 
     def _read(self) -> None:
         self.line.show_pixel(self.canvas.viewport.pixel() if self._developed is not None else None)

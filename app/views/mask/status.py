@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
+from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QWidget
 
 from app.mask_files import Developed
 from app.plan import Row, told_reason
 from app.state import Trouble
-from app.views import empty
 from app.views.elided import Elided
 from app.words import sentence
 from app.work.jobs import JobState, JobStatus
@@ -39,43 +37,26 @@ class Standing:
         return self.job is None and self.segment is not None and not (self.segment.done and self.planned)
 
 
-class Empty(empty.Empty):
-    """In place of the photographs while there are none: why, and the button that makes them."""
+def why_nothing(now: Standing) -> Trouble:
+    """What stands in place of the photographs of an open session while there are none."""
 
-    def __init__(self, parent: QWidget, find: QAction) -> None:
-        self.develop = QPushButton()
-        super().__init__(parent, self.develop)
-        self.develop.setText(self.tr("&Develop photographs"))
-        self.develop.setObjectName("primary")
-        self.develop.setAccessibleName(self.tr("Develop photographs"))
-        self.develop.setToolTip(self.tr("Merge the photographs and find the object (F5)"))
-        self.develop.clicked.connect(find.trigger)
+    def tr(text: str) -> str:
+        return QCoreApplication.translate("MaskPage", text)
 
-    def show_standing(self, now: Standing) -> None:
-        if now.session is None:
-            what, remedy = (
-                self.tr("No session is open"),
-                self.tr("Open one, or capture a new one, on the start page"),
-            )
-        elif now.fault is not None:
-            what, remedy = now.fault.what, now.fault.remedy[:1].upper() + now.fault.remedy[1:]
-        elif now.hdr is None:
-            what, remedy = self.tr("Reading the session…"), ""
-        elif now.job is not None:
-            what, remedy = (
-                self.tr("The photographs are being developed"),
-                self.tr("They appear here when that is done"),
-            )
-        elif now.hdr.done:
-            what, remedy = self.tr("Reading the photographs…"), ""
-        else:
-            what = self.tr("The photographs of this session are not developed yet")
-            remedy = self.tr(
-                "Developing merges each bracket into one picture and finds the object; then it can be corrected here"
-            )
-        self.what.setText(what)
-        self.remedy.setText(remedy)
-        self.develop.setVisible(now.hdr is not None and not now.hdr.done and now.job is None)
+    if now.fault is not None:
+        return now.fault
+    if now.hdr is None:
+        return Trouble(tr("Reading the session…"))
+    if now.job is not None:
+        return Trouble(tr("The photographs are being developed"), tr("they appear here when that is done"))
+    if now.hdr.done:
+        return Trouble(tr("Reading the photographs…"))
+    return Trouble(
+        tr("The photographs of this session are not developed yet"),
+        tr(
+            "developing merges each bracket into one picture and finds the object; then it can be corrected here"
+        ),
+    )
 
 
 class StatusLine(QFrame):

@@ -12,9 +12,6 @@ from PySide6.QtGui import QAction, QCloseEvent, QImage, QKeySequence, QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QFrame,
-    QHBoxLayout,
-    QPushButton,
     QSplitter,
     QStackedWidget,
     QVBoxLayout,
@@ -23,11 +20,11 @@ from PySide6.QtWidgets import (
 
 from app import photographs
 from app.photographs import Listing, Look, Photograph
-from app.state import Trouble, called
+from app.state import Trouble
 from app.views.background import Background
 from app.views.bridge import Bridge
-from app.views.elided import Elided
 from app.views.empty import Empty
+from app.views.head import Head
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.photographs.facts import Facts
@@ -64,12 +61,15 @@ class PhotographsPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._show_state()
         shell.board.listen(self._bridge.latest(self._read))  # what runs may place photographs, or take some
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session's photographs; returns at once."""
         if folder != self._session:
             self._session, self._listing = folder, None
+            self.head.show_session(folder)
             self.undo_stack.clear()
             self.looks.want(None, ())
             self._take_out(frozenset())
@@ -93,9 +93,6 @@ class PhotographsPage(QWidget):
     # Building
 
     def _build(self) -> None:
-        self.heading, self.told = Elided(), Elided()
-        self.heading.setObjectName("heading")
-        self.told.setObjectName("dim")
         self.order = QComboBox()
         self.order.setAccessibleName(self.tr("Order"))
         names = {"taken": self.tr("As taken"), "blur": self.tr("Blurriest first"), "clipped": self.tr("Most clipped first")}  # fmt: skip
@@ -105,22 +102,12 @@ class PhotographsPage(QWidget):
         self.clipping = QCheckBox(self.tr("Show &clipping"))
         self.clipping.setAccessibleName(self.tr("Show clipping"))
         self.clipping.setToolTip(self.tr("Red: clipped in all exposures; amber: in the one shown (C)"))
-        self.process = QPushButton(self.tr("To &processing"))
-        self.process.setObjectName("primary")
-        self.process.setAccessibleName(self.tr("To processing"))
-        self.process.clicked.connect(lambda: self._wish_page("process"))
-        words = QVBoxLayout()
-        words.setSpacing(0)
-        words.addWidget(self.heading)
-        words.addWidget(self.told)
-        self.bar = QFrame()
-        self.bar.setObjectName("panel")
-        row = QHBoxLayout(self.bar)
-        row.setContentsMargins(12, 6, 12, 6)
-        row.setSpacing(10)
-        row.addLayout(words, 1)
-        for widget in (self.clipping, self.order, self.process):
-            row.addWidget(widget)
+        self.process = page_action(
+            self, self.tr("To &processing"), "Ctrl+Return", lambda: self._wish_page("process")
+        )
+        self.head = Head(self, self.process)
+        self.head.add(self.clipping, self.order)
+        self.told = self.head.state
         self.sheet = ContactSheet()
         self.sheet.setMinimumWidth(CELL.width() + 24)
         self.sheet.currentItemChanged.connect(lambda now, before: self._show_current())
@@ -149,16 +136,13 @@ class PhotographsPage(QWidget):
         self.split.setSizes([2 * CELL.width() + 28, 10000])
         self.split.setChildrenCollapsible(False)
         self.stack = QStackedWidget()
-        self.add = QPushButton(self.tr("&Import photographs…"))
-        self.add.setAccessibleName(self.tr("Import photographs"))
-        self.add.clicked.connect(self._import)
-        self.empty = Empty(button=self.add)
+        self.empty = Empty("photographs")
         self.stack.addWidget(self.empty)
         self.stack.addWidget(self.split)
         whole = QVBoxLayout(self)
         whole.setContentsMargins(0, 0, 0, 0)
         whole.setSpacing(2)
-        whole.addWidget(self.bar)
+        whole.addWidget(self.head)
         whole.addWidget(self.stack, 1)
         self._actions()
 
@@ -199,8 +183,7 @@ class PhotographsPage(QWidget):
     def _refuse(self, fault: Trouble) -> None:
         self._listing = None
         self._show_state()
-        self.empty.what.setText(fault.what)
-        self.empty.remedy.setText(fault.remedy)
+        self.empty.say(fault)
 
     def _seen(self, photograph: Photograph, look: Look, picture: QImage) -> None:
         self.sheet.show_look(photograph, look, picture)
@@ -264,20 +247,20 @@ class PhotographsPage(QWidget):
         self.stack.setCurrentIndex(1 if views else 0)
         for widget in (self.clipping, self.order, self.process):
             widget.setEnabled(bool(views))
-        self.heading.setText("" if self._session is None else called(self._session))
-        self.add.setVisible(self._session is None)
         self.facts.again.setVisible(listing is not None and listing.captured)
         if listing is None:
             self.told.setText("")
-            self.empty.what.setText(
-                self.tr("No session is open") if self._session is None else self.tr("Reading the session…")
-            )
-            self.empty.remedy.setText(
-                self.tr("Import photographs, or open a session on the start page") if self._session is None else ""
-            )  # fmt: skip
+            if self._session is None:
+                self.empty.say_nothing_yet(None)
+            else:
+                self.empty.say_reading()
             return
-        self.empty.what.setText(self.tr("There are no photographs yet"))
-        self.empty.remedy.setText(self.tr("They appear here as they are captured"))
+        self.empty.say(
+            Trouble(
+                self.tr("There are no photographs yet"), self.tr("they appear here as they are captured")
+            ),
+            (self.tr("Go to &Capture"), lambda: self._wish_page("capture")),
+        )
         told = [self.tr("1 photograph") if len(views) == 1 else self.tr("{0} photographs").format(len(views))]
         counts = {len(photograph.exposures) for photograph in views}
         if counts and max(counts) > 1:
@@ -364,10 +347,6 @@ class PhotographsPage(QWidget):
     def _wish_page(self, key: str) -> None:
         if self._shell is not None:
             self._shell.wishes.show_page.emit(key)
-
-    def _import(self) -> None:
-        if self._shell is not None:
-            self._shell.wishes.add_photographs.emit(None)
 
     def _tell(self, fault: Trouble) -> None:
         tell(self._shell, self, fault)

@@ -3,13 +3,14 @@
 from pathlib import Path
 
 from PySide6.QtCore import QEvent, Qt, QTimer
-from PySide6.QtGui import QAction, QFontDatabase, QResizeEvent, QShowEvent, QUndoStack
+from PySide6.QtGui import QFontDatabase, QResizeEvent, QShowEvent, QUndoStack
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
     QPlainTextEdit,
     QPushButton,
     QSplitter,
+    QStackedWidget,
     QTabWidget,
     QVBoxLayout,
     QWidget,
@@ -20,6 +21,8 @@ from app.processing import LOG_LINES, CardState, Processing, left_s
 from app.state import Device, place_of, trouble
 from app.views.bridge import Bridge
 from app.views.editors import label
+from app.views.empty import Empty
+from app.views.page_actions import page_action
 from app.views.pages import Shell
 from app.views.process.bar import RunBar
 from app.views.process.made import told_made
@@ -58,6 +61,8 @@ class ProcessPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self.empty.say_nothing_yet(None)
         self.model = Processing(shell.enquiries, shell.board, self._bridge.queued)
         self.model.answered.listen(lambda number: self._show_plan())
         self.model.job.listen(lambda status: self._show_job())
@@ -70,10 +75,6 @@ class ProcessPage(QWidget):
         self.queue.scheduler_given.connect(lambda address: shell.settings.change(scheduler=address))
         self.queue.chosen.connect(shell.wishes.open_session)
         self.tabs.addTab(self.queue, self.tr("Queue"))
-        self.bar.device.setCurrentText(shell.settings.value.device)
-        shell.settings.preferences.listen(
-            lambda preferences: self.bar.device.setCurrentText(preferences.device)
-        )
         shell.board.listen(self._bridge.latest(self._show_job))
         shell.enquiries.ask("gpu", self._bridge.queued(self._take_gpu))
         self.show_session(shell.state.session.value)
@@ -83,6 +84,7 @@ class ProcessPage(QWidget):
             return
         if folder != self._folder:
             self._folder = folder
+            self.bar.head.show_session(folder)
             self.undo_stack.clear()
             self._failed = None
             self.model.open(folder)
@@ -110,11 +112,13 @@ class ProcessPage(QWidget):
             self.model.refresh()
 
     def _build(self) -> None:
-        self.start = self._action(self.tr("Process"), "F5", self._process)
-        self.stop = self._action(self.tr("Cancel processing"), "Ctrl+.", self._cancel)
+        self.start = page_action(self, self.tr("&Process"), "F5", self._process)
+        self.stop = page_action(self, self.tr("&Cancel processing"), "Ctrl+.", self._cancel)
+        self.stop.setIconText(self.tr("&Cancel"))
+        for action in (self.start, self.stop):
+            action.setShortcutContext(Qt.ShortcutContext.WindowShortcut)  # from the rail too
         self.bar = RunBar(self, self.start, self.stop)
         self.bar.preset_chosen.connect(self._edit_preset)
-        self.bar.device_chosen.connect(self._choose_device)
         self.bar.seed_chosen.connect(self._edit_seed)
         self.column = StageColumn()
         self.column.chosen.connect(self._choose)
@@ -134,23 +138,27 @@ class ProcessPage(QWidget):
         self.tabs.setAccessibleName(self.tr("Log and queue"))
         self.tabs.addTab(self.log, self.tr("Log"))
         self.made = SidePicture(self.tr("What this stage made"))
-        upper = QWidget()
-        row = QHBoxLayout(upper)
+        self.empty = Empty("process")
+        stage = QWidget()
+        row = QHBoxLayout(stage)
         row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.parameters, 1)
         row.addWidget(self.made)
+        self.upper = QStackedWidget()
+        for part in (self.empty, stage):
+            self.upper.addWidget(part)
         self.right = QSplitter(Qt.Orientation.Vertical)
-        self.right.addWidget(upper)
+        self.right.addWidget(self.upper)
         self.right.addWidget(self.tabs)
         self.right.setSizes([420, 220])
         self.right.setStretchFactor(0, 1)
         self.right.setChildrenCollapsible(False)
-        side = QWidget()
-        column = QVBoxLayout(side)
+        self.side = QWidget()
+        column = QVBoxLayout(self.side)
         column.setContentsMargins(12, 0, 0, 8)
         column.addWidget(self.column)
         self.across = QSplitter()
-        self.across.addWidget(side)
+        self.across.addWidget(self.side)
         self.across.addWidget(self.right)
         self.across.setSizes([330, 800])
         self.across.setStretchFactor(1, 1)
@@ -189,13 +197,6 @@ class ProcessPage(QWidget):
         if self._shell is not None:
             self._shell.wishes.show_page.emit(key)
 
-    def _action(self, text: str, keys: str, do) -> QAction:
-        action = QAction(text, self)
-        action.setShortcut(keys)
-        action.triggered.connect(do)
-        self.addAction(action)
-        return action
-
     # --- model to widget
 
     def _take_gpu(self, answer: Answer) -> None:
@@ -204,7 +205,8 @@ class ProcessPage(QWidget):
 
     def _show_plan(self) -> None:
         plan = self.model.plan.value if self.model is not None else None
-        self.bar.show_session(self._folder)
+        self.upper.setCurrentIndex(self._folder is not None)
+        self.side.setVisible(self._folder is not None)
         self.bar.show_settings(plan.settings if plan is not None else None)
         self.verdict.show_quality(plan.quality if plan is not None else None)
         self._show_job()
@@ -321,10 +323,6 @@ class ProcessPage(QWidget):
     def _choose(self, stage: str) -> None:
         self._stage = stage
         self._show_parameters()
-
-    def _choose_device(self, device: str) -> None:
-        if self._shell is not None:
-            self._shell.settings.change(device=device)
 
     def _edit(self, name: str, value: object) -> None:
         parameter = self.model.plan.value.parameter(name) if self.model and self.model.plan.value else None

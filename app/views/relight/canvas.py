@@ -18,7 +18,7 @@ LARGEST = 6.0  # times the preview's size
 
 
 class RelightCanvas(QWidget):
-    """A picture, or words while there is none."""
+    """A picture, or nothing."""
 
     turned = Signal(float, float)  # by yaw, pitch, degrees
     lamp_moved = Signal(float, float)  # to (right, up) on its half sphere, 1 at the rim
@@ -27,7 +27,6 @@ class RelightCanvas(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._image: QImage | None = None
-        self._words = ""
         self._corner = ""
         self._held: QPointF | None = None
         self._lamp: tuple[float, float] | None = None
@@ -40,14 +39,9 @@ class RelightCanvas(QWidget):
     def sizeHint(self) -> QSize:
         return QSize(640, 520)
 
-    def show_pixels(self, pixels: np.ndarray) -> None:
-        """A picture of `falsecolour`."""
-        self._image = image_of(pixels)
-        self.update()
-
-    def show_words(self, words: str) -> None:
-        """Words in place of a picture."""
-        self._image, self._words = None, words
+    def show_pixels(self, pixels: np.ndarray | None) -> None:
+        """A picture of `falsecolour`; None: nothing."""
+        self._image = None if pixels is None else image_of(pixels)
         self.update()
 
     def show_lamp(self, lamp: tuple[float, float] | None) -> None:
@@ -71,8 +65,6 @@ class RelightCanvas(QWidget):
         painter.fillRect(self.rect(), QColor(ours.picture))
         painter.setPen(QColor(ours.dim))
         if self._image is None:
-            box = self.rect().adjusted(20, 20, -20, -20)
-            painter.drawText(box, Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, self._words)
             return
         size = QSizeF(self._image.size())
         room = QSizeF(self.width() - 16, self.height() - 16)

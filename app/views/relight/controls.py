@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.inspect.falsecolour import MINUS
-from app.relight.ready import NAMES as READY
+from app.relight.panoramas import NAMES as PANORAMAS
 from app.relight.relit import Setting
 from app.views.boxes import box_of
 from app.views.column import Column
@@ -39,7 +39,6 @@ class RelightControls(Column):
     view_picked = Signal(int)  # of the recovered light
     panorama_wanted = Signal()
     ready_picked = Signal(str)  # a light that ships, by name; empty: the recovered one
-    saved = Signal(str)  # "png", "exr", "mp4" or "html"
     in_space = Signal()  # asks for the surface in this light on the 3D page
     playing = Signal(bool)
     lamp_changed = Signal()  # the person's own: on, off, or moved
@@ -82,7 +81,7 @@ class RelightControls(Column):
         self._column.addLayout(row)
         self.ready = box_of(self.tr("Light"), 6)
         self.ready.addItem(self.tr("Of the room, as recovered"), "")
-        for name, words in READY.items():
+        for name, words in PANORAMAS.items():
             self.ready.addItem(QCoreApplication.translate("relight", words), name)
         self.ready.activated.connect(lambda row: self.ready_picked.emit(self.ready.itemData(row)))
         row = QHBoxLayout()
@@ -152,19 +151,6 @@ class RelightControls(Column):
         for box in (self.behind, self.log):
             box.setAccessibleName(box.text().replace("&", ""))
             self._column.addWidget(box)
-        saves = QGridLayout()
-        for place, (text, kind, tip) in enumerate((
-            (self.tr("Save PNG…"), "png", self.tr("At the photographs' own size; clear around the object, unless its light is shown")),
-            (self.tr("Save EXR…"), "exr", self.tr("Linear radiance, with the object's mask as alpha")),
-            (self.tr("Save video…"), "mp4", self.tr("The light, and the lamp, once round the object")),
-            (self.tr("Web page…"), "html", self.tr("One file to give away: turned and relit in any browser")),
-        )):  # fmt: skip
-            button = QPushButton(text)
-            button.setAccessibleName(text)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda checked, kind=kind: self.saved.emit(kind))
-            saves.addWidget(button, place // 2, place % 2)
-        self._column.addLayout(saves)
         self.space = QPushButton(self.tr("Show in &3D"))
         self.space.setAccessibleName(self.tr("Show the surface in this light on the 3D page"))
         self.space.clicked.connect(self.in_space)

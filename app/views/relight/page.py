@@ -5,10 +5,12 @@ own, and only the newest wish is drawn.
 """
 
 import dataclasses
+import functools
 import itertools
 import tempfile
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,27 +20,30 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
-    QLabel,
+    QMenu,
+    QPushButton,
+    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
 
-from app.inspect import maps, runs
+from app.inspect import maps
 from app.inspect.maps import Maps
 from app.inspect.runs import Run
 from app.relight import files as relighting_files
-from app.relight import ready
+from app.relight import panoramas
 from app.relight import relit as relighting
 from app.relight.relit import Light, Setting, Transfer
 from app.state import Trouble, called
 from app.views.background import Background
 from app.views.bridge import Bridge
+from app.views.empty import Empty
 from app.views.errand import Errand
+from app.views.head import Head
 from app.views.page_actions import page_action
 from app.views.pages import Shell, tell
 from app.views.relight.canvas import RelightCanvas
 from app.views.relight.controls import RelightControls
-from app.words import sentence
 
 PLAY_MS = 33
 PLAY_DEGREES_S = 24.0
@@ -69,28 +74,28 @@ class RelightPage(QWidget):
 
         self.canvas = RelightCanvas(self)
         self.controls = RelightControls(self)
-        self.said = QLabel()
-        self.said.setAccessibleName(self.tr("State"))
+        self.save_button = QPushButton(self.tr("&Save"))
+        self.save_button.setAccessibleName(self.tr("Save"))
+        self.head, self.empty = Head(self, self.save_button), Empty("relight")
+        self.said = self.head.state
         self.errand = Errand(self)
-        self.errand.wanted.connect(lambda: self._prepare(None))
         self.errand.noted.connect(self.said.setText)
         self.errand.done.connect(self._take)
         self.errand.failed.connect(self._fail)
         self.errand.changed.connect(self._show_state)
-        foot = QHBoxLayout()
-        foot.setContentsMargins(12, 4, 12, 6)
-        foot.addWidget(self.said, 1)
-        foot.addWidget(self.errand)
-        left = QVBoxLayout()
-        left.setContentsMargins(0, 0, 0, 0)
-        left.setSpacing(0)
-        left.addWidget(self.canvas, 1)
-        left.addLayout(foot)
-        layout = QHBoxLayout(self)
+        self.head.add(self.errand)
+        self.stack = QStackedWidget()
+        for part in (self.empty, self.canvas):
+            self.stack.addWidget(part)
+        across = QHBoxLayout()
+        across.setSpacing(0)
+        across.addWidget(self.stack, 1)
+        across.addWidget(self.controls)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
-        layout.addLayout(left, 1)
-        layout.addWidget(self.controls)
+        layout.addWidget(self.head)
+        layout.addLayout(across, 1)
 
         self.canvas.turned.connect(self.controls.turn_by)
         self.canvas.lamp_moved.connect(self.controls.move_lamp)
@@ -100,19 +105,20 @@ class RelightPage(QWidget):
         self.controls.changed.connect(self.draw)
         self.controls.view_picked.connect(self._pick_view)
         self.controls.panorama_wanted.connect(self._ask_panorama)
-        self.controls.saved.connect(self._ask_save)
         self.controls.playing.connect(self._play)
         self.controls.in_space.connect(self.show_in_space)
         self._timer = QTimer(self)
         self._timer.setInterval(PLAY_MS)
         self._timer.timeout.connect(lambda: self.controls.turn_by(PLAY_DEGREES_S * PLAY_MS / 1000, 0.0))
         self._make_actions()
-        self._say_nothing(runs.nothing_yet(None))
+        self._say_nothing()
 
     # The contract with the window
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._say_nothing()
         self.errand.board = shell.board
         shell.board.listen(Bridge(self).latest(self._look_again))
 
@@ -121,6 +127,7 @@ class RelightPage(QWidget):
         if folder != self._session:
             self._forget()
             self._session = folder
+            self.head.show_session(folder)
             self.controls.as_photographed()
             self.controls.ev.setValue(0)
         self.refresh()
@@ -130,7 +137,7 @@ class RelightPage(QWidget):
         folder = self._session
         if folder is None:
             self._background.drop("runs")
-            self._say_nothing(runs.nothing_yet(None))
+            self._say_nothing()
         else:
             self._background.ask("runs", lambda: _found(folder), self._show_run, self._tell)
 
@@ -184,6 +191,7 @@ class RelightPage(QWidget):
     def _show_frame(self, made) -> None:
         self._drawing = False
         self.canvas.show_pixels(made[0])
+        self.stack.setCurrentWidget(self.canvas)
         self.controls.show_light(made[1])
         now = time.monotonic()
         if self._ends and now - self._ends[-1] > 0.5:
@@ -207,7 +215,7 @@ class RelightPage(QWidget):
         run, shown = answer
         if run is None or shown is None:
             self._forget()
-            self._say_nothing(runs.nothing_yet(self._session))
+            self._say_nothing()
             return
         ours = self._run is not None and run.fingerprint == self._run.fingerprint
         if ours and (self._transfer is not None or self.errand.busy):
@@ -239,8 +247,11 @@ class RelightPage(QWidget):
             return
         request = {"session": str(self._run.session), "fingerprint": self._run.fingerprint, "view": view}
         if self._transfer is None:
-            self.canvas.show_words(
-                self.tr("Preparing the surface for relighting…\nThis is done once for each result.")
+            self._say(
+                Trouble(
+                    self.tr("Preparing the surface for relighting…"),
+                    self.tr("this is done once for each result"),
+                )
             )
         self.errand.begin(self.tr("Prepare relighting"), "relight", request)
 
@@ -250,7 +261,7 @@ class RelightPage(QWidget):
 
     def _pick_ready(self, name: str) -> None:
         if name:
-            self.load_panorama(ready.file(name))
+            self.load_panorama(panoramas.file(name))
         elif self._run is not None:
             known = relighting_files.lights_of(self._run)
             if known:
@@ -277,7 +288,7 @@ class RelightPage(QWidget):
 
     def _fail(self, fault: Trouble) -> None:
         if self._transfer is None:
-            self.canvas.show_words(f"{fault.what}\n{fault.remedy}")
+            self._say(fault, (self.tr("&Prepare again"), lambda: self._prepare(None)))
         else:
             self._tell(fault)
 
@@ -285,11 +296,13 @@ class RelightPage(QWidget):
         """What can be done now."""
         ready = self._transfer is not None
         self._enable(ready)
-        self.errand.offer(self.tr("&Prepare") if self._run is not None and not ready else "")
         if not self.errand.busy:
             self.said.setText(self._told())
             if self._run is not None and not ready:
-                self.canvas.show_words(self.tr("The surface is not prepared for relighting yet."))
+                self._say(
+                    Trouble(self.tr("The surface is not prepared for relighting yet")),
+                    (self.tr("&Prepare"), lambda: self._prepare(None)),
+                )
 
     def _load(self, run: Run, view: int) -> None:
         kept = self._transfer
@@ -322,7 +335,7 @@ class RelightPage(QWidget):
 
     def _use_panorama(self, light: Light, white: float) -> None:
         self.controls.view.setCurrentIndex(-1)
-        names = [ready.file(name) for name in ready.NAMES]
+        names = [panoramas.file(name) for name in panoramas.NAMES]
         row = names.index(self._panorama) + 1 if self._panorama in names else -1
         self.controls.ready.setCurrentIndex(row)
         self._white = white
@@ -360,12 +373,18 @@ class RelightPage(QWidget):
         self.errand.stop()
         self._enable(False)
         self.controls.offer([], None)
-        self.canvas.show_words("")
+        self.canvas.show_pixels(None)
+        self._say(Trouble(""))
 
-    def _say_nothing(self, why: Trouble) -> None:
-        self.canvas.show_words(f"{why.what}\n{sentence(why.remedy)}")
-        self.errand.offer("")
-        self.said.clear()
+    def _say(self, why: Trouble, *leads: tuple[str, Callable[[], object]]) -> None:
+        """In place of the picture."""
+        self.empty.say(why, *leads)
+        self.stack.setCurrentWidget(self.empty)
+
+    def _say_nothing(self) -> None:
+        self.empty.say_nothing_yet(self._session)
+        self.stack.setCurrentWidget(self.empty)
+        self.said.setText("")
 
     def show_in_space(self) -> None:
         """Let the 3D page show the surface as it is lit now."""
@@ -455,18 +474,31 @@ class RelightPage(QWidget):
             (self.tr("Drag a lamp on the picture"), "L", self.controls.lamp_on.toggle),
             (self.tr("Show the light behind the object"), "B", self.controls.behind.toggle),
             (self.tr("Load a panorama"), "Ctrl+L", self._ask_panorama),
-            (self.tr("Save picture"), "Ctrl+Shift+S", lambda: self._ask_save("png")),
             (self.tr("Show the surface in this light on the 3D page"), "Ctrl+Shift+D", self.show_in_space),
             (self.tr("Brighter"), "E", lambda: self.controls.ev.setValue(self.controls.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.controls.ev.setValue(self.controls.ev.value() - 1)),
         ):
             self._lit.append(page_action(self, text, keys, call))
+        menu = QMenu(self.save_button)
+        for text, keys, kind, tip in (
+            (self.tr("Picture (PNG)…"), "Ctrl+Shift+S", "png", self.tr("At the photographs' own size; clear around the object, or with its light")),
+            (self.tr("Radiance (EXR)…"), "", "exr", self.tr("Linear radiance, with the object's mask as alpha")),
+            (self.tr("Video (MP4)…"), "", "mp4", self.tr("The light, and the lamp, once round the object")),
+            (self.tr("Web page (HTML)…"), "", "html", self.tr("One file to give away: turned and relit in any browser")),
+        ):  # fmt: skip
+            action = page_action(self, text, keys, functools.partial(self._ask_save, kind))
+            action.setToolTip(tip)
+            menu.addAction(action)
+            self._lit.append(action)
+        menu.setToolTipsVisible(True)
+        self.save_button.setMenu(menu)
         page_action(self, self.tr("Look for new results"), "F5", self.refresh)
         self._enable(False)
 
     def _enable(self, ready: bool) -> None:
         """The controls, and the keys that do as they do."""
         self.controls.setEnabled(ready)
+        self.save_button.setEnabled(ready)
         for action in self._lit:
             action.setEnabled(ready)
 
@@ -475,5 +507,5 @@ class RelightPage(QWidget):
 
 
 def _found(session: Path) -> tuple[Run | None, Maps | None]:
-    run = runs.current(runs.runs_of(session))
-    return run, None if run is None else maps.load(run)
+    shown = maps.load_current(session)
+    return None if shown is None else shown.run, shown

@@ -3,8 +3,8 @@
 import threading
 from pathlib import Path
 
-from PySide6.QtCore import QSize, Qt, QTimer
-from PySide6.QtGui import QAction, QImage, QPixmap
+from PySide6.QtCore import QSize, Qt, QTimer, QUrl
+from PySide6.QtGui import QAction, QDesktopServices, QImage, QPixmap, QUndoStack
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -22,6 +22,7 @@ from app.views import icons, theme
 from app.views.bridge import Bridge
 from app.views.pages import Shell
 from app.views.start.cards import CELL, GLANCE, PHOTO, SessionCard, picture, told_state
+from app.views.value_edit import ValueEdit
 from app.work.enquiries import Answer
 
 THUMBNAIL_EDGE_PX = 272
@@ -38,6 +39,7 @@ class StartPage(QWidget):
         self._bridge = Bridge(self)
         self._asked: set[Path] = set()
         self.title = self.tr("Start")
+        self.undo_stack = QUndoStack(self)
         self.new_capture = _tile(
             self.tr("&New capture"), self.tr("Turn the rig and photograph. The virtual studio needs no hardware."),
             "capture", True,
@@ -101,11 +103,16 @@ class StartPage(QWidget):
         self.list.viewport().setAutoFillBackground(False)
         self.list.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
         self.list.itemActivated.connect(self._open_item)
-        forget = QAction(self.tr("Remove from this list"), self.list)
-        forget.setShortcut("Del")
-        forget.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
-        forget.triggered.connect(self._forget)
-        self.list.addAction(forget)
+        for text, keys, call in (
+            (self.tr("Open"), "Return", lambda: self._open_item(self.list.currentItem())),
+            (self.tr("Show folder"), "Ctrl+Return", self._show_folder),
+            (self.tr("Remove from this list"), "Del", self._forget),
+        ):
+            action = QAction(text, self.list)
+            action.setShortcut(keys)
+            action.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
+            action.triggered.connect(lambda checked=False, call=call: self.list.currentItem() and call())
+            self.list.addAction(action)
         self.empty = QLabel(
             self.tr(
                 "Nothing here yet. Open the demo to see results; a new capture in the virtual studio needs no hardware."
@@ -113,6 +120,7 @@ class StartPage(QWidget):
         )
         self.empty.setObjectName("dim")
         self.empty.setIndent(7)
+        self.empty.setWordWrap(True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         right = QVBoxLayout()
         right.setSpacing(10)
@@ -234,10 +242,23 @@ class StartPage(QWidget):
         if self._shell is not None:
             self._shell.wishes.open_session.emit(glance.folder)
 
+    def _show_folder(self) -> None:
+        folder: Path = self.list.currentItem().data(GLANCE).folder
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+
     def _forget(self) -> None:
-        item = self.list.currentItem()
-        if self._shell is not None and item is not None:
-            self._shell.settings.forget(item.data(GLANCE).folder)
+        if self._shell is None:
+            return
+        settings, glance = self._shell.settings, self.list.currentItem().data(GLANCE)
+        this, row = str(glance.folder), self.list.currentRow()
+
+        def apply(listed: bool) -> None:
+            settings.forget(glance.folder)
+            if listed:
+                recent = settings.value.recent
+                settings.change(recent=(*recent[:row], this, *recent[row:]))
+
+        self.undo_stack.push(ValueEdit(self.tr("removing {0}").format(glance.name), True, False, apply))
 
     def changeEvent(self, event) -> None:
         super().changeEvent(event)

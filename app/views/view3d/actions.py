@@ -30,6 +30,8 @@ def make(page: QWidget, calls: Mapping[str, Callable[[], None]]) -> dict[str, QA
         ("photograph", tr("Photograph"), tr("Show this view's photograph"), ("P",)),
         ("maps", tr("In Maps"), tr("Show this view in Maps"), ("M",)),
         ("through", tr("Look through"), tr("Look from where it was taken"), ("L",)),
+        ("measure", tr("Measure…"), tr("Measure, set scale"), ("D",)),
+        ("mark", tr("Mark"), tr("Mark the point in the middle to measure"), ("Shift+M",)),
         ("screenshot", tr("Screenshot…"), tr("Save a screenshot"), ("Ctrl+Shift+S",)),
         (
             "turntable",

@@ -8,6 +8,7 @@ mouse and the chosen one. It is dark in either theme: what shines is judged on d
 import math
 
 import numpy as np
+from jaxtyping import Float
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QColor,
@@ -29,6 +30,7 @@ from app.viewer.events import Picture
 from app.viewer.orbit import Orbit
 from app.viewer.protocol import AXES
 from app.viewer.showing import Showing
+from app.views.pictures import paint as image_paint
 from app.views.theme import DARK
 
 TURN = math.radians(210)  # a drag across the whole height
@@ -45,7 +47,8 @@ class ViewCanvas(QWidget):
     eye_moved = Signal(object, bool)  # Orbit; whether it goes on moving
     picked = Signal(int)  # a camera was clicked; -1: the ground was
     pointed = Signal(int)  # the camera under the mouse; -1: none
-    probed = Signal(float, float)  # a double click, as shares of the size
+    clicked = Signal(float, float)  # a click, wherever; as shares of the size
+    probed = Signal(float, float)  # a double click
     resized = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -54,6 +57,7 @@ class ViewCanvas(QWidget):
         self.picture: Picture | None = None
         self._image: QImage | None = None
         self._pyramids, self._known = showing.pyramids(self.showing)
+        self._marks: Float[np.ndarray, "n 3"] = np.empty((0, 3))
         self._pressed: QPointF | None = None
         self._held: QPointF | None = None
         self._hover = -1
@@ -61,7 +65,7 @@ class ViewCanvas(QWidget):
         self._click = QTimer(self)  # a click is one once it is not the first half of a double click
         self._click.setSingleShot(True)
         self._click.setInterval(QApplication.doubleClickInterval())
-        self._click.timeout.connect(lambda: self.picked.emit(self._camera_at(self._clicked)))
+        self._click.timeout.connect(self._tell_click)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
@@ -92,6 +96,11 @@ class ViewCanvas(QWidget):
         )
         self.update()
 
+    def show_marks(self, points: Float[np.ndarray, "n 3"]) -> None:
+        """Crosses at points, world frame, and a line between two."""
+        self._marks = points
+        self.update()
+
     def device_size(self) -> tuple[int, int]:
         """In pixels of the screen."""
         ratio = self.devicePixelRatioF()
@@ -118,6 +127,8 @@ class ViewCanvas(QWidget):
         if self._image is not None:
             self._paint_cameras(painter)
             self._paint_guides(painter)
+            flat = orbit.project(self._seen_from, self._marks, self.width(), self.height())
+            image_paint.marks(painter, [QPointF(x, y) for x, y, _ in flat if np.isfinite(x)])
         if self.hasFocus():
             painter.setPen(QPen(QColor(DARK.focus), 2))
             painter.setBrush(Qt.BrushStyle.NoBrush)
@@ -301,6 +312,10 @@ class ViewCanvas(QWidget):
 
     def _move(self, eye: Orbit) -> None:
         self.eye_moved.emit(eye, True)
+
+    def _tell_click(self) -> None:
+        self.clicked.emit(self._clicked.x() / self.width(), self._clicked.y() / self.height())
+        self.picked.emit(self._camera_at(self._clicked))
 
     def _camera_at(self, at: QPointF) -> int:
         if "cameras" not in self.showing.style.visible or self.picture is None:

@@ -73,12 +73,9 @@ class Cover(QFrame):
         self._trouble = Trouble("")
         self.hide()
 
-    def show_status(self, status: Status, session: bool, picture: bool) -> None:
+    def show_status(self, status: Status, picture: bool) -> None:
         """What there is to say: nothing, while a picture is there and all is well."""
-        if not session:
-            remedy = self.tr("Open one, or capture a new one, on the start page")
-            self._show(Trouble(self.tr("No session is open"), remedy))
-        elif status.state == "refused":
+        if status.state == "refused":
             self._show(trouble(status.message, status.details), stuck=True)
         elif status.stuck:
             self._show(Trouble(status.message, status.remedy, status.details), stuck=True)

@@ -10,13 +10,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
+from jaxtyping import Float
+from PySide6.QtCore import QPointF, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent, QUndoStack
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
 from app.frame_writer import VIDEO
+from app.inspect import maps
+from app.inspect.maps import Maps
 from app.state import Trouble, trouble
-from app.viewer import orbit, showing
+from app.viewer import marks, orbit, showing
 from app.viewer.events import Event, Picture, Status
 from app.viewer.orbit import Orbit
 from app.viewer.protocol import Colour, Contents, Probed
@@ -26,7 +29,11 @@ from app.viewer.supervisor import Supervisor
 from app.viewer.turntable import Film
 from app.views.background import Background
 from app.views.bridge import Bridge
+from app.views.empty import Empty
+from app.views.head import Head
+from app.views.page_actions import action_button
 from app.views.pages import Shell, tell
+from app.views.scale import ScaleRow
 from app.views.theme import DARK
 from app.views.trouble import show_trouble
 from app.views.view3d import actions as view3d_actions
@@ -72,20 +79,34 @@ class View3dPage(QWidget):
         self._to_relit = False  # the surface is to be shown relit once it can be
         self._shell: Shell | None = None
         self._background = Background(self, "view3d")
+        self.undo_stack = QUndoStack(self)
         self._bridge = Bridge(self)
         self._turntable: Turntable | None = None
-        self._probe = -1
+        self._probe = self._marking = -1  # numbers of the newest questions what is under a pixel
+        self._maps: Maps | None = None  # of the run that is measured in
         self._homing = False  # the turn that is under way ends at home
         self._actions = self._make_actions()
         self.canvas = ViewCanvas(self)
         self.panel = ViewPanel(self, self._actions)
         self.cover, self.banner = Cover(self.canvas), Banner(self.canvas)
         self.photograph = Photograph(self.canvas)
-        layout = QHBoxLayout(self)
+        self.head, self.empty, body = Head(self, self._actions["screenshot"]), Empty("view3d"), QWidget()
+        self.head.add(*(action_button(self._actions[key]) for key in ("measure", "turntable")))
+        across = QHBoxLayout(body)
+        across.setContentsMargins(0, 0, 0, 0)
+        across.setSpacing(0)
+        across.addWidget(self.canvas, 1)
+        across.addWidget(self.panel)
+        self.scale = ScaleRow(self, self.undo_stack, self._background)
+        self.stack = QStackedWidget()
+        for part in (self.empty, body):
+            self.stack.addWidget(part)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
-        layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.panel)
+        layout.addWidget(self.head)
+        layout.addWidget(self.scale)
+        layout.addWidget(self.stack, 1)
         self._settle = self._timer(SETTLE_MS, lambda: self._ask(moving=False))
         self._quiet = self._timer(BANNER_MS, self._say_missing)
         self._unseen = self._timer(UNSEEN_MS, self.end)
@@ -99,14 +120,21 @@ class View3dPage(QWidget):
 
     def use(self, shell: Shell) -> None:
         self._shell = shell
+        self.empty.use(shell)
+        self._cover()
         self.view_picked.connect(shell.state.view.set)
         shell.state.relit.listen(self._paint_relit)
+        shell.board.listen(self._bridge.latest(self.refresh))
         self._paint_relit(shell.state.relit.value)
 
     def show_session(self, folder: Path | None) -> None:
         """Show a session; returns at once. While the page is hidden, nothing is started."""
         if folder != self._session:
             self._session, self._loaded = folder, None
+            self.head.show_session(folder)
+            self.undo_stack.clear()
+            self._background.drop("maps")
+            self.scale.show_session(folder)
             self.photograph.hide()
             self._actions["close"].setEnabled(False)
             self.canvas.show_picture(None)
@@ -236,6 +264,8 @@ class View3dPage(QWidget):
                 self._ask(moving=False)
                 if not self._quiet.isActive():
                     self._say_missing()
+        elif event.number == self._marking and event.point:
+            self._mark(np.array(event.point))
         elif event.number == self._probe and event.point:
             self._turn_to(orbit.aimed(self.state.eye, np.array(event.point)))
 
@@ -254,7 +284,13 @@ class View3dPage(QWidget):
         self._cover()
 
     def _cover(self) -> None:
-        self.cover.show_status(self.status, self._session is not None, self.canvas.picture is not None)
+        there = self._session is not None
+        self.stack.setCurrentIndex(there)
+        if not there:
+            self.empty.say_nothing_yet(None)
+        self.cover.show_status(self.status, self.canvas.picture is not None)
+        for name in ("screenshot", "turntable"):
+            self._actions[name].setEnabled(there and self.canvas.picture is not None)
 
     def _say_missing(self) -> None:
         self.banner.say_missing(self.state.contents.missing)
@@ -266,6 +302,10 @@ class View3dPage(QWidget):
         canvas.eye_moved.connect(self._moved)
         canvas.picked.connect(self._picked)
         canvas.probed.connect(self._ask_point)
+        canvas.clicked.connect(self._ask_mark)
+        self.scale.marked.connect(self._show_marks)
+        self.scale.written.connect(self._scale_written)
+        self.scale.failed.connect(lambda fault: tell(self._shell, self, fault))
         canvas.resized.connect(self._resized)
         panel.layer_toggled.connect(
             lambda name, shown: self._restyle(showing.with_layer(self.state, name, shown))
@@ -296,6 +336,8 @@ class View3dPage(QWidget):
                 "photograph": self._show_photograph,
                 "maps": self._go_to_maps,
                 "through": lambda: self._turn_to(showing.looking_through(self.state).eye),
+                "measure": self._measure,
+                "mark": lambda: self._ask_mark(0.5, 0.5),
                 "screenshot": self._ask_screenshot,
                 "turntable": self._ask_turntable,
                 "close": self._close_photograph,
@@ -310,7 +352,7 @@ class View3dPage(QWidget):
             self._settle.start()
 
     def _picked(self, view: int) -> None:
-        if view >= 0:
+        if view >= 0 and not self.scale.isVisible():
             self._restyle(showing.chose(self.state, view))
             self._show_photograph()
 
@@ -407,6 +449,50 @@ class View3dPage(QWidget):
         name = self._session.stem if self._session is not None else "roomlight"
         return str(Path(folder) / f"{name}-{ending}")
 
+    # Measuring
+
+    def _measure(self) -> None:
+        """Load what is measured in, and open the row."""
+        folder = self._session
+        if folder is not None:
+            self._background.ask(
+                "maps", lambda: maps.load_current(folder), self._open_scale, lambda fault: tell(self._shell, self, fault)
+            )  # fmt: skip
+
+    def _open_scale(self, loaded: Maps | None) -> None:
+        self._maps = loaded
+        self.scale.show_run(loaded)
+        if loaded is not None:
+            self.scale.open()
+
+    def _ask_mark(self, x: float, y: float) -> None:
+        if self._supervisor is not None and self.scale.isVisible():
+            self._marking = self._supervisor.probe(x, y)
+
+    def _mark(self, point: Float[np.ndarray, " 3"]) -> None:
+        """Mark a point of the world."""
+        pose = self._pose
+        at = None if self._maps is None or pose is None else marks.in_picture(self._maps, pose, point)
+        if at is not None:
+            self.scale.mark(QPointF(*at))
+
+    def _show_marks(self) -> None:
+        pose, points = self._pose, np.empty((0, 3))
+        if self._maps is not None and pose is not None:
+            points = marks.in_space(self._maps, pose, [mark.toTuple() for mark in self.scale.marks])
+        self.canvas.show_marks(points)
+
+    @property
+    def _pose(self) -> Float[np.ndarray, "3 4"] | None:
+        """Of the view in which the surface stands."""
+        return showing.pose_of(self.state.contents, showing.standing(self.state))
+
+    def _scale_written(self, said: str) -> None:
+        self.refresh()
+        self._measure()
+        if self._shell is not None:
+            self._shell.wishes.say.emit(said)
+
     # Moving the eye
 
     def _turn_to(self, eye: Orbit, home: bool = False) -> None:
@@ -441,6 +527,9 @@ class View3dPage(QWidget):
         self.canvas.show_state(state)
         if panel_too:
             self.panel.show_state(state)
+            for name in ("measure", "mark"):
+                self._actions[name].setEnabled(state.contents.triangles > 0)
+            self._show_marks()
 
     def _ask(self, moving: bool) -> None:
         """Leave with the supervisor what should be drawn."""

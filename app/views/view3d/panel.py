@@ -212,11 +212,6 @@ class ViewPanel(QFrame):
         for column in range(3):
             grid.setColumnStretch(column, 1)
         self._column.addLayout(grid)
-        row = QHBoxLayout()
-        row.setSpacing(4)
-        for key in ("screenshot", "turntable"):
-            row.addWidget(self._button(key), 1)
-        self._column.addLayout(row)
         self._column.addStretch(1)
 
     def _layer(self, name: str, text: str, bold: bool = False) -> None:

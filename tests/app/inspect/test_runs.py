@@ -73,11 +73,6 @@ def test_runs_are_named_by_their_preset_and_what_was_set_besides(session: Path) 
     assert runs.names(runs.runs_of(session))[0].startswith("paper's solver, ")
 
 
-def test_nothing_yet_says_what_to_do() -> None:
-    assert "start page" in runs.nothing_yet(None).remedy
-    assert "process" in runs.nothing_yet(Path("a")).remedy
-
-
 def test_a_run_goes_by_the_name_it_was_given_until_that_is_taken_away(tmp_path: Path) -> None:
     session = furnace.finished(tmp_path)
     (run,) = runs.runs_of(session)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.inspect import runs
-from app.relight import files, page, pictures, ready, sources
+from app.relight import files, page, panoramas, pictures, sources
 from app.relight.pictures import Wish
 from app.relight.relit import Setting, Transfer, relit, spot_direction
 from app.relight.transfer import build, shrunk
@@ -58,7 +58,9 @@ def test_a_still_is_clear_around_the_object(
     picture = cv2.imread(str(still), cv2.IMREAD_UNCHANGED)
     mask = furnace.surface().mask
     assert (picture[..., 3] > 0).sum() == mask.sum()
-    other = pictures.make(Wish(str(session), str(tmp_path / "b.png"), str(ready.file("ring"))), Progress())
+    other = pictures.make(
+        Wish(str(session), str(tmp_path / "b.png"), str(panoramas.file("ring"))), Progress()
+    )
     assert not np.array_equal(picture, cv2.imread(str(other), cv2.IMREAD_UNCHANGED))
     assert "none of .png" in refused(capsys, "relight", session, tmp_path / "a.gif")
     with pytest.raises(SessionError, match="no finished surface"):
@@ -105,9 +107,9 @@ def test_a_folder_of_frames_that_is_stopped_leaves_nothing(session: Path, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ready.NAMES)
+@pytest.mark.parametrize("name", panoramas.NAMES)
 def test_every_light_that_ships_is_a_panorama_of_moderate_strength(name: str) -> None:
-    radiance = sources.read_panorama(ready.file(name))
+    radiance = sources.read_panorama(panoramas.file(name))
     assert radiance.shape == (128, 256, 3)
     polar = np.pi * (np.arange(128) + 0.5) / 128
     mean = (radiance.mean((1, 2)) * np.sin(polar)).sum() / np.sin(polar).sum()

@@ -57,6 +57,7 @@ canvas.show(0, {"line": Lines(np.array([[-1.0, 0, 3], [1, 0, 3]]), np.array([[0,
 said["line"] = seen(0, 160, 120)
 canvas.show(0, {})
 said["nothing"] = seen(0, 160, 120)
+said["loaded in vain"] = {"names": sorted({"dash", "plotly"} & set(sys.modules))}
 canvas.show(0, {"lit": square(0, 0, 2.0, 0.5, (200, 200, 200), True)})
 said["lit"] = seen(0, 160, 120)
 from app.viewer.canvas_opengl import MOST_WINDOWS
@@ -125,6 +126,7 @@ def test_parts_are_hidden_when_they_are_no_longer_shown(seen: dict[str, dict]) -
     assert 0 < seen["both"]["colour"][0] < seen["both"]["colour"][1]  # red peeps out from behind
     assert seen["red gone"]["colour"] == GREEN["colour"]
     assert (seen["nothing"]["box"], seen["nothing"]["depth"]) == ([], 0.0)
+    assert seen["loaded in vain"]["names"] == []
 
 
 def test_the_eye_moves(seen: dict[str, dict]) -> None:

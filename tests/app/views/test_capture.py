@@ -535,6 +535,7 @@ def test_an_unfinished_session_offers_to_resume_and_a_finished_one_to_process(
     until(qtbot, lambda: page.banner.isVisible())
     assert page.banner.what.text() == "b: 2 of 5 poses are taken"
     assert banner_buttons(page)[0] == "Resume (3 left)"
+    assert page.bar.head.primary.objectName() == ""  # one blue button
     assert [dot.state for dot in page.scene.sphere.dots] == ["done", "done", "todo", "todo", "todo"]
     page.show_session(captured(tmp_path / "c.session", 2, 2))
     until(qtbot, lambda: banner_buttons(page)[0] == "Process")

@@ -59,9 +59,9 @@ def test_without_results_it_says_what_to_do(qtbot: QtBot, shell: Shell, tmp_path
     page = ChartsPage(None)
     qtbot.addWidget(page)
     page.show()
-    assert "No session is open" in page.message.text()
+    assert "No session is open" in page.message.what.text()
     page.show_session(tmp_path)
-    until(qtbot, lambda: "no finished surface" in page.message.text())
+    until(qtbot, lambda: "no finished surface" in page.message.what.text())
     assert not page.export.isEnabled()
 
 

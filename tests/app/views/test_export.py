@@ -74,7 +74,7 @@ def page(shell: Shell, session: Path, qtbot: QtBot, requests: list[Mapping[str, 
     made.errand._make_job = make
     made.resize(1100, 700)
     made.show()
-    until(qtbot, lambda: made.go.isEnabled() or made.process.isVisible())
+    until(qtbot, lambda: made.go.isEnabled() or made.empty.isVisible())
     return made
 
 
@@ -175,11 +175,11 @@ def test_results_older_than_the_settings_send_to_the_process_page(
 ) -> None:
     questions.stages_done = 5
     page.show_session(session)
-    until(qtbot, lambda: page.process.isVisible())
+    until(qtbot, lambda: page.empty.isVisible())
     assert not page.go.isEnabled()
-    assert "process first" in page.state.text()
+    assert page.empty.remedy.text() == "Process first"
     with qtbot.waitSignal(shell.wishes.show_page) as asked:
-        page.process.click()
+        page.empty.buttons[0].click()
     assert asked.args == ["process"]
 
 
@@ -229,3 +229,14 @@ def test_the_verdict_of_what_would_be_exported_is_told(page: ExportPage) -> None
     assert page.verdict.text() == "<b>Quality: good.</b> Nothing speaks against it."
     page.show_session(None)
     assert page.verdict.isHidden()
+
+
+def test_files_that_a_run_makes_meanwhile_are_offered_without_leaving_the_page(
+    page: ExportPage, questions: Finished, session: Path, shell: Shell, qtbot: QtBot
+) -> None:
+    questions.stages_done = 5
+    page.show_session(session)
+    until(qtbot, page.empty.isVisible)
+    questions.stages_done = 6
+    shell.board.enqueue(job('emit("done", result={})', "lion", "process", {"session": str(session)}))
+    until(qtbot, page.go.isEnabled)

@@ -145,6 +145,38 @@ def focused() -> QWidget:
     return widget
 
 
+def walked(window: MainWindow, qtbot: QtBot) -> list[QWidget]:
+    """What Tab comes to until it is where it began, in order; the last look of each differs from the one without the keyboard."""
+    start = focused()
+    seen = [start]
+    for _ in range(200):
+        qtbot.keyClick(focused(), Qt.Key.Key_Tab)
+        if focused() is start:
+            return seen
+        seen.append(focused())
+    raise AssertionError(f"Tab never comes back: {[one.accessibleName() for one in seen[-8:]]}")
+
+
+@pytest.mark.parametrize("key", [row.key for row in PAGES])
+def test_tab_comes_to_every_control_once(window: MainWindow, session: Path, qtbot: QtBot, key: str) -> None:
+    window.open_session(session)
+    window.show_page(key)
+    qtbot.wait(50)
+    active(window, qtbot)
+    window.rail.buttons[key].setFocus()
+    until(qtbot, QApplication.focusWidget)
+    seen = walked(window, qtbot)
+    assert len(seen) == len(set(seen))
+    for widget in controls(window.page(key)):
+        group = widget.group() if isinstance(widget, QAbstractButton) else None
+        # Of buttons that exclude one another, arrows walk from the one that is down.
+        by_arrows = isinstance(widget, QAbstractButton) and not widget.isChecked() and (
+            widget.autoExclusive() or (group is not None and group.exclusive())
+        )  # fmt: skip
+        if widget.isVisible() and widget.isEnabled() and widget.focusPolicy() & Qt.FocusPolicy.TabFocus:
+            assert (widget.focusProxy() or widget) in seen or by_arrows, widget.accessibleName()
+
+
 def test_tab_walks_through_the_whole_start_page(window: MainWindow, qtbot: QtBot) -> None:
     active(window, qtbot)
     page = window.page("start")

@@ -26,6 +26,7 @@ from tests.app.work.children import WILLING, Heard, job
 
 HEAVY = (
     "torch", "open3d", "cv2", "pycolmap", "mitsuba", "numba", "matplotlib", "pyqtgraph", "scipy", "rawpy", "OpenEXR",
+    "numpy",
 )  # fmt: skip
 
 

@@ -127,7 +127,7 @@ def grabbed(page: MaskPage) -> QImage:
 
 def test_without_a_session_it_says_what_to_do(page: MaskPage) -> None:
     assert "No session is open" in page.empty.what.text()
-    assert not page.empty.develop.isVisible()
+    assert [button.text() for button in page.empty.buttons] == ["&Open session…", "Open &demo"]
     assert not page.run.isEnabled()
 
 
@@ -363,9 +363,9 @@ def test_progress_is_shown_and_finding_is_cancelled(
     assert (session / "edits" / STROKES).exists()  # saved before the run began
     assert page.line.bar.value() == 500
     assert not page.run.isEnabled()
-    page.tools.cancel.click()
+    page.stop.trigger()
     until(qtbot, lambda: page.run.isEnabled())
-    assert not page.tools.cancel.isVisible()
+    assert not page.stop.isVisible()
 
 
 def test_a_run_that_fails_says_why_once(
@@ -389,8 +389,7 @@ def test_photographs_are_developed_first(
     aside = session / "aside"
     (session / "stages").rename(aside)
     page.show_session(session)
-    until(qtbot, lambda: page.empty.develop.isVisible())
-    assert "not developed" in page.empty.what.text()
+    until(qtbot, lambda: "not developed" in page.empty.what.text())
 
     def make(name, task, request):
         return job(
@@ -398,7 +397,7 @@ def test_photographs_are_developed_first(
         )
 
     monkeypatch.setattr(processing, "Job", make)
-    page.empty.develop.click()
+    page.empty.buttons[0].click()
     until(qtbot, lambda: "being developed" in page.empty.what.text() and page.model.job.value is not None)
     (run_,) = page._shell.board.queue
     until(qtbot, lambda: run_.status.active)

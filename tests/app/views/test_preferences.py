@@ -1,5 +1,8 @@
 """Preferences hold at once, and what is kept can be seen and cleared."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ from app.views import theme
 from app.views.main_window import MainWindow
 from app.views.preferences import PreferencesDialog
 from engine.errors import SessionError
+from tests.app.calls import ROOT
 from tests.app.views.conftest import until
 
 
@@ -47,8 +51,19 @@ def test_theme_and_device_hold_at_once_and_later(
     assert chosen == ["light"]
     themes = [action for action in window.findChildren(QAction) if action.text() in theme.TITLES.values()]
     assert [action.text() for action in themes if action.isChecked()] == ["Light"]
+    dialog.cores.setValue(1)
+    dialog.folder.setText("/somewhere")
+    dialog.folder.editingFinished.emit()
     for settings in (window.shell.settings, Settings()):
         assert (settings.value.theme, settings.value.device) == ("light", "cpu")
+        assert (settings.value.cores, settings.place) == (1, Path("/somewhere"))
+    there = os.sched_getaffinity(0)
+    script = "import os\nfrom app import cores\n"
+    script += "from app.settings import Settings; cores.hold_to(Settings().value.cores); print(os.sched_getaffinity(0))"
+    answer = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == str({max(there)})
 
 
 def test_what_is_kept_is_told_and_can_be_cleared(dialog: PreferencesDialog, qtbot: QtBot) -> None:

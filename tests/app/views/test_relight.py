@@ -77,11 +77,10 @@ def picture(page: RelightPage, qtbot: QtBot) -> QImage:
 
 
 def test_without_results_it_says_what_to_do(page: RelightPage, qtbot: QtBot, tmp_path: Path) -> None:
-    assert "No session is open" in page.canvas._words
+    assert page.empty.what.text() == "No session is open"
     page.show_session(tmp_path)
-    until(qtbot, lambda: "no finished surface" in page.canvas._words)
+    until(qtbot, lambda: "no finished surface" in page.empty.what.text())
     assert not page.controls.isEnabled()
-    assert not page.errand.start.isVisible()
     active(page, qtbot)
     page.setFocus()
     qtbot.keyClicks(page, "pee")
@@ -217,11 +216,10 @@ def test_an_unprepared_surface_is_prepared_at_once(page: RelightPage, qtbot: QtB
     page.show_session(session)
     until(qtbot, lambda: page.errand.busy)
     assert asked == [("relight", {"session": str(session), "fingerprint": "aaaa", "view": None})]
-    assert "Preparing" in page.canvas._words
+    assert "Preparing" in page.empty.what.text()
     kept.rename(relighting_files.folder(run))
     page.errand.send("go")
     until(qtbot, lambda: page.canvas.image is not None)
-    assert not page.errand.start.isVisible()
 
 
 def test_preparing_goes_on_while_another_page_is_shown_and_can_be_stopped(
@@ -235,9 +233,8 @@ def test_preparing_goes_on_while_another_page_is_shown_and_can_be_stopped(
     assert child is not None
     page.errand.cancel.click()
     assert child.wait(20).ended
-    assert page.errand.start.isVisible()
-    assert "not prepared" in page.canvas._words
-    page.errand.start.click()
+    assert "not prepared" in page.empty.what.text()
+    page.empty.buttons[0].click()
     assert page.errand.busy
     second = page.errand._job
     assert second is not None
@@ -255,7 +252,10 @@ def test_what_cannot_be_prepared_says_why(page: RelightPage, qtbot: QtBot, sessi
     script = 'emit("failed", message="made by an older version; process again")'
     page.errand._make_job = lambda name, task, request: job(script, name, task, request)
     page.show_session(session)
-    until(qtbot, lambda: "older version" in page.canvas._words and "process again" in page.canvas._words)
+    until(
+        qtbot,
+        lambda: "older version" in page.empty.what.text() and "rocess again" in page.empty.remedy.text(),
+    )
 
 
 def test_a_panorama_becomes_the_light(page: RelightPage, qtbot: QtBot, session: Path, tmp_path: Path) -> None:

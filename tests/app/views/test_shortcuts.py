@@ -5,9 +5,10 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
+from app.settings import Settings
 from app.views.main_window import MainWindow
 from app.views.pages import PAGES
-from app.views.shortcuts import ShortcutsDialog, collect
+from app.views.shortcuts import SHORTCUT, ShortcutsDialog, collect
 from tests.app.views.conftest import active, until
 
 
@@ -34,11 +35,36 @@ def test_a_key_that_two_pages_have_stands_under_both_and_undo_names_no_edit(
 ) -> None:
     window.show_shortcuts()
     (dialog,) = window.findChildren(ShortcutsDialog)
-    sheet = dialog.sheet.text()
-    assert sheet.count("Fit the object") == 3  # 3D, Maps and Mask, shown before or not
-    assert sheet.count("PgUp") == 4  # and Photographs
-    assert "Undo preset" not in sheet
-    assert "Mouse" in sheet
+    told = [(line.parent().text(0), line.text(0), line.text(1)) for line in dialog.lines]
+    whats = [what for _, what, _ in told]
+    assert whats.count("Fit the object") == 3  # 3D, Maps and Mask, shown before or not
+    assert sum("PgUp" in keys for *_, keys in told) == 4  # and Photographs
+    assert "Undo" in whats
+    assert (told[-3][0], told[-3][2]) == ("Mouse", "Right drag")
+    dialog.close()
+
+
+def test_other_keys_hold_at_once_and_after_a_restart_but_not_those_that_are_taken(
+    window: MainWindow, qtbot: QtBot
+) -> None:
+    window.show_shortcuts()
+    (dialog,) = window.findChildren(ShortcutsDialog)
+    lines = {(line.parent().text(0), line.text(0)): line for line in dialog.lines}
+    fit = lines["Maps", "Fit the object"]
+    action = fit.data(0, SHORTCUT).of
+    fit.setText(1, "Ctrl+E")
+    assert "taken by Everywhere: Export" in dialog.said.text()
+    assert (fit.text(1), action.shortcut().toString()) == ("F", "F")
+    fit.setText(1, "K")
+    assert action.shortcut().toString() == "K"
+    assert Settings().value.shortcuts == {"Maps: Fit the object": "K"}
+    again = MainWindow(Settings(), window.shell.enquiries)
+    qtbot.addWidget(again)
+    sheet = collect([("Maps", again.page("maps"))])
+    assert [one.keys for one in sheet if one.what == "Fit the object"] == ["K"]
+    dialog.restore.click()
+    assert (fit.text(1), action.shortcut().toString()) == ("F", "F")
+    assert not Settings().value.shortcuts
     dialog.close()
 
 
@@ -48,8 +74,8 @@ def test_question_mark_opens_the_sheet(window: MainWindow, qtbot: QtBot) -> None
     until(qtbot, lambda: window.findChildren(ShortcutsDialog))
     (dialog,) = window.findChildren(ShortcutsDialog)
     for row in PAGES:
-        assert row.shortcut in dialog.sheet.text()
-    assert "Keyboard shortcuts" in dialog.sheet.text()
+        assert row.shortcut in {line.text(1) for line in dialog.lines}
+    assert "Keyboard shortcuts" in {line.text(0) for line in dialog.lines}
     dialog.close()
 
 

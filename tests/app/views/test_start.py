@@ -72,7 +72,7 @@ def test_a_session_that_is_gone_is_said_to_be(page: StartPage, qtbot: QtBot, tmp
     assert "not there now" in page.list.item(1).data(Qt.ItemDataRole.AccessibleTextRole)
 
 
-def test_return_opens_a_session_and_del_forgets_it(
+def test_return_opens_a_session_and_del_forgets_it_until_that_is_undone(
     page: StartPage, shell: Shell, qtbot: QtBot, tmp_path: Path
 ) -> None:
     opened: list[Path] = []
@@ -81,10 +81,14 @@ def test_return_opens_a_session_and_del_forgets_it(
     page.list.setCurrentRow(1)
     qtbot.keyClick(page.list, Qt.Key.Key_Return)
     assert opened == [tmp_path / "bear.session"]
-    page.list.actions()[0].trigger()
+    before = shell.settings.value.recent
+    page.list.actions()[-1].trigger()
     assert shell.settings.value.recent == (str(tmp_path / "lion.session"),)
     assert page.list.count() == 1
     assert (tmp_path / "bear.session").is_dir()
+    page.undo_stack.undo()
+    assert shell.settings.value.recent == before
+    assert page.list.count() == 2
 
 
 def test_the_tiles_say_what_is_wanted(page: StartPage, shell: Shell, qtbot: QtBot) -> None:

@@ -4,8 +4,8 @@ import importlib
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QPalette
-from PySide6.QtWidgets import QApplication, QScrollArea, QWidget
+from PySide6.QtGui import QColor, QFontInfo, QFontMetricsF, QPalette
+from PySide6.QtWidgets import QApplication, QPushButton, QScrollArea, QWidget
 from pytestqt.qtbot import QtBot
 
 from app.views import theme
@@ -91,7 +91,21 @@ def test_a_panel_stays_as_wide_as_its_controls_when_they_are_dressed_anew(
     qtbot.addWidget(page)
     page.resize(1240, 560)
     page.show()
+    if module == "view3d":
+        page.stack.setCurrentIndex(1)  # without a session there is no panel
     panel = next(area for area in page.findChildren(QScrollArea) if area.width() < page.width() / 2)
     panel.widget().setStyleSheet("* { font-size: 14pt; }")
     qapp.processEvents()  # sizes are asked for anew
     until(qtbot, lambda: panel.viewport().width() >= panel.widget().minimumSizeHint().width())
+
+
+def test_the_shipped_font_is_worn_and_its_figures_are_all_as_wide(qtbot: QtBot, qapp: QApplication) -> None:
+    theme.install(qapp, "dark")
+    box = QPushButton("0")
+    box.setObjectName("primary")  # dressed by the sheet, which gives it another weight
+    qtbot.addWidget(box)
+    box.show()
+    for metrics in (QFontMetricsF(box.font()), QFontMetricsF(qapp.font())):
+        widths = [metrics.horizontalAdvance(10 * figure) for figure in "0123456789"]
+        assert max(widths) - min(widths) < 0.5  # px; proportional ones differ by 30
+    assert QFontInfo(box.font()).family() == "Inter"

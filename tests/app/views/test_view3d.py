@@ -27,6 +27,10 @@ from app.viewer.turntable import Film
 from app.viewer.watch import Patience
 from app.views.pages import Shell
 from app.views.view3d.page import View3dPage
+from engine.io import scale_edit
+from engine.io import session as sessions
+from engine.scale_bar import on_surface
+from tests.app import furnace
 from tests.app.viewer import fake_child, made
 
 CALM = Patience(ready=120, loaded=120, frame=120, pong=120)
@@ -131,10 +135,10 @@ def child(page: View3dPage) -> int:
 
 def test_without_a_session_it_says_what_to_do(page: Open) -> None:
     one = page()
-    assert one.cover.isVisible()
-    assert "No session" in one.cover.what.text()
+    assert one.empty.isVisible()
+    assert "No session" in one.empty.what.text()
     assert one._supervisor is None
-    assert not one.cover.again.isVisible()
+    assert not one.canvas.isVisible()
 
 
 def test_a_session_is_shown(qtbot, page: Open, session: Path) -> None:
@@ -176,7 +180,7 @@ def test_showing_the_page_again_reads_only_new_results(qtbot, own_page: View3dPa
 def test_closing_the_session_clears_the_picture(own_page: View3dPage) -> None:
     own_page.show_session(None)
     assert own_page.canvas.picture is None
-    assert own_page.cover.isVisible()
+    assert own_page.empty.isVisible()
     assert own_page.state.contents.folder == ""
 
 
@@ -688,3 +692,34 @@ def test_the_page_is_a_widget_made_with_its_parent_alone(qtbot) -> None:
     one = View3dPage(parent)
     assert one.title
     assert one.parent() is parent
+
+
+def test_two_points_in_space_and_a_length_set_the_scale(
+    open_page: View3dPage, tmp_path: Path, qtbot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sessions.create(tmp_path / "ball.session", "linear", {"make": "", "model": "", "width": 40, "height": 30})
+    folder = furnace.finished(tmp_path / "ball.session")
+    monkeypatch.setattr(open_page, "_session", folder)
+    row = open_page.scale
+    row.show_session(folder)
+    open_page._actions["measure"].trigger()
+    qtbot.waitUntil(row.isVisible, timeout=BOUND_MS)
+    pose = showing.pose_of(open_page.state.contents, showing.standing(open_page.state))
+    assert pose is not None
+    for pixel in ((14.5, 15.5), (25.5, 15.5)):
+        _, point = on_surface(pixel, (40, 30), furnace.surface(), furnace.CAMERA)
+        open_page._mark((point - pose[:, 3]) @ pose[:, :3])  # as the drawing process answers a click
+        assert np.allclose(row.marks[-1].toTuple(), np.array(pixel) / 40, atol=1e-6)
+    assert len(open_page.canvas._marks) == 2
+    assert row.said.text().endswith("scene units apart")
+    row.length.setValue(50.0)
+    row.set.click()
+    qtbot.waitUntil(lambda: row.said.text() == "50 mm apart", timeout=BOUND_MS)
+    kept = scale_edit.read(folder)
+    assert kept is not None
+    assert (np.round(kept.points, 3).tolist(), kept.length_m) == ([[14.5, 15.5], [25.5, 15.5]], 0.05)
+    marks = len(row.marks)
+    open_page.canvas.clicked.emit(0.5, 0.5)
+    qtbot.waitUntil(lambda: len(row.marks) != marks, timeout=BOUND_MS)  # a third begins anew
+    row.leave()
+    assert not len(open_page.canvas._marks)

@@ -100,6 +100,16 @@ def test_all_that_is_exported_is_in_metres(session: sessions.Session, tmp_path: 
     assert np.ptp(points[1][:, 0]) == pytest.approx(np.ptp(points[0][:, 0]) * BY, **CLOSE)
 
 
+def pretend_done(session: sessions.Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All but the export are up to date."""
+    run = runs.runs_of(session.folder)[0]
+    steps = tuple(
+        step if name == "export" else replace(step, folder=run.folder(name), done=True)
+        for name, step in plan(session).items()
+    )
+    monkeypatch.setattr(results, "steps_of", lambda folder: steps)
+
+
 def maps_depth(path: Path) -> np.ndarray:
     import OpenEXR
 
@@ -123,11 +133,7 @@ def test_no_two_numbers_for_one_length(
     assert found.poses.metric
     assert found.surface is not None
     assert found.surface.depth[y, x] == pytest.approx(true_mm / 1000, **CLOSE)
-    steps = tuple(
-        step if name == "export" else replace(step, folder=run.folder(name), done=True)
-        for name, step in plan(session).items()
-    )
-    monkeypatch.setattr(results, "steps_of", lambda folder: steps)
+    pretend_done(session, monkeypatch)
     shots = [SimpleNamespace(name=f"view{i:02d}", exposures=()) for i in range(furnace.VIEWS)]
     monkeypatch.setattr(results.sessions, "shots", lambda session: shots)
     page = results.write_report(session.folder, tmp_path / "report.html").read_text()
@@ -179,3 +185,15 @@ def test_the_command_line_takes_upright_pixels_and_a_length(session: sessions.Se
     assert "write X,Y,X,Y=LENGTH" in capsys.readouterr().err
     main([*order, "none"])
     assert scale_edit.read(session.folder) is None
+
+
+def test_the_command_line_refuses_a_point_off_the_surface_that_is_there(
+    session: sessions.Session, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    pretend_done(session, monkeypatch)
+    order = ["process", str(session.folder), "--until", "hdr", "--scale"]
+    assert main([*order, "0.5,0.5,25.5,15.5=15cm"]) == 2
+    assert "0.5, 0.5 (of 40 x 30) is off the object; choose two points" in capsys.readouterr().err
+    assert scale_edit.read(session.folder) is None
+    main([*order, "14.5,15.5,25.5,15.5=15cm"])
+    assert scale_edit.read(session.folder) is not None

@@ -1,4 +1,4 @@
-"""Work out the lights that ship, from plain shapes and nothing else: `python -m app.relight.make_ready` writes them anew.
+"""Work out the lights that ship, from plain shapes and nothing else: `python -m app.relight.make_panoramas` writes them anew.
 
 Frames as in `engine.types.Panorama`; radiance, linear Rec.709, a white wall is about 1.
 """
@@ -9,7 +9,7 @@ import numpy as np
 import OpenEXR
 from jaxtyping import Float
 
-from app.relight.ready import FOLDER, file
+from app.relight.panoramas import FOLDER, file
 from engine.light.incident.probes import panorama_directions
 
 ROWS = 128

@@ -1,4 +1,4 @@
-"""Five lights that ship, to relight objects with: small panoramas of plain shapes (`app/relight/make_ready.py` works them out).
+"""Five lights that ship, to relight objects with: small panoramas of plain shapes (`app/relight/make_panoramas.py` works them out).
 
 They are dedicated to the public domain (CC0 1.0).
 """
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.words import QT_TRANSLATE_NOOP
 
-FOLDER = Path(__file__).parent / "ready"
+FOLDER = Path(__file__).parent / "panoramas"
 
 NAMES = {
     "softboxes": QT_TRANSLATE_NOOP("relight", "Studio, two softboxes"),
