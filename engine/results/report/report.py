@@ -354,13 +354,13 @@ def _model_parts(c: Contents) -> str:
     if not (isinstance(worths, list) and worths and isinstance(probes, list)):
         return ""
     rows = [
-        (one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}", "yes" if one["gain"] > one["stderr"] else "no")
+        (one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}", "no" if one["gain"] > one["stderr"] else "yes")
         for one in worths
     ]  # fmt: skip
-    heads = ("part of the model", "validation views without it, error", "standard error", "needed")
+    heads = ("part of the model", "validation views without it, error", "standard error", "may be left out")
     text = (
         f"<p>How much larger the error of the validation views is without each part, all else left as it is: the most that it can be"
-        f" worth. A part is needed that is worth more than its standard error over the views. The light was taken at"
+        f" worth. A part that is worth no more than its standard error over the views may be left out. The light was taken at"
         f" {' x '.join(map(str, probes))} probes in {facts.get('directions')} directions.</p>"
     )
     return html_page.section(

@@ -241,8 +241,8 @@ def test_the_parts_of_the_model_are_told_with_what_they_are_worth():
     text = " ".join(
         read(report.html(replace(full(), stages=(StageRun("surface", 9.0, "cpu", {}, facts),)))).text
     )
-    assert "gloss +3.40% 1.00% yes" in text
-    assert "visibility +0.10% 0.20% no" in text
+    assert "gloss +3.40% 1.00% no" in text
+    assert "visibility +0.10% 0.20% yes" in text
     assert "2 x 3 x 1 probes in 512 directions" in text
 
 
