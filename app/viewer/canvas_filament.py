@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import open3d
+from open3d.visualization import rendering
 
 from app.viewer.canvas import Eye, NoGraphics, Picture
-from app.viewer.open3d_alone import open3d
 from app.viewer.parts import Lines, Part
 
 SIZE = (2560, 1600)
@@ -32,7 +33,7 @@ class FilamentCanvas:
         open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
         self._size = size
         try:
-            self._renderer: Any = open3d.visualization.rendering.OffscreenRenderer(*size)
+            self._renderer: Any = rendering.OffscreenRenderer(*size)
         except RuntimeError as error:
             raise NoGraphics(
                 f"Filament does not start ({error})", "update the driver of the graphics card, then try again"
@@ -92,7 +93,7 @@ def _geometry(part: Part) -> tuple[Any, Any]:
     """Shape and material."""
     vector = open3d.utility.Vector3dVector
     points, colours = vector(np.ascontiguousarray(part.points, np.float64)), vector(part.colours / 255.0)
-    material = open3d.visualization.rendering.MaterialRecord()
+    material = rendering.MaterialRecord()
     if isinstance(part, Lines):
         lines = open3d.geometry.LineSet(points, open3d.utility.Vector2iVector(part.pairs.astype(np.int32)))
         lines.colors = colours

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import open3d
 
 from app.viewer.canvas import Eye, NoGraphics, Picture
-from app.viewer.open3d_alone import open3d
 from app.viewer.parts import Lines, Part
 
 _LIGHTS = {  # positions: right, up, towards the eye, in sizes of the scene

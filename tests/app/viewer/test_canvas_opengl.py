@@ -14,6 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[3]
 CODE = """
 import json, os, sys
+from app import cores
+cores.leave_out_plots()
 import numpy as np
 from app.viewer.canvas import Eye, NoGraphics
 from app.viewer.canvas_opengl import OpenGLCanvas
