@@ -59,7 +59,7 @@ class Size:
 
 SIZES = {
     "quick": Size(
-        "quick", 24, 128, 96, ("booth",), ("blob",), True, (12, 24), (512, 1024, 2048), (64,), (12,), 2_000_000,
+        "quick", 40, 128, 96, ("booth",), ("blob",), True, (20, 40), (512, 1024, 2048), (64,), (12,), 2_000_000,
         0.001, 100_000,
         # The machinery is what is tried: a light of few Gaussians does, and one setting of the reference.
         {"light": {"max_gaussians": 3000, "max_image_width": 96}}, panoramas=False,

@@ -28,7 +28,8 @@ class Notice(QFrame):
         self.setObjectName("card")
         self.setAutoFillBackground(True)
         self._window = window
-        self._running: set[Job] = set()
+        # Not those that are seen to run: a short one may begin and end between two looks.
+        self._ended = {job for job in window.shell.board.queue if job.status.ended}
         self._about, self._page = Path(), "maps"
         self._tray: QSystemTrayIcon | None = None
         self.said = QLabel()
@@ -59,13 +60,9 @@ class Notice(QFrame):
 
     def _look(self) -> None:
         for job in self._window.shell.board.queue:
-            if job.task != "process":
-                continue
-            if job.status.active:
-                self._running.add(job)
-            elif job in self._running:
-                self._running.remove(job)
-                if job.status.state in (JobState.DONE, JobState.FAILED):
+            if job.status.ended and job not in self._ended:
+                self._ended.add(job)
+                if job.task == "process" and job.status.state in (JobState.DONE, JobState.FAILED):
                     self._tell(job)
 
     def _tell(self, job: Job) -> None:

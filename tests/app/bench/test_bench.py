@@ -181,7 +181,7 @@ def test_table_writes_a_record_and_the_gate_passes_and_goes_red(
     assert "~8000" in out
     record = json.loads((tmp_path / "m.json").read_text())
     assert record["command"] == "table"
-    assert record["inputs"].startswith("sets of size quick (24 views")
+    assert record["inputs"].startswith("sets of size quick (40 views")
     ratios = {m["key"]: m["value"] for m in record["metrics"] if m["unit"] == "x"}
     assert ratios[f"mean {PIXELS} pixels/{DEAREST}/seconds_to_standard"] == 2000
     assert {"mean/standard/normal", "mean-blob/standard/normal"} <= {m["key"] for m in record["metrics"]}
@@ -229,10 +229,10 @@ def test_chart_and_views_print_and_draw(tmp_path: Path, calls: list[str], capsys
     assert sorted(p.name for p in (tmp_path / "drawn").iterdir()) == ["chart.csv", "chart.png", "chart.svg"]
     assert str(tmp_path / "drawn" / "chart.svg") in capsys.readouterr().out
     assert main(["bench", "views", *to, "--json", str(tmp_path / "m.json")]) == 0
-    assert "| 12 " in capsys.readouterr().out
+    assert "| 20 " in capsys.readouterr().out
     record = json.loads((tmp_path / "m.json").read_text())
     keys = {m["key"] for m in record["metrics"]}
-    assert {"12-views/booth-blob/standard/normal", "24-views/booth-blob/standard/normal"} <= keys
+    assert {"20-views/booth-blob/standard/normal", "40-views/booth-blob/standard/normal"} <= keys
     assert "true poses and masks given" in record["inputs"]
 
 

@@ -34,6 +34,17 @@ def test_the_end_of_a_run_is_told_and_leads_on(
     assert window.notice.isHidden()
 
 
+def test_a_run_that_ends_between_two_looks_is_told_once(
+    window: MainWindow, session: Path, qtbot: QtBot
+) -> None:
+    run(window, session, DONE)
+    window.shell.board.queue[0].wait()  # the window's loop stands still meanwhile
+    until(qtbot, window.notice.isVisible)
+    window.notice.hide()
+    window.notice._look()
+    assert window.notice.isHidden()
+
+
 def test_the_system_is_asked_while_another_program_is_in_front(
     window: MainWindow, session: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -56,6 +67,6 @@ def test_the_process_page_of_the_same_session_says_so_itself(
     window.open_session(session)
     window.show_page("process")
     run(window, session, DONE)
-    until(qtbot, lambda: window.shell.board.queue[0].status.ended and not window.notice._running)
+    until(qtbot, lambda: window.shell.board.queue[0] in window.notice._ended)
     qtbot.wait(50)
     assert window.notice.isHidden()
