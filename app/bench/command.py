@@ -198,10 +198,8 @@ def piped(call: Call) -> list[Metric]:
     if args.views is not None and args.views < LEAST_VIEWS:
         raise BenchError(f"--views {args.views}: stage surface wants {LEAST_VIEWS} at least; give as many")
     ways: list[pipeline.Way] = []
-    sizes = {name: pipeline.PHOTOGRAPHS[name] for name in args.sizes}
-    sizes = {
-        name: replace(size, views=args.views or size.views, noise=args.noise) for name, size in sizes.items()
-    }
+    fewer = {} if args.views is None else {"views": args.views}
+    sizes = {name: replace(pipeline.PHOTOGRAPHS[name], noise=args.noise, **fewer) for name in args.sizes}
     for name, size in sizes.items():
         session, truth = pipeline.photographs(size, room, thing, call.folder, args.seed, call.device)
         ways.append(pipeline.ours(name, session, truth, args.preset, args.seed, call.device, stages))

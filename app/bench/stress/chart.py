@@ -98,10 +98,8 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
     panels = figure.subplots(down, ACROSS, squeeze=False).ravel()
     for dial, axes in zip(dials, panels, strict=False):
         for colour, first in zip(SET_COLOURS * len(clean), clean.values(), strict=False):
-            line = sorted(
-                (one for one in runs if (one.set, one.dial) == (first.set, dial)), key=lambda one: one.step
-            )
-            line = [first, *line]
+            turned = [one for one in runs if (one.set, one.dial) == (first.set, dial)]
+            line = [first, *sorted(turned, key=lambda one: one.step)]
             at = [one.step for one in line]
             axes.plot(at, [one.normal_deg for one in line], ".-", color=colour, lw=1, ms=4)
             axes.plot(at, [one.far_field_deg for one in line], ":", color=colour, lw=0.8)

@@ -95,13 +95,8 @@ def _solved(
     assert verdict is not None  # our solver knows its errors
     answered = surface.mask & on.truth.mask
     error, stated = angle_between(surface.normal, on.truth.normal)[answered], surface.stderr_normal[answered]
-    afar = far_field(
-        under(given, solved.emitters).captured,
-        KnownLightParams(report.distance.value),
-        device,
-        seed,
-        Progress(),
-    )
+    lit, params = under(given, solved.emitters), KnownLightParams(object_distance=report.distance.value)
+    afar = far_field(lit.captured, params, device, seed, Progress())
     return Stressed(
         on.name, dial, step, amount, "",
         normal_deg=scored.normal_mean_deg,

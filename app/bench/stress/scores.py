@@ -27,9 +27,7 @@ class Score:
     silent: float  # share of the runs that failed and were not told
     false_alarms: float  # share of the clean sets that were told
     auroc: float  # of the verdict's doubt, for telling failed from others
-    coverage: tuple[
-        float, ...
-    ]  # mean shares of normals within their stated 50, 68, 90, 95 %, of runs that were not told
+    coverage: tuple[float, ...]  # mean shares within the stated 50, 68, 90, 95 %, of runs that were not told
     ause: float  # mean, of all that were solved
     behind: float  # share of the solved runs in which light from infinitely far away does better
 
