@@ -386,8 +386,11 @@ def _add_pipeline(order: argparse.ArgumentParser) -> None:
     )
     order.add_argument(
         "--beside",
-        choices=("colmap",),
-        help="its exhaustive and sequential routes on the same photographs too",
+        nargs="+",
+        default=(),
+        metavar="colmap|PROGRAM",
+        help="COLMAP's exhaustive and sequential routes on the same photographs too; or another roomlight's `process`, such as "
+        "that of the last release",
     )
 
 

@@ -9,6 +9,8 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
 from tempfile import TemporaryFile
 
 from app.bench import (
@@ -197,13 +199,23 @@ def piped(call: Call) -> list[Metric]:
     room, thing, args = call.rooms[0], call.objects[0], call.args
     if args.views is not None and args.views < LEAST_VIEWS:
         raise BenchError(f"--views {args.views}: stage surface wants {LEAST_VIEWS} at least; give as many")
+    others = {other: shutil.which(other) for other in args.beside if other != "colmap"}
+    for other in (other for other, program in others.items() if program is None):
+        raise BenchError(f"--beside {other}: no such program; give colmap, or the path of another roomlight")
     ways: list[pipeline.Way] = []
+    options = ["--preset", args.preset, "--seed", str(args.seed), "--device", call.device]
     fewer = {} if args.views is None else {"views": args.views}
     sizes = {name: replace(pipeline.PHOTOGRAPHS[name], noise=args.noise, **fewer) for name in args.sizes}
     for name, size in sizes.items():
         session, truth = pipeline.photographs(size, room, thing, call.folder, args.seed, call.device)
-        ways.append(pipeline.ours(name, session, truth, args.preset, args.seed, call.device, stages))
-        if args.beside == "colmap":
+        run = partial(pipeline.ours, name, session, truth, stages, options)
+        # The child's folder is another one.
+        ways += [
+            run([str(Path(str(program)).absolute())], f"process of {other}")
+            for other, program in others.items()
+        ]
+        ways.append(run())
+        if "colmap" in args.beside:
             ways += [pipeline.colmap(name, route, session, truth) for route in pipeline.ROUTES]
         shutil.rmtree(session)
     call.size = replace(call.size, name="-".join(args.sizes))

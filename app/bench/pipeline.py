@@ -1,4 +1,5 @@
-"""What each stage of `process` takes, from RAW files of several sizes to the export, and COLMAP's own routes to poses beside it.
+"""What each stage of `process` takes, from RAW files of several sizes to the export; beside it another roomlight and COLMAP's own
+routes to poses.
 
 Each stage runs in a process of its own, so that its seconds include starting the program, loading its libraries and reading
 what earlier stages left; how many of them these are is told apart. Core-seconds are those of the process and its children,
@@ -42,10 +43,11 @@ PHOTOGRAPHS = {
 ROUTES = ("exhaustive", "sequential")
 """COLMAP's, with its default options."""
 OURS = "process"
+THIS = (sys.executable, "-m", "app.cli")
 LEAST_PLACED = 0.9
 """Share of the views that a route of COLMAP's places, to be compared with."""
 GATED_SHARE = 0.3
-"""By how much a ratio to COLMAP may grow before the gate calls it worse."""
+"""By how much a ratio to another way may grow before the gate calls it worse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,24 +98,24 @@ def photographs(
 
 
 def ours(
-    size: str, session: Path, truth: Path, preset: str, seed: int, device: str, stages: Sequence[str]
-) -> Way:
-    """Run every stage.
+    size: str, session: Path, truth: Path, stages: Sequence[str], options: Sequence[str],
+    program: Sequence[str] = THIS, name: str = OURS,
+) -> Way:  # fmt: skip
+    """Run every stage anew, by this `process` or by that of another `program`.
 
     Raises:
         BenchError: one of them failed, with its last line.
     """
+    shutil.rmtree(session / "stages", ignore_errors=True)
     parts = []
     for stage in stages:
-        words = ["app.cli", "process", str(session), "--until", stage, "--preset", preset]
-        seconds, core_seconds, _ = _child(
-            [*words, "--seed", str(seed), "--device", device], f"{size} {stage}"
-        )
+        words = [*program, "process", str(session), "--until", stage, *options]
+        seconds, core_seconds, _ = _child(words, f"{size} {stage}, {name}")
         (record,) = (session / "stages" / stage).glob("*/record.json")
         told = json.loads(record.read_bytes())
         parts.append(Part(stage, seconds, core_seconds, told["peak_memory_bytes"], seconds - told["seconds"]))
     (folder,) = (session / "stages" / "poses").glob("*/")
-    return _judged(Way(size, OURS, tuple(parts)), artifacts.load(folder, "poses", Poses), truth)
+    return _judged(Way(size, name, tuple(parts)), artifacts.load(folder, "poses", Poses), truth)
 
 
 def colmap(size: str, route: str, session: Path, truth: Path) -> Way:
@@ -126,7 +128,7 @@ def colmap(size: str, route: str, session: Path, truth: Path) -> Way:
     scratch = session.parent / "colmap"
     shutil.rmtree(scratch, ignore_errors=True)
     (folder,) = (session / "stages" / "hdr").glob("*/")
-    _, _, said = _child(["app.bench.colmap", str(folder), route, str(scratch)], f"{size} {name}")
+    _, _, said = _child([*THIS[:2], "app.bench.colmap", str(folder), route, str(scratch)], f"{size} {name}")
     told = json.loads(said.splitlines()[-1])
     shutil.rmtree(scratch, ignore_errors=True)
     height, width = artifacts.load(folder, "frames", Frames).dark.shape[1:]
@@ -155,10 +157,10 @@ def _judged(way: Way, poses: Poses, truth: Path) -> Way:
 
 
 def _child(words: Sequence[str], name: str) -> tuple[float, float, str]:
-    """Seconds, core-seconds and output of one of our modules in a process of its own."""
+    """Seconds, core-seconds and output of a program."""
     with sets.job(name) as progress:
         before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        done = subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True, cwd=_root())
+        done = subprocess.run(words, capture_output=True, text=True, cwd=_root())
         seconds, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
         progress.step(1.0)  # Ctrl-C reached the process as well: that is a stop and no fault
     if done.returncode:
@@ -192,20 +194,29 @@ def table(ways: Sequence[Way]) -> str:
 
 
 def as_metrics(ways: Sequence[Way]) -> list[Metric]:
-    """Seconds, core-seconds and memory of each part; gated is only what poses take in COLMAP's seconds."""
+    """Seconds, core-seconds and memory of each part; gated are core-seconds in another way's: of the same stage, or of the poses."""
     metrics = []
     for way in ways:
         for part in way.parts:
-            key = f"{way.size}/{way.name.replace(' ', '-')}/{part.name}"
+            key = f"{way.size}/{_key(way)}/{part.name}"
             metrics += [
                 Metric(f"{key}/seconds", part.seconds, "s", "lower"),
                 Metric(f"{key}/core-seconds", part.core_seconds, "s", "lower"),
                 Metric(f"{key}/peak", float(part.peak_bytes), "bytes", "lower"),
             ]
-    poses = {way.size: part for way in ways if way.name == OURS for part in way.parts if part.name == "poses"}
-    # What placed few views is quick, and no measure.
-    for way in (way for way in ways if way.name != OURS and (way.registered_share or 0) >= LEAST_PLACED):
-        ratio = poses[way.size].core_seconds / sum(part.core_seconds for part in way.parts)
-        key = f"{way.size}/poses-in-{way.name.replace(' ', '-')}"
-        metrics.append(Metric(key, ratio, "1", "lower", GATED_SHARE * ratio))
+    for mine in (way for way in ways if way.name == OURS):
+        # What placed few views is quick, and no measure.
+        others = (way for way in ways if way.size == mine.size and way.name != OURS)
+        for other in (way for way in others if (way.registered_share or 0) >= LEAST_PLACED):
+            took = {part.name: part.core_seconds for part in other.parts}
+            whole = sum(took.values())
+            for part in mine.parts:
+                against = took.get(part.name, whole if part.name == "poses" else None)
+                if against is not None:
+                    key, ratio = f"{mine.size}/{part.name}-in-{_key(other)}", part.core_seconds / against
+                    metrics.append(Metric(key, ratio, "1", "lower", GATED_SHARE * ratio))
     return metrics
+
+
+def _key(way: Way) -> str:
+    return way.name.replace(" ", "-")

@@ -55,7 +55,7 @@ def test_a_stages_seconds_are_its_own_and_what_starting_took(
 
     monkeypatch.setattr(pipeline, "_child", child)
     monkeypatch.setattr(pipeline, "read_truth", lambda _: SimpleNamespace(cam_from_world=true_poses()))
-    found = pipeline.ours("small", tmp_path, tmp_path, "draft", 0, "cpu", STAGES)
+    found = pipeline.ours("small", tmp_path, tmp_path, STAGES, ["--preset", "draft"])
     assert ran == list(STAGES)
     assert found.parts[0] == Part("hdr", 5.0, 9.0, 7, 1.0)
     assert found.seconds == 15.0
@@ -66,7 +66,7 @@ def test_a_stages_seconds_are_its_own_and_what_starting_took(
 
 def test_a_stage_that_fails_says_why() -> None:
     with pytest.raises(BenchError, match=r"small hdr failed: .*no\.session"):
-        pipeline._child(["app.cli", "plan", "no.session"], "small hdr")
+        pipeline._child([*pipeline.THIS, "plan", "no.session"], "small hdr")
 
 
 def test_only_the_ratio_to_colmap_is_gated() -> None:
@@ -76,6 +76,24 @@ def test_only_the_ratio_to_colmap_is_gated() -> None:
     ratio = metrics["small/poses-in-colmap-exhaustive"]
     assert (ratio.value, ratio.direction) == (0.5, "lower")
     assert [metric.key for metric in metrics.values() if metric.tolerance is not None] == [ratio.key]
+
+
+def test_another_release_is_held_against_stage_by_stage(tmp_path: Path) -> None:
+    old = replace(
+        way("process of /old/roomlight", ("hdr", 2.0), ("poses", 4.0), ("light", 3.0)), registered_share=1.0
+    )
+    ratios = {metric.key: metric.value for metric in pipeline.as_metrics([old, OURS]) if metric.unit == "1"}
+    shown = "process-of-/old/roomlight"
+    assert ratios == {
+        f"small/hdr-in-{shown}": 0.5,
+        f"small/poses-in-{shown}": 1.5,
+        f"small/light-in-{shown}": 1.0,
+    }
+
+
+def test_a_program_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "pipeline", "--beside", "colmap", "no/such/roomlight"]) == 2
+    assert "--beside no/such/roomlight: no such program; give colmap" in capsys.readouterr().err
 
 
 def test_the_command_measures_draws_and_leaves_no_session(

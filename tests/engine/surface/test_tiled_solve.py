@@ -189,4 +189,5 @@ def test_tiles_expect_the_gloss_that_the_smaller_picture_has_found(monkeypatch: 
     )
     solve(dull.captured, few, "cpu", 0, Progress())
     expected = np.concatenate([state.roughness_prior[:, 0] for state in began])
-    assert (expected < 0.35).mean() > 0.3  # of anything it is a half
+    # Of anything it is a half: without that gloss none is below. About .3 are; how many, rounding decides (.2997 on one processor).
+    assert (expected < 0.35).mean() > 0.2
