@@ -8,6 +8,7 @@ import datetime
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,11 @@ def _photograph(
     partial: Path, order: Order, camera: sensor.Sensor, kind: str, enlarged: int, panoramas: bool, progress: Progress
 ) -> tuple[str, ...]:  # fmt: skip
     """Fill `partial` with a session and the truth beside it."""
-    built = virtual.build(order, places.cache() / "studio", progress.part(0, 0.4).step)
-    pictures = list(built.shoot(progress.part(0.4, 0.85).step))
+    # What each takes; photographs that are enlarged take most to write.
+    built_at, shot_at, written_at, end = accumulate((0.4, 0.45, 0.05 * enlarged**2, 0.1))
+    built = virtual.build(order, places.cache() / "studio", progress.part(0, built_at / end).step)
+    pictures = list(built.shoot(progress.part(built_at / end, shot_at / end).step))
+    writing = progress.part(shot_at / end, written_at / end)
     geometry = built.journey.geometry
     rig = {"kind": order.motion, "geometry": geometry} if geometry is not None else None
     model = {"make": dng.MAKE, "model": dng.MODEL} if kind == "raw" else {"model": None}
@@ -78,8 +82,8 @@ def _photograph(
             sessions.add_shot(session, f"view{view.index:04d}", files, facts, view.rig)
             for path in files:
                 path.unlink()
-            progress.step(0.85 + 0.05 * view.index / order.views, "writing photographs")
-    built.truth(progress.part(0.9, 1.0).step, panoramas).save(partial / "truth")
+            writing.step((view.index + 1) / order.views, "writing photographs")
+    built.truth(progress.part(written_at / end, 1.0).step, panoramas).save(partial / "truth")
     return built.notes
 
 
