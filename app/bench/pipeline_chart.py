@@ -2,6 +2,7 @@
 
 import csv
 import io
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -80,7 +81,7 @@ def _panel(axes, ways: Sequence[Way]) -> None:
                 )
             left += part.seconds
         axes.text(left, row, f" {left:.0f} s", ha="left", va="center", fontsize=6)
-    axes.set_yticks(range(len(ways)), [way.name for way in ways])
+    axes.set_yticks(range(len(ways)), [textwrap.fill(way.name, 20) for way in ways])
     axes.set_ylim(len(ways) - 0.5, -0.5)
     axes.set_xlim(0, 1.08 * longest)
     drawing.plain(axes)
