@@ -2,7 +2,7 @@
 
 A record becomes `<name>.json` (numbers, names, nested reports) and one `<name>.<field>.npy` per array, so
 large arrays are memory-mapped when read; a record of arrays in it becomes `<name>.<field>.json` and so on.
-Booleans are packed to bits. Arrays come back read-only. No time stamps anywhere: "identical results" is checked
+Arrays come back read-only. No time stamps anywhere: "identical results" is checked
 by hashing these files. JSON has no NaN, so numbers that are not finite are written as the strings "NaN",
 "Infinity" and "-Infinity".
 """
@@ -39,7 +39,8 @@ def save(folder: Path, name: str, record: Any) -> None:
             records.append(field.name)
         elif isinstance(value, np.ndarray):
             file = f"{name}.{field.name}.npy"
-            arrays[field.name] = _save_array(folder / file, value) | {"file": file}
+            _save_array(folder / file, value)
+            arrays[field.name] = {"file": file}
         else:
             values[field.name] = plain(value)
     content = {"arrays": arrays, "values": values} | ({"records": records} if records else {})
@@ -112,28 +113,23 @@ def save_json(path: Path, content: Any) -> None:
         os.fsync(file.fileno())
 
 
-def _save_array(path: Path, array: np.ndarray) -> dict[str, Any]:
-    entry: dict[str, Any] = {}
+def _save_array(path: Path, array: np.ndarray) -> None:
     if isinstance(array, np.memmap) and array.filename == path.resolve():
         with told(path):
             array.flush()
-        return entry
+        return
     stored = np.ascontiguousarray(array)
-    if array.dtype == bool:
-        entry["shape"] = list(array.shape)
-        stored = np.packbits(stored.ravel())
     with told(path), path.open("wb") as file:
         # numpy's own writer loses the reason when the disk refuses; Python's file keeps it.
         np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(stored))
         file.write(stored.reshape(-1).view(np.uint8).data)
         file.flush()
         os.fsync(file.fileno())
-    return entry
 
 
 def _load_array(folder: Path, entry: dict[str, Any]) -> np.ndarray:
     path = folder / entry["file"]
-    if "shape" in entry:
+    if "shape" in entry:  # booleans packed to bits, as sessions of 0.1 of November 2026 have them
         shape = entry["shape"]
         bits = np.unpackbits(np.load(path), count=math.prod(shape))
         array = bits.view(bool).reshape(shape)

@@ -71,16 +71,16 @@ def cut(
     """
     h, w = odds.shape
     typical = float(np.median(np.concatenate([link_x.ravel(), link_y.ravel()])))
-    index = np.arange(h * w).reshape(h, w)
+    index = np.arange(h * w, dtype=np.int32).reshape(h, w)  # a graph has five times as many
     a = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
     b = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
     link = np.concatenate([link_x.ravel(), link_y.ravel()])
     price = smoothness * typical / (typical + link)
     pull = np.clip(odds, -bound, bound).ravel()
-    ours, theirs = np.flatnonzero(pull > 0), np.flatnonzero(pull < 0)
-    source, sink = h * w, h * w + 1
-    rows = np.concatenate([a, b, np.full(len(ours), source), theirs])
-    columns = np.concatenate([b, a, ours, np.full(len(theirs), sink)])
+    ours, theirs = index.ravel()[pull > 0], index.ravel()[pull < 0]
+    source, sink = np.int32(h * w), np.int32(h * w + 1)
+    rows = np.concatenate([a, b, np.full_like(ours, source), theirs])
+    columns = np.concatenate([b, a, ours, np.full_like(theirs, sink)])
     capacity = np.concatenate([price, price, pull[ours], -pull[theirs]])
     whole = np.rint(capacity * LEVELS).astype(np.int32)
     graph = csr_matrix((whole, (rows, columns)), (h * w + 2, h * w + 2))

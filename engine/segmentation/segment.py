@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from engine.errors import MaskError
-from engine.hdr.develop import averaged
 from engine.progress import Progress
 from engine.segmentation import gmm_graph_cut, scribbles
 from engine.segmentation.params import SegmentParams
@@ -67,7 +66,7 @@ def segment(
     chosen = views[np.unique(np.linspace(0, len(views) - 1, params.most_views).round().astype(int))]
     by = max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
     progress.step(0.0, "measuring what changes")
-    small = measure(_selected(frames, chosen, by))
+    small = measure(frames, chosen, by)
     best, best_score, begun = None, -np.inf, 0
     guesses = list(_first_guesses(small))
     said = strokes and Strokes(scribbles.reduced(strokes.add, by), scribbles.reduced(strokes.remove, by))
@@ -93,7 +92,7 @@ def segment(
     if by > 1:
         progress.step(0.6, "refining the outline")
         h, w = frames.dark.shape[1:]
-        full = measure(_selected(frames, chosen, 1))
+        full = measure(frames, chosen, 1)
         best = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
         if guessed:  # also what hardly stands out on small images may do so at full size
             best = _sharper(best, full, begun, by)
@@ -136,16 +135,6 @@ _NOTHING = (
     "nothing in the photographs stays put while the rest moves; check that camera and object move together"
     " through the room, or give a mask (--mask)"
 )
-
-
-def _selected(frames: Frames, chosen: np.ndarray, by: int) -> Frames:
-    """Some of the views, averaged down by a whole factor."""
-    if by == 1 and len(chosen) == len(frames.names):
-        return frames
-    radiance = np.stack([averaged(np.asarray(frames.radiance[n]), by) for n in chosen])
-    flags = np.zeros(radiance.shape[:3], bool)
-    shot, floor = frames.noise
-    return Frames(tuple(frames.names[n] for n in chosen), radiance, flags, flags, (shot / by**2, floor / by))
 
 
 def _first_guesses(steadiness: TemporalStability) -> Iterator[Bool[np.ndarray, "h w"]]:

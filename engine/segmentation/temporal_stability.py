@@ -9,13 +9,15 @@ around, so that thin parts are told as well as broad ones. Logarithms are natura
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32, Float64, Int
 
 from engine.color import luminance
+from engine.hdr.develop import averaged
 from engine.types import Frames
 
 NORMAL_ROOTS = 2.19  # a normal variable's variance over the fourth power of its mean root magnitude
 STEADY = 0.01**2  # variance of a log ratio that counts as no change
+BLOCK_PIXELS = 1 << 18  # histories that are explained at once: 100 MB of a hundred views
 FEATURES = ("mean", "spread", "red", "blue", "colour_spread", "steadiest_links")
 
 
@@ -29,17 +31,22 @@ class TemporalStability:
     relative: Float32[np.ndarray, "n h w"]  # luminance over the pixel's geometric mean
 
 
-def measure(frames: Frames) -> TemporalStability:
-    """One pass over the views."""
-    n, h, w, _ = frames.radiance.shape
-    shot, floor = frames.noise
-    middle = float(np.median(luminance(np.asarray(frames.radiance[:: max(1, n // 8)]))))
+def measure(frames: Frames, views: Int[np.ndarray, " n"], by: int) -> TemporalStability:
+    """One pass over `views`, each averaged down by a whole factor; of the photographs one at a time is in memory."""
+
+    def seen(view: int) -> Float32[np.ndarray, "h w 3"]:
+        return averaged(np.asarray(frames.radiance[view]), by)
+
+    n = len(views)
+    shot, floor = frames.noise[0] / by**2, frames.noise[1] / by
+    some = np.stack([luminance(seen(view)) for view in views[:: max(1, n // 8)].tolist()])
+    middle, (h, w) = float(np.median(some)), some.shape[1:]
     # Below the offset a logarithm would only show noise.
     offset = np.float32(max(3 * floor, 1e-3 * middle))
     first, second, noise = np.zeros((3, h, w)), np.zeros((3, h, w)), np.zeros((h, w))
     relative = np.empty((n, h, w), np.float32)
-    for view in range(n):
-        radiance = np.maximum(np.asarray(frames.radiance[view]), 0)
+    for row, view in enumerate(views.tolist()):
+        radiance = np.maximum(seen(view), 0)
         lum = luminance(radiance)
         logs = np.log(radiance + offset)
         brightness = np.log(lum + offset)
@@ -47,7 +54,7 @@ def measure(frames: Frames) -> TemporalStability:
         first += values
         second += np.square(values)
         noise += (shot * lum + floor**2) / np.square(lum + offset)
-        relative[view] = brightness
+        relative[row] = brightness
     mean = first / n
     deviation = np.sqrt(np.maximum(second / n - np.square(mean), 0))
     noise /= n
@@ -94,10 +101,14 @@ def unexplained(
     # Left singular vectors, from the small square matrix: its eigenvectors come in ascending order.
     shares = (sample / typical).astype(np.float64)
     patterns = np.linalg.eigh(shares @ shares.T)[1][:, -rank:].astype(np.float32)
-    scaled = history / typical
-    rest = scaled - patterns @ (patterns.T @ scaled)
-    # Half of the views: glints and cast shadows in the others may go unexplained.
-    return np.log(np.median(np.abs(rest), axis=0) + 1e-3).reshape(h, w).astype(np.float32)
+    found = np.empty(h * w, np.float32)
+    for begin in range(0, h * w, BLOCK_PIXELS):
+        block = slice(begin, begin + BLOCK_PIXELS)
+        scaled = history[:, block] / typical
+        rest = scaled - patterns @ (patterns.T @ scaled)
+        # Half of the views: glints and cast shadows in the others may go unexplained.
+        found[block] = np.log(np.median(np.abs(rest), axis=0) + 1e-3)
+    return found.reshape(h, w)
 
 
 def _steadiest(

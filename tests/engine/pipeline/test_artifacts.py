@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -153,9 +154,22 @@ def test_a_value_that_cannot_be_read_names_the_folder_to_remove(tmp_path: Path, 
         artifacts.load_value(tmp_path / "export.json", "files")
 
 
+def packed(folder: Path, shape: list[int]) -> None:
+    """`frames` as sessions had them at first: booleans as bits."""
+    artifacts.save(folder, "frames", frames())
+    np.save(folder / "frames.clipped.npy", np.packbits(frames().clipped))
+    content = json.loads((folder / "frames.json").read_bytes())
+    content["arrays"]["clipped"]["shape"] = shape
+    (folder / "frames.json").write_text(json.dumps(content))
+
+
+def test_booleans_packed_to_bits_are_read(tmp_path: Path) -> None:
+    packed(tmp_path, [3, 6, 8])
+    clipped = artifacts.load(tmp_path, "frames", Frames).clipped
+    np.testing.assert_array_equal(clipped, frames().clipped)
+
+
 def test_a_shape_that_no_array_has_is_damage_too(tmp_path: Path) -> None:
-    artifacts.save(tmp_path, "frames", frames())
-    index = tmp_path / "frames.json"
-    index.write_text("".join(index.read_text().split()).replace("[3,6,8]", f"[3,6,{10**30}]"))
+    packed(tmp_path, [3, 6, 10**30])
     with pytest.raises(SessionError, match=r"frames\.json"):
         artifacts.load(tmp_path, "frames", Frames)

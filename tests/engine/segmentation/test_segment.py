@@ -213,7 +213,9 @@ def test_only_what_the_smaller_images_could_not_tell_is_taken_back_at_full_size(
     guess[20:60, 40:60] = False  # the side
     guess[80:82, 40:100] = False  # the gap
     monkeypatch.setattr(segmenting, "_first_guesses", lambda full: iter([guess]))
-    left = segmenting._sharper(found, segmenting.measure(capture.frames), 0, 2)
+    left = segmenting._sharper(
+        found, segmenting.measure(capture.frames, np.arange(len(capture.frames.names)), 1), 0, 2
+    )
     assert left[20:60, 40:60].all()
     assert not left[80:82, 40:100].any()
 
