@@ -62,7 +62,7 @@ def fit(
     rng = np.random.default_rng(seed)
     with thread_pool() as run:
         progress.step(0.0, "depth of the room")
-        sightings, lamps = _lamps(frames, masks, poses, used)
+        sightings, lamps = _lamps(frames, masks, poses, used, 4 * params.max_image_width)
 
         def room(width: int) -> Photographs:
             return mask_lamps(resample(frames, masks, poses, used, width), lamps)
@@ -136,9 +136,11 @@ def split_views(poses: Poses, holdout: int) -> tuple[Int[np.ndarray, " u"], Int[
     return used, held
 
 
-def _lamps(frames: Frames, masks: Masks, poses: Poses, used: np.ndarray) -> tuple[LampDetections, Lamps]:
-    """The lamps, from the photographs at full size, which are not kept: they are larger than all later sizes."""
-    sharp = resample(frames, masks, poses, used, poses.camera.width)
+def _lamps(
+    frames: Frames, masks: Masks, poses: Poses, used: np.ndarray, width: int
+) -> tuple[LampDetections, Lamps]:
+    """The lamps, from photographs that are sharper than those of the fit; they are not kept, for they are as much larger."""
+    sharp = resample(frames, masks, poses, used, width)
     return measure_lamps(find_lamps(sharp), sharp)
 
 
