@@ -5,6 +5,7 @@ from engine.errors import Cancelled, MaskError
 from engine.progress import Progress
 from engine.results.report.report import PLAIN
 from engine.segmentation import segment as segmenting
+from engine.segmentation import temporal_stability
 from engine.segmentation.params import SegmentParams
 from engine.segmentation.segment import Strokes, from_object, segment
 from engine.types import Frames
@@ -218,6 +219,14 @@ def test_only_what_the_smaller_images_could_not_tell_is_taken_back_at_full_size(
     )
     assert left[20:60, 40:60].all()
     assert not left[80:82, 40:100].any()
+
+
+def test_a_large_photograph_is_looked_at_in_blocks(capture, monkeypatch: pytest.MonkeyPatch):
+    whole, report = segment(capture.frames, SegmentParams(), None, Progress())
+    monkeypatch.setattr(temporal_stability, "BLOCK_PIXELS", 1000)
+    parts, of_parts = segment(capture.frames, SegmentParams(), None, Progress())
+    np.testing.assert_array_equal(parts.object, whole.object)
+    assert of_parts == report
 
 
 def test_views_that_are_left_out_are_not_looked_at() -> None:
