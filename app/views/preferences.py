@@ -25,7 +25,7 @@ from app.state import Trouble
 from app.views import theme
 from app.views.background import Background
 from app.views.editors import Number
-from app.views.forms import browsed, form, hint, label
+from app.views.forms import browsed, form, hint, label, named
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
 
@@ -102,6 +102,7 @@ class PreferencesDialog(QDialog):
 
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         buttons.rejected.connect(self.reject)
+        named(show, *buttons.buttons())
         heading = QLabel(self.tr("Cache"))
         heading.setObjectName("heading")
         whole = QVBoxLayout(self)

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.views import theme
-from app.views.forms import hint
+from app.views.forms import hint, named
 
 SHIPPED = "shipped keys"  # property of an action whose keys may be chosen
 RETOLD = "retold"  # property of what names keys: its words as shipped, and as they are now
@@ -177,8 +177,7 @@ class ShortcutsDialog(QDialog):
         box.rejected.connect(self.reject)
         self.restore = box.button(QDialogButtonBox.StandardButton.RestoreDefaults)
         self.restore.clicked.connect(self._restore)
-        for button in box.buttons():
-            button.setAccessibleName(button.text().replace("&", ""))
+        named(*box.buttons())
         layout = QVBoxLayout(self)
         layout.addWidget(self.sheet)
         layout.addWidget(self.said)

@@ -63,6 +63,7 @@ class MapsBar(QFrame):
             button.setCheckable(True)
             button.setAutoExclusive(True)
             button.setObjectName("segment")
+            button.setProperty("narrow", True)
             icons.wear(button, icon)
             button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             button.clicked.connect(lambda checked, mode=mode: self.mode_picked.emit(mode))

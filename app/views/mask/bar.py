@@ -108,6 +108,7 @@ class ToolBar(QFrame):
         button.setAccessibleName(text)
         button.setCheckable(True)
         button.setObjectName("segment")
+        button.setProperty("narrow", True)
         icons.wear(button, icon)
         button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         if group is not None:

@@ -132,13 +132,22 @@ def test_rail_and_status_bar_have_names(window: MainWindow) -> None:
     assert nameless(window.status) == []
 
 
-def test_dialogs_have_names(window: MainWindow, qtbot: QtBot) -> None:
-    window.show_shortcuts()
-    window.add_photographs(None)
-    window.tell(Trouble("what", "remedy", "details"))
-    until(qtbot, lambda: len([d for d in window.findChildren(QDialog) if d.isVisible()]) == 3)
-    for dialog in window.findChildren(QDialog):
+def test_dialogs_have_names_and_show_where_the_keyboard_is(
+    window: MainWindow, qtbot: QtBot, qapp: QApplication
+) -> None:
+    theme.install(qapp, "dark")
+    for open_dialog in (
+        window.show_shortcuts, lambda: window.add_photographs(None), window.simulate, window.menus._preferences,
+        lambda: window.tell(Trouble("what", "remedy", "details")),
+    ):  # fmt: skip
+        open_dialog()
+        until(qtbot, lambda: any(dialog.isVisible() for dialog in window.findChildren(QDialog)))
+        (dialog,) = (dialog for dialog in window.findChildren(QDialog) if dialog.isVisible())
+        active(dialog, qtbot)
+        qtbot.keyClick(dialog, Qt.Key.Key_Tab)
         assert nameless(dialog) == [], type(dialog)
+        seen, faint = walked(dialog, qtbot)
+        assert (len(seen) > 1, faint) == (True, []), type(dialog)
         dialog.close()
 
 
@@ -148,7 +157,7 @@ def focused() -> QWidget:
     return widget
 
 
-def walked(window: MainWindow, qtbot: QtBot) -> tuple[list[QWidget], list[str]]:
+def walked(window: QWidget, qtbot: QtBot) -> tuple[list[QWidget], list[str]]:
     """What Tab comes to until it is where it began, in order; and which of them look the same without the keyboard."""
     start = focused()
     seen, faint = [start], []
