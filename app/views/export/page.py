@@ -128,10 +128,10 @@ class ExportPage(QWidget):
                 self.tr("Size"),
             ]
         )
-        for column, width in ((0, 150), (2, 200), (4, 68)):
+        for column, width in ((0, 170), (4, 68)):
             self.table.header().resizeSection(column, width)
         self.table.header().setStretchLastSection(False)
-        for column in (1, 3):
+        for column in (1, 2, 3):
             self.table.header().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self._lines = [_line(entry) for entry in FORMATS]
         self.table.addTopLevelItems(self._lines)
