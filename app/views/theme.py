@@ -240,7 +240,7 @@ def _sheet(ours: Palette) -> str:
     QToolButton#rail {{ border: none; border-radius: 5px; color: {ours.dim}; font-size: 8pt; padding-top: 4px; }}
     QToolButton#rail:hover {{ background: {ours.window}; }}
     QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}
-    QToolButton#rail:focus {{ border: 2px solid {ours.focus}; }}
+    QToolButton#rail:focus {{ border: 2px solid {ours.focus}; padding-top: 0; }}
     QToolTip {{ background: {ours.panel}; color: {ours.text}; border: 1px solid {ours.line}; padding: 4px; }}
     QProgressBar {{ background: {ours.line}; border: none; border-radius: 3px; max-height: 6px; }}
     QProgressBar::chunk {{ background: {ours.accent}; border-radius: 3px; }}

@@ -243,6 +243,7 @@ class ExportPage(QWidget):
         running = self.errand.busy
         ready = self._export is not None and not running
         self.action.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
+        self.target.setEnabled(self._export is not None)
         self.report.setEnabled(self._folder is not None and not running)
         self.stack.setCurrentIndex(self._export is not None)
         self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())

@@ -98,7 +98,8 @@ class View3dPage(QWidget):
         self.cover, self.banner = Cover(self.canvas), Banner(self.canvas)
         self.photograph = Photograph(self.canvas)
         self.head, self.empty, body = Head(self, self._actions["screenshot"]), Empty("view3d"), QWidget()
-        self.head.add(action_button(self._actions["measure"]), self._film_button())
+        self.video = self._film_button()
+        self.head.add(action_button(self._actions["measure"]), self.video)
         across = QHBoxLayout(body)
         across.setContentsMargins(0, 0, 0, 0)
         across.setSpacing(0)
@@ -292,8 +293,8 @@ class View3dPage(QWidget):
             self.empty.say_nothing_yet(None)
         self.cover.show_status(self.status, self.canvas.picture is not None)
         seen = there and self.canvas.picture is not None
-        for name in ("screenshot", "turntable"):
-            self._actions[name].setEnabled(seen)
+        for part in (self._actions["screenshot"], self._actions["turntable"], self.video):
+            part.setEnabled(seen)
         self._actions["path"].setEnabled(seen and bool(showing.registered(self.state.contents)))
 
     def _say_missing(self) -> None:
