@@ -127,7 +127,8 @@ def ride(showing: Showing, count: int) -> list[tuple[Orbit, Style]]:
     contents, depth = showing.contents, showing.contents.object_depth or showing.contents.radius
     poses = [np.array(pose).reshape(3, 4) for pose in contents.poses if pose]
     stops = [orbit.through(showing.eye, pose, depth, contents.fov) for pose in poses]
-    style, made = with_layer(showing, "cameras", False).style, []
+    # What stands in the cameras' own way would run across every picture.
+    style, made = with_layer(with_layer(showing, "cameras", False), "axes", False).style, []
     for at in np.linspace(0, len(stops) - 1, count):
         before, after = stops[int(at)], stops[min(int(at) + 1, len(stops) - 1)]
         eye = orbit.between(before, after, float(at) % 1)
