@@ -26,14 +26,7 @@ from engine.results import metrics
 PLACE, HIDDEN, BOUNCED, GLOSS, ROUGH = PARTS = (
     "light by place", "visibility", "interreflection", "gloss", "roughness by pixel",
 )  # fmt: skip
-RUNGS = (
-    "far_light",
-    "no_self_shadowing",
-    "no_interreflections",
-    "no_regularize",
-    "half_directions",
-    "one_round",
-)
+RUNGS = ("far_light", "no_self_shadowing", "no_interreflections")
 """Of `rows.switch_rows`, at draft."""
 CHALK = "clay:specular=0"
 ACROSS, PANEL_IN = 4, 1.7

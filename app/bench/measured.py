@@ -26,7 +26,7 @@ from engine.surface.uncertainty.model_parts import PartWorth
 from engine.types import Surface
 
 VERSION = 4  # raise when a kept row would be measured otherwise
-WARM_PIXELS, WARM_VIEWS = 100, 8
+WARM_PIXELS, WARM_VIEWS = 100, 16
 LEAST = SurfaceParams(
     directions=256, coarse_iterations=1, fine_iterations=1, gauss_newton_steps=1, normal_candidates=40,
     probe_grid_xy=2, probe_grid_z=2, probe_resolution=32,
