@@ -1,4 +1,4 @@
-"""What the program keeps so as not to make it again: how large it is, and clearing it."""
+"""What the program keeps so as not to make it again: how large it is, clearing it, and keeping it elsewhere."""
 
 import os
 import shutil
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app import places
 from app.words import QT_TRANSLATE_NOOP
+from engine.errors import SessionError
 from engine.io.session import told
 
 NAMES = {
@@ -34,6 +35,30 @@ def clear(name: str) -> None:
     with told(folder):
         if folder.is_dir():
             shutil.rmtree(folder)
+
+
+def move(folder: Path) -> Path:
+    """Keep all of it in `folder` from now on. A link stands in its usual place, so that every program finds it there.
+
+    Raises:
+        SessionError: something is there already, or the disk refuses; all is where it was.
+    """
+    usual, there = places.cache(), folder / places.cache().name
+    here, partial = usual.resolve(), there.with_name(f".{there.name}.partial")
+    if there.exists() and not (there == usual and usual.is_symlink()):
+        raise SessionError(f"{there}: is there already; choose another folder")
+    with told(there):
+        here.mkdir(parents=True, exist_ok=True)
+        try:
+            shutil.move(here, partial)
+        except OSError:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        usual.unlink(missing_ok=True)  # the link, where it was elsewhere before
+        partial.rename(there)
+        if there != usual:
+            usual.symlink_to(there)
+    return there
 
 
 def _size(folder: Path) -> int:

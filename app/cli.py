@@ -288,6 +288,10 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         ("chart", "error against seconds: PNG, SVG, CSV"),
         ("scaling", "seconds and memory against views, pixels, Gaussians and directions; a chart"),
         ("pipeline", "seconds and memory of every stage from RAW files on, at four sizes; a chart"),
+        (
+            "economy",
+            "what scenes of known need ask of the model, and what each preset and part buys; a chart",
+        ),
         ("stress", "good sets made worse step by step: where it breaks, and whether it knows; a heat map"),
     ):
         order = add(name, help=text)
@@ -300,15 +304,18 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
                 "--poses", choices=("given", "estimated"),
                 help="the truth's poses and mask, or those found from the RAW files; as the size has it if left out",
             )  # fmt: skip
-        order.add_argument(
-            "--rooms", type=_names, nargs="+", action=_Together, metavar="ROOM",
-            help="names, or Mitsuba 3 scene files; as the size has them if left out",
-        )  # fmt: skip
-        order.add_argument(
-            "--objects", type=_names, nargs="+", action=_Together, metavar="OBJECT",
-            help="names, or meshes: OBJ, PLY, GLB",
-        )  # fmt: skip
-        simulating.add_object_options(order, "a built-in object keeps its own;")
+        if name == "economy":
+            _add_economy(order)
+        else:
+            order.add_argument(
+                "--rooms", type=_names, nargs="+", action=_Together, metavar="ROOM",
+                help="names, or Mitsuba 3 scene files; as the size has them if left out",
+            )  # fmt: skip
+            order.add_argument(
+                "--objects", type=_names, nargs="+", action=_Together, metavar="OBJECT",
+                help="names, or meshes: OBJ, PLY, GLB",
+            )  # fmt: skip
+            simulating.add_object_options(order, "a built-in object keeps its own;")
         order.add_argument(
             "--sets",
             type=Path,
@@ -323,7 +330,7 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
         order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
         order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
-        if name not in ("scaling", "stress", "pipeline"):
+        if name not in ("scaling", "stress", "pipeline", "economy"):
             order.add_argument(
                 "--methods",
                 type=_names,
@@ -361,18 +368,28 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
             order.add_argument(
                 "--maps-frame", choices=("opengl", "opencv"), default="opengl", help="axes of their normals"
             )
-        if name in ("chart", "ablation", "scaling", "stress", "pipeline"):
+        if name in ("chart", "ablation", "scaling", "stress", "pipeline", "economy"):
             order.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to draw into")
 
 
 def _add_size(order: argparse.ArgumentParser) -> None:
     size = order.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="tiny sets: tries the machinery in minutes")
-    size.add_argument("--size", choices=("small", "standard"), default="standard", help="of the sets")
+    size.add_argument("--size", choices=("tiny", "small", "standard"), default="standard", help="of the sets")
     size.add_argument(
         "--suite", choices=("paper", "paper-small"),
         help="the paper's protocol: 150 HDR images of 512 x 512; or its twin, 96 brackets of RAW files of 512 x 384",
     )  # fmt: skip
+
+
+def _add_economy(order: argparse.ArgumentParser) -> None:
+    order.set_defaults(
+        size="tiny", rooms=(), objects=(), place=None, material=None, object_size=None, turn=None
+    )
+    order.add_argument(
+        "--scenes", type=_names, default=(), metavar="NAME,NAME", help="only these; all if left out"
+    )
+    order.add_argument("--noise", type=float, default=0.015, metavar="SHARE", help="of the path tracer")
 
 
 def _add_pipeline(order: argparse.ArgumentParser) -> None:

@@ -1,11 +1,12 @@
 """What a stage will take: as its last run in the session did, else by the number of pixels that the photographs have.
 
-The table was measured with the demo (46 views of 480 x 360), a set of 40 x 128 x 96, and one of 150 x 616 x 462 (README), on one core
-of an AMD EPYC; surface 44, light 11. An object that fills the picture, or one of few pixels, takes up to twice as much or half.
+The table's seconds are from `roomlight bench pipeline` (48 views of 320 x 240, 96 of 512 x 384, 150 of 616 x 462, 100 of 6000 x 4000) on two
+cores of an AMD EPYC; poses 10, light 12, surface 48. An object that fills the picture, or one of few pixels, takes up to twice as much or half.
 """
 
 import json
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +19,15 @@ from engine.pipeline.stages import Step
 
 # Stage -> seconds of one core, and of them per million pixels of all views; megabytes at the peak, and of them per million.
 PER_MEGAPIXEL = {
-    "hdr": (1.0, 1.2, 350, 25),
-    "segment": (0.5, 0.5, 350, 30),
-    "poses": (3.0, 6.0, 400, 40),
-    "light": (45.0, 4.0, 1000, 40),
-    "surface": (100.0, 5.0, 1300, 35),
-    "export": (3.0, 0.5, 1200, 35),
+    "hdr": (1.7, 0.2, 350, 25),
+    "segment": (2.0, 0.12, 350, 30),
+    "poses": (29.0, 1.0, 400, 40),
+    "light": (13.6, 0.85, 1000, 40),
+    "surface": (46.0, 1.2, 1300, 35),
+    "export": (4.6, 0.085, 1200, 35),
 }
+READ_S = 0.12
+"""More of hdr, per million pixels of the files: it reads them before it averages them down."""
 PRESETS = {"draft": 0.4, "standard": 1.0, "fine": 2.0}
 """How much of standard's time the surface takes."""
 SECOND_CORE = 1.7
@@ -67,6 +70,7 @@ def cost_of(session: Session, step: Step, megapixels: float, preset: str, cores:
         return Cost(math.nan, 2_000_000_000)
     base_s, more_s, base_mb, more_mb = PER_MEGAPIXEL[step.stage.name]
     seconds = base_s + more_s * megapixels
+    seconds += READ_S * megapixels_of(session, sys.maxsize) if step.stage.name == "hdr" else 0.0
     seconds *= PRESETS[preset] if step.stage.name == "surface" else 1.0
     return Cost(
         seconds / (1.0 if cores == 1 else SECOND_CORE), int(1e6 * (base_mb + more_mb * megapixels))

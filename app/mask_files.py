@@ -1,7 +1,7 @@
 """What the mask page reads of a session and writes to it, without Qt: pictures, the object found, strokes.
 
 Strokes are painted on the grid of the developed photographs, which stand upright here, and kept as `edits/strokes.png`,
-of the photographs' own size as the sensor lies (green adds to the object, red takes from it). They wait in a file
+of the photographs' own size as the sensor lies (green adds to the object, red takes from it, with blue exactly). They wait in a file
 beside it while another process works on the session, which must not see its inputs change; nothing painted is lost if
 the window goes meanwhile.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from app.inspect import falsecolour
-from app.masking import ADD, NOTHING, TAKE, outline
+from app.masking import ADD, EXACT, NOTHING, TAKE, outline
 from engine.errors import BusyError, MaskError, reason
 from engine.io import session as sessions
 from engine.orientation import back, turn_picture, turned
@@ -25,7 +25,7 @@ from engine.pipeline.stage_functions import on_grid
 from engine.types import Frames, Masks
 
 STROKES, WAITING = "strokes.png", ".strokes.waiting.png"
-PALETTE = (0, 0, 0, 0, 255, 0, 255, 0, 0)  # of NOTHING, ADD, TAKE: red, green, blue
+PALETTE = (0, 0, 0, 0, 255, 0, 255, 0, 0, 0, 255, 255, 255, 0, 255)  # of the labels: red, green, blue
 MEAN_VIEWS = 32  # that the mean is taken over: enough to blur the room
 WHITE_VIEWS = 8  # that decide the one exposure of all views
 
@@ -130,11 +130,12 @@ def read_labels(session: Path, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w
         raise MaskError(
             f"{path}: cannot be read as a picture ({reason(error)}); remove it to paint anew"
         ) from error
-    red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
+    red, green, blue = (rgb[..., channel] > 127 for channel in range(3))
     labels = np.zeros(shape, np.uint8)
     on_sensor = turn_picture(labels, back(listed.orientation))
     for label, painted in ((ADD, green & ~red), (TAKE, red & ~green)):
-        on_sensor[on_grid(painted, on_sensor.shape)] = label
+        for more, part in ((0, ~blue), (EXACT, blue)):
+            on_sensor[on_grid(painted & part, on_sensor.shape)] = label + more
     return labels
 
 

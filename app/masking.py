@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 NOTHING, ADD, TAKE = 0, 1, 2  # of a pixel: nobody painted it, it is object, it is room
+EXACT = 2  # more where that says nothing of what is around it
 SMALLEST, LARGEST = 1, 400  # of a brush, pixels across
 LIGHTEST = 0.2  # share of the brush's size that the lightest touch of a pen paints with
 TOOLS = ("brush", "eraser", "polygon")
@@ -111,14 +112,15 @@ class Editor:
     def __init__(self) -> None:
         self.painting: Painting | None = None
         self.tool = "brush"
-        self.adds = True
+        self.adds, self.exact = True, False
         self.size = 24
         self.corners: list[Place] = []
         self._last: tuple[Place, float] | None = None  # of the stroke under way, with its brush's size
 
     @property
     def label(self) -> int:
-        return NOTHING if self.tool == "eraser" else ADD if self.adds else TAKE
+        said = (ADD if self.adds else TAKE) + EXACT * self.exact
+        return NOTHING if self.tool == "eraser" else said
 
     @property
     def drawing(self) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from app.auto import Rung
 from app.scaling import rescaled
@@ -90,22 +91,28 @@ def rung(folder: Path, preset: str) -> Rung:
     Raises:
         SessionError: it has not run, or a part of it is damaged.
     """
-    from engine.surface.schedule import relative_error
-
     step = finished(folder, "surface")
     record = stages.read_record(step.folder)
     assert record is not None
     load = run.loader(steps_of(folder))
     frames, renders = load("hdr", "frames", Frames), load("surface", "renders", ValidationRenders)
     mask = load("surface", "surface", Surface).mask
-    views = list(renders.views)
-    error = relative_error(renders.radiance[:, mask], frames.radiance[views][:, mask])
     return Rung(
         preset,
         float(record["seconds"]),
         float(_facts(step.folder)["stderr_normal_deg"]),
-        np.median(error, axis=1),
+        error_by_view(frames, renders, mask),
     )
+
+
+def error_by_view(
+    frames: Frames, renders: ValidationRenders, mask: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, " k"]:
+    """Median relative error of every view kept out."""
+    from engine.surface.schedule import relative_error
+
+    error = relative_error(renders.radiance[:, mask], frames.radiance[list(renders.views)][:, mask])
+    return np.median(error, axis=1)
 
 
 def told(scores: Scores) -> str:

@@ -70,7 +70,7 @@ class Call:
         on = sets.ready(self.folder, room, thing, size, size.views, seed, device, count)
         what = self.args.what
         # A quick chart compares the reference's few pixels alone.
-        unbounded = what in ("scaling", "stress") or (what == "chart" and size.name == "quick")
+        unbounded = what in ("scaling", "stress", "economy") or (what == "chart" and size.name == "quick")
         return on if unbounded else bound.bounded(on, room, thing, size, seed, device, count)
 
     def least(self, usual: int) -> int:

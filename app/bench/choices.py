@@ -6,7 +6,7 @@ after them what else was asked for.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ class Choice:
 
 def built_in(name: str) -> Choice:
     """One of the studio's own."""
-    return Choice(name, name, name)
+    return Choice(name, _plain(name), _plain(name))
 
 
 def rooms(asked: Sequence[str], place: Place | None = None) -> tuple[Choice, ...]:
@@ -44,13 +44,13 @@ def rooms(asked: Sequence[str], place: Place | None = None) -> tuple[Choice, ...
     """
     from hardware.virtual.studio import rooms as furnished
 
-    names = _names("room", asked, furnished.ROOMS, "a Mitsuba 3 scene.xml")
+    names = _names("room", asked, furnished.ROOMS, furnished.is_built_in, "a Mitsuba 3 scene.xml")
     if place is not None and (len(names), len(asked)) != (1, 1):
         raise BenchError(
             f"--place: is a place in one scene file, and --rooms names {', '.join(asked)}; name one file, or leave it out"
         )
     return tuple(
-        built_in(each) if each in furnished.ROOMS else _room(each, names[each], place) for each in asked
+        built_in(each) if furnished.is_built_in(each) else _room(each, names[each], place) for each in asked
     )
 
 
@@ -67,14 +67,14 @@ def objects(
         BenchError: no such name, one object twice, or a material, size or turn where no object is a file.
         StudioError: a mesh, a material, a size or a turn that cannot be used, and why.
     """
-    from hardware.virtual.studio.objects import OBJECTS
+    from hardware.virtual.studio.objects import OBJECTS, is_built_in
 
-    names = _names("object", asked, OBJECTS, "a mesh file")
+    names = _names("object", asked, OBJECTS, is_built_in, "a mesh file")
     for option, value in {"--material": material, "--object-size": size_m, "--turn": turn_deg}.items():
         if value is not None and not names:
             raise BenchError(f"{option} {value}: is for mesh files, and --objects names none; leave it out")
     return tuple(
-        built_in(each) if each in OBJECTS else _object(each, names[each], material, seed, size_m, turn_deg)
+        built_in(each) if is_built_in(each) else thing(each, names[each], material, seed, size_m, turn_deg)
         for each in asked
     )
 
@@ -88,23 +88,33 @@ def _room(asked: str, name: str, place: Place | None) -> Choice:
     return Choice(asked, name + at, _plain(key + at), place=place)
 
 
-def _object(
-    asked: str, name: str, material: str | None, seed: int, size_m: float | None, turn_deg: float | None
+def thing(
+    asked: str,
+    name: str,
+    material: str | None,
+    seed: int,
+    size_m: float | None = None,
+    turn_deg: float | None = None,
 ) -> Choice:
+    """An object that is changed, built in or a mesh, called `name` and after what it is made of.
+
+    Raises:
+        StudioError: as `objects`.
+    """
     from hardware.virtual.studio import bodies
 
     key = bodies.stand(bodies.Thing(asked, size_m, material, turn_deg or 0.0), seed).body.name
     name += "" if material is None else f"-{material}"
     name += "" if size_m is None else f"-{size_m:g}m"
     name += "" if turn_deg is None else f"-{turn_deg:g}deg"
-    return Choice(asked, name, _plain(key), material, size_m, turn_deg)
+    return Choice(asked, _plain(name), _plain(key), material, size_m, turn_deg)
 
 
 def _names(
-    what: str, asked: Sequence[str], known: Mapping[str, Any] | Sequence[str], file: str
+    what: str, asked: Sequence[str], known: Mapping[str, Any], own: Callable[[str], bool], file: str
 ) -> dict[str, str]:
     """Of those that are files the name in tables: without suffix, after as many of the folders above as tell all apart."""
-    files = [each for each in asked if each not in known]
+    files = [each for each in asked if not own(each)]
     for each in files:
         if "/" not in each and not Path(each).suffix:
             raise BenchError(
@@ -113,7 +123,7 @@ def _names(
     parts = {each: _parts(Path(each)) for each in files}
     if len(set(parts.values())) < len(files) or len(set(asked)) < len(asked):
         raise BenchError(f"--{what}s: names one {what} twice; name each once")
-    taken = [each for each in asked if each in known]
+    taken = [each for each in asked if own(each)]
     names = {each: _plain(folders[-1]) for each, folders in parts.items()}
     for depth in range(2, 1 + max(map(len, parts.values()), default=1)):
         every = [*taken, *names.values()]

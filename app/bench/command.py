@@ -17,6 +17,7 @@ from app.bench import (
     ablation_chart,
     beside,
     chart,
+    economy,
     estimated,
     gate,
     parts,
@@ -37,7 +38,7 @@ from app.bench.sizes import SIZES, Size
 from app.bench.stress import chart as stress_chart
 from app.bench.stress import dials as stress_dials
 from app.bench.stress import scores as stress_scores
-from app.bench.stress.measure import CLEAN, measure
+from app.bench.stress.measure import CLEAN, Stressed, measure, photographed
 from engine.io.session import nearest_existing
 from engine.pipeline import stage_table
 from engine.surface.params import LEAST_VIEWS
@@ -179,19 +180,33 @@ def scale(call: Call) -> list[Metric]:
 
 def stressed(call: Call) -> list[Metric]:
     dials = stress_dials.chosen(call.args.dials)
-    runs = [
-        measure(on, dial, step, call.args.preset, call.device, call.args.seed, call.folder, call.args.fresh)
-        for on in call.sets()
-        for dial, step in [(CLEAN, 0), *((dial, step) for dial in dials for step in call.args.steps)]
-    ]
+    runs: list[Stressed] = []
+    for room in call.rooms:
+        for thing in call.objects:
+            on = call.set(room, thing, None)
+            runs.append(measure(call, on, CLEAN, 0))
+            for dial in dials:
+                for step in call.args.steps:
+                    there = photographed(call, on, room, thing, dial, step)
+                    runs += [] if there is None else [measure(call, there, dial, step)]
     found = stress_scores.score(runs)
     print(
-        f"{stress_scores.table(runs)}\n\nR refused, w warned, S wrong and not warned\n\n{stress_scores.summary(found)}\n"
+        f"{stress_scores.table(runs)}\n\nR refused, w warned, S wrong and not warned\n\n{stress_scores.told(runs)}\n"
     )
     caption = f"{', '.join(dict.fromkeys(one.set for one in runs))}; {call.size.told()}; {call.args.preset}"
     for path in stress_chart.write(runs, call.args.out, caption):
         print(path)
     return stress_scores.as_metrics(runs, found)
+
+
+def economy_of(call: Call) -> list[Metric]:
+    found = [economy.measure(call, name) for name in economy.chosen(call.args.scenes)]
+    print(f"{economy.table(found)}\n")
+    for one in found:
+        print(f"{economy.ladder(one)}\n")
+    for path in economy.write(found, call.args.out, call.size.told()):
+        print(path)
+    return economy.as_metrics(found)
 
 
 def piped(call: Call) -> list[Metric]:
@@ -316,5 +331,5 @@ def _judge(measured: Record, baseline: Record) -> int:
 
 WHAT: dict[str, Callable[[Call], list[Metric]]] = {
     "table": table, "views": views, "ablation": ablation, "chart": draw, "scaling": scale, "stress": stressed,
-    "pipeline": piped,
+    "pipeline": piped, "economy": economy_of,
 }  # fmt: skip

@@ -22,10 +22,11 @@ from engine.io import session as sessions
 from engine.pipeline import artifacts
 from engine.pipeline.stages import canonical
 from engine.surface.params import SurfaceParams
+from engine.surface.uncertainty.model_parts import PartWorth
 from engine.types import Surface
 
-VERSION = 3  # raise when a kept row would be measured otherwise
-WARM_PIXELS, WARM_VIEWS = 100, 8
+VERSION = 4  # raise when a kept row would be measured otherwise
+WARM_PIXELS, WARM_VIEWS = 100, 16
 LEAST = SurfaceParams(
     directions=256, coarse_iterations=1, fine_iterations=1, gauss_newton_steps=1, normal_candidates=40,
     probe_grid_xy=2, probe_grid_z=2, probe_resolution=32,
@@ -43,7 +44,9 @@ class Row:
     seconds: float  # of the whole object; NaN: nobody knows
     extrapolated: bool
     run: str  # names the call that measured the seconds
-    rendered: float = math.nan  # `Answer.rendered`
+    rendered: float = math.nan  # `Answer.rendered` and what follows it
+    by_view: tuple[float, ...] = ()
+    worths: tuple[PartWorth, ...] = ()
 
 
 class Bench:
@@ -75,7 +78,10 @@ class Bench:
             self._warm = True
         with job(f"{on.name} {method.key}") as progress:
             answer = method.solve(on.stored, self._device, self._seed, progress)
-        row = Row(on, method, answer.surface, answer.seconds, answer.extrapolated, self.run, answer.rendered)
+        row = Row(
+            on, method, answer.surface, answer.seconds, answer.extrapolated, self.run, answer.rendered,
+            answer.by_view, answer.worths,
+        )  # fmt: skip
         _keep(row, place)
         return row
 
@@ -108,7 +114,7 @@ def _keep(row: Row, place: Path) -> None:
         artifacts.save(partial, "surface", row.surface)
         facts = {
             "seconds": _known(row.seconds), "extrapolated": row.extrapolated, "run": row.run,
-            "rendered": _known(row.rendered),
+            "rendered": _known(row.rendered), "by_view": row.by_view, "worths": artifacts.plain(row.worths),
         }  # fmt: skip
         artifacts.save_json(partial / "row.json", facts)
         with sessions.told(place):
@@ -124,7 +130,11 @@ def _read(place: Path, on: Set, method: Method) -> Row:
     seconds, rendered = (
         math.nan if facts[name] is None else float(facts[name]) for name in ("seconds", "rendered")
     )
-    return Row(on, method, surface, seconds, bool(facts["extrapolated"]), str(facts["run"]), rendered)
+    worths = tuple(PartWorth(**one) for one in facts["worths"])
+    return Row(
+        on, method, surface, seconds, bool(facts["extrapolated"]), str(facts["run"]), rendered,
+        tuple(facts["by_view"]), worths,
+    )  # fmt: skip
 
 
 def _known(value: float) -> float | None:

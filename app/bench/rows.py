@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from app import results
 from app.bench.alike import alike, hand_over
 from app.bench.baselines.methods import BASELINES
 from app.bench.record import BenchError
@@ -23,6 +24,7 @@ from engine.reference.params import ReferenceParams, scaled, title
 from engine.surface.lighting.probe_density import ProbeDensityConfig
 from engine.surface.params import SurfaceParams
 from engine.surface.solve import solve
+from engine.surface.uncertainty.model_parts import PartWorth
 from engine.types import Surface
 
 
@@ -39,6 +41,8 @@ class Answer:
     seconds: float
     extrapolated: bool = False
     rendered: float = math.nan
+    by_view: tuple[float, ...] = ()  # `rendered` of every view kept out; ours alone, as the following
+    worths: tuple[PartWorth, ...] = ()  # of the parts of the model
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +91,11 @@ def ours(
         seconds = time.perf_counter() - start
         if params == SurfaceParams() and given is stored:
             hand_over(stored, device, seed, found.emitters, found.report.distance.value)
-        return Answer(found.surface, seconds, rendered=found.report.held_out_error)
+        error = results.error_by_view(given.frames, found.renders, found.surface.mask)
+        return Answer(
+            found.surface, seconds, rendered=found.report.held_out_error, by_view=tuple(map(float, error)),
+            worths=found.report.part_worths,
+        )  # fmt: skip
 
     return Method(key, title, "ours", run, dataclasses.asdict(params))
 

@@ -64,6 +64,11 @@ SIZES = {
         # The machinery is what is tried: a light of few Gaussians does, and one setting of the reference.
         {"light": {"max_gaussians": 3000, "max_image_width": 96}}, panoramas=False,
     ),
+    # A light of few Gaussians costs such photographs little and takes a third of the seconds: for many runs.
+    "tiny": Size(
+        "tiny", 48, 160, 120, ROOMS, OBJECTS, True, (12, 24, 48), (512, 1024, 2048, 4096),
+        *PUBLISHED, 5_000_000, 0.1, 60_000, {"light": {"max_gaussians": 2000}}, panoramas=False,
+    ),
     "small": Size(
         "small", 48, 320, 240, ROOMS, OBJECTS, True, (10, 20, 40, 80, 150), (512, 1024, 2048, 4096),
         *PUBLISHED, 20_000_000, 0.1, 60_000,

@@ -15,7 +15,7 @@ from app.viewer import frusta, shades
 from app.viewer.protocol import AXES, Style
 from app.viewer.scene import MOVING_EMITTERS, Scene
 from app.viewer.solids import ball, ellipsoids, grid
-from engine.geometry import transform
+from engine.geometry import inverse, transform
 
 ELLIPSOIDS, MOVING_ELLIPSOIDS = 1500, 400
 SPARSE = (142, 150, 162)
@@ -85,7 +85,7 @@ class Parts:
         scene, found = self.scene, {}
         shown = set(style.visible)
         if "surface" in shown and scene.sheets:
-            key = (style.surface, style.view)
+            key = (style.surface, style.view, style.pose)
             found["surface"] = self._once(("surface", level), key, lambda: self._surface(style, level))
         if "lamps" in shown and scene.lamps is not None and len(scene.lamps.radii):
             found["lamps"] = self._once("lamps", style.exposure_ev, lambda: self._lamps(style))
@@ -145,7 +145,8 @@ class Parts:
         sheet = self.scene.sheets[min(level, len(self.scene.sheets) - 1)]
         known = {**(self.scene.layers or {}), **self._painted}
         layer = known.get(style.surface) or known["shaded"]
-        pose = self.scene.world_from_cam(style.view)
+        stands = inverse(np.array(style.pose).reshape(3, 4)) if style.pose else None
+        pose = self.scene.world_from_cam(style.view) if stands is None else stands
         row, column = sheet.pixels.T
         return Triangles(
             transform(pose, sheet.points),

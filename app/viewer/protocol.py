@@ -27,6 +27,7 @@ class Style:
     emitters: str = "points"  # or "ellipsoids", "splats"
     exposure_ev: float = 0.0  # of the emitters and lamps, relative to what suits the room
     view: int = -1  # the surface stands where it was in this view; -1: the first registered one
+    pose: tuple[float, ...] = ()  # or where it is for this camera, 12 numbers as in `Contents.poses`
     frusta: float = 1.0  # length of the cameras, as a share of `Contents.frustum`
     open_front: bool = True  # emitters between the eye and the cameras are left out
     top: Colour = (40, 42, 46)  # the ground's colours

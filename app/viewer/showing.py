@@ -122,6 +122,20 @@ def around(showing: Showing) -> Orbit:
     return orbit.through(upright, orbit.cam_from_world(showing.eye), showing.eye.distance, showing.eye.fov)
 
 
+def ride(showing: Showing, count: int) -> list[tuple[Orbit, Style]]:
+    """`count` pictures along the cameras' way, in the photographs' order; the surface rides along, as the object did."""
+    contents, depth = showing.contents, showing.contents.object_depth or showing.contents.radius
+    poses = [np.array(pose).reshape(3, 4) for pose in contents.poses if pose]
+    stops = [orbit.through(showing.eye, pose, depth, contents.fov) for pose in poses]
+    # What stands in the cameras' own way would run across every picture.
+    style, made = with_layer(with_layer(showing, "cameras", False), "axes", False).style, []
+    for at in np.linspace(0, len(stops) - 1, count):
+        before, after = stops[int(at)], stops[min(int(at) + 1, len(stops) - 1)]
+        eye = orbit.between(before, after, float(at) % 1)
+        made.append((eye, replace(style, pose=tuple(orbit.cam_from_world(eye).ravel().tolist()))))
+    return made
+
+
 def with_layer(showing: Showing, layer: str, shown: bool) -> Showing:
     visible = [name for name in showing.style.visible if name != layer] + ([layer] if shown else [])
     return replace(showing, style=replace(showing.style, visible=tuple(visible)))

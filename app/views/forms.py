@@ -5,6 +5,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, Signal
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QComboBox,
     QDialog,
     QDialogButtonBox,
@@ -36,9 +37,17 @@ def form() -> QFormLayout:
 
 
 def label(text: str, field: QWidget) -> QLabel:
+    """Also what a screen reader calls the field."""
     made = QLabel(text)
     made.setBuddy(field)
+    field.setAccessibleName(field.accessibleName() or text.replace("&", ""))
     return made
+
+
+def named(*buttons: QAbstractButton) -> None:
+    """Let a screen reader call them by their words."""
+    for button in buttons:
+        button.setAccessibleName(button.text().replace("&", ""))
 
 
 def hint(text: str) -> QLabel:
@@ -109,8 +118,7 @@ class JobFoot(QWidget):
         self.go.setObjectName("primary")
         self.go.setDefault(True)
         self.stop = self.box.addButton(QDialogButtonBox.StandardButton.Cancel)
-        for button in self.box.buttons():
-            button.setAccessibleName(button.text().replace("&", ""))
+        named(*self.box.buttons())
         self.go.clicked.connect(self.wanted)
         self.stop.clicked.connect(self.leave)
         layout = QVBoxLayout(self)

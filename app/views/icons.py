@@ -1,8 +1,11 @@
 """Line icons in the colours of the theme, drawn from paths on a 24 x 24 grid; our own drawings."""
 
-from PySide6.QtCore import QByteArray, QSize, Qt
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QIcon, QPainter, QPixmap
 from PySide6.QtSvg import QSvgRenderer
+from PySide6.QtWidgets import QAbstractButton, QToolButton
+
+from app.views import theme
 
 PATHS = {
     "start": "M4 11 L12 4 L20 11 V20 H14.5 V14 H9.5 V20 H4 Z",
@@ -31,6 +34,15 @@ PATHS = {
     "disk": "M4 13 V19 H20 V13 M4 13 L7 5 H17 L20 13 Z M16.5 16 h.01",
     "chip": "M7 7 H17 V17 H7 Z M10 3.5 V7 M14 3.5 V7 M10 17 V20.5 M14 17 V20.5 M3.5 10 H7 M3.5 14 H7 M17 10 H20.5"
     " M17 14 H20.5",
+    "brush": "M4 20 C3.5 16 7 13.5 9.5 16 C11.5 18.5 8.5 20.5 4 20 Z M9.5 15.5 L18.5 4 L20.5 5.8 L11 16.5",
+    "eraser": "M8.5 19.5 L3.5 14.5 L14 4 L20.5 10.5 L11.5 19.5 Z M8.5 9.5 L15 16 M11.5 19.5 H20.5",
+    "polygon": "M5 10 L13 4 L20 9.5 L16.5 19 L7 18 Z",
+    "add": "M12 5 V19 M5 12 H19",
+    "subtract": "M5 12 H19",
+    "exact": "M12 3 V9 M12 15 V21 M3 12 H9 M15 12 H21 M12 12 v.01",
+    "grid": "M4 4 H10.5 V10.5 H4 Z M13.5 4 H20 V10.5 H13.5 Z M4 13.5 H10.5 V20 H4 Z M13.5 13.5 H20 V20 H13.5 Z",
+    "swipe": "M3 5 H21 V19 H3 Z M12 3 V21 M8.5 9.5 L6 12 L8.5 14.5 M15.5 9.5 L18 12 L15.5 14.5",
+    "compare": "M4 4 H15 V15 H4 Z M18 9 H20 V20 H9 V18",
     "warning": "M12 4 L21.5 20 H2.5 Z M12 10 V14.5 M12 17 v.01",
 }
 
@@ -60,3 +72,29 @@ def pixmap(name: str, colour: str, size: int = 24, scale: float = 1.0) -> QPixma
     painter.end()
     picture.setDevicePixelRatio(scale)
     return picture
+
+
+def wear(button: QAbstractButton, name: str, size: int = 16) -> None:
+    """Let the button have the icon beside its words, in the colours of the theme, whichever comes."""
+    if isinstance(button, QToolButton):
+        button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+    button.setIconSize(QSize(size, size))
+    button.installEventFilter(_Dresser(button, name, size))
+
+
+class _Dresser(QObject):
+    """Lives with its button."""
+
+    def __init__(self, button: QAbstractButton, name: str, size: int) -> None:
+        super().__init__(button)
+        self._button, self._name, self._size = button, name, size
+        self._dress()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.PaletteChange:
+            self._dress()
+        return False
+
+    def _dress(self) -> None:
+        ours = theme.colours(self._button)
+        self._button.setIcon(icon(self._name, ours.text, self._size, on=ours.on_accent))

@@ -3,10 +3,12 @@
 Importing this module loads PySide6 and light modules alone; `tests/app/views/test_main_window.py` holds it to that.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QTimer
+from PySide6.QtCore import QByteArray, Qt, QTimer
 from PySide6.QtGui import (
+    QAction,
     QCloseEvent,
     QDragEnterEvent,
     QDragLeaveEvent,
@@ -76,7 +78,7 @@ class MainWindow(QMainWindow):
         self.menus = Menus(self)
         self._connect()
         self._title()
-        shortcuts.choose(shortcuts.collect([(self.tr("Everywhere"), self)]), settings.value.shortcuts)
+        self._choose_keys(shortcuts.collect([(self.tr("Everywhere"), self)]), self.rail)
         self.restoreGeometry(QByteArray.fromHex(settings.value.window.encode()))
         self.show_page("start")
         if settings.notice is not None:
@@ -98,7 +100,7 @@ class MainWindow(QMainWindow):
             if isinstance(page, UsesShell):
                 page.use(self.shell)
             self._show_session_on(page)
-            shortcuts.choose(self._keys_of(key), self.shell.settings.value.shortcuts)
+            self._choose_keys(self._keys_of(key), page)
         return self._pages[key]
 
     def show_page(self, key: str) -> None:
@@ -217,7 +219,7 @@ class MainWindow(QMainWindow):
         def change(name: str | None, chosen: str) -> None:
             settings = self.shell.settings
             settings.change(shortcuts={} if name is None else {**settings.value.shortcuts, name: chosen})
-            shortcuts.choose(keys, settings.value.shortcuts)
+            self._choose_keys(keys, self.rail, *self._pages.values())
 
         ShortcutsDialog(self, [*keys, *shortcuts.mouse()], change).open()
 
@@ -230,6 +232,15 @@ class MainWindow(QMainWindow):
         self._manual.show()
         self._manual.raise_()
         self._manual.activateWindow()
+
+    def _choose_keys(self, found: Iterable[Shortcut], *parts: QWidget) -> None:
+        """Give these the keys that the person chose; `parts` name them."""
+        shortcuts.choose(found, self.shell.settings.value.shortcuts)
+        everywhere = shortcuts.replaced(
+            self.findChildren(QAction, options=Qt.FindChildOption.FindDirectChildrenOnly)
+        )
+        for part in parts:
+            shortcuts.retell(part, everywhere | shortcuts.replaced(part.findChildren(QAction)))
 
     def _keys_of(self, key: str) -> tuple[Shortcut, ...]:
         row = next(row for row in PAGES if row.key == key)

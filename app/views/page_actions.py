@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QAbstractButton, QPushButton, QWidget
+
+from app.views.shortcuts import FOLLOWS
 
 
 def page_action(page: QWidget, text: str, keys: str | tuple[str, ...], call: Callable[[], object]) -> QAction:
@@ -24,15 +26,30 @@ def action_button(action: QAction, look: str = "") -> QPushButton:
     made.clicked.connect(action.trigger)
 
     def follow() -> None:
-        keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-        words = action.toolTip().replace("&", "")
         plain = action.text().replace("&", "")
         made.setText(action.text() if action.iconText() == plain else action.iconText())
         made.setAccessibleName(plain)
-        made.setToolTip(f"{words} ({keys})" if keys else words)
         made.setEnabled(action.isEnabled())
         made.setVisible(action.isVisible())
 
     action.changed.connect(follow)
     follow()
+    tell_keys(made, action)
     return made
+
+
+def tell_keys(button: QAbstractButton, action: QAction) -> None:
+    """Let the button's tooltip say what the action says, and its keys."""
+
+    def follow() -> None:
+        button.setToolTip(keyed(action.toolTip().replace("&", ""), action))
+
+    button.setProperty(FOLLOWS, True)
+    action.changed.connect(follow)
+    follow()
+
+
+def keyed(words: str, action: QAction) -> str:
+    """Words that end with the action's key."""
+    keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+    return f"{words} ({keys})" if keys else words

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication, Qt, QUrl
@@ -24,7 +25,7 @@ from app.state import Trouble
 from app.views import theme
 from app.views.background import Background
 from app.views.editors import Number
-from app.views.forms import browsed, form, hint, label
+from app.views.forms import browsed, form, hint, label, named
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
 
@@ -86,17 +87,22 @@ class PreferencesDialog(QDialog):
             for column, widget in enumerate((QLabel(words), size, button)):
                 table.addWidget(widget, row, column)
             self.sizes[name], self.clear[name] = size, button
-        folder = QLabel(str(places.cache()))
-        folder.setObjectName("dim")
-        folder.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.place = QLabel(str(places.cache().resolve()))
+        self.place.setObjectName("dim")
+        self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.elsewhere = QPushButton(self.tr("&Move…"))
+        self.elsewhere.setAccessibleName(self.tr("Keep the cache in another folder"))
+        self.elsewhere.clicked.connect(self._ask_place)
         show = QPushButton(self.tr("Show &folder"))
-        show.setAutoDefault(False)
         show.clicked.connect(lambda: QDesktopServices.openUrl(QUrl.fromLocalFile(str(places.cache()))))
-        table.addWidget(folder, len(caches.NAMES), 0, 1, 2)
-        table.addWidget(show, len(caches.NAMES), 2)
+        for column, widget in enumerate((self.place, self.elsewhere, show)):
+            table.addWidget(widget, len(caches.NAMES), column)
+        for button in (self.elsewhere, show):
+            button.setAutoDefault(False)
 
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         buttons.rejected.connect(self.reject)
+        named(show, *buttons.buttons())
         heading = QLabel(self.tr("Cache"))
         heading.setObjectName("heading")
         whole = QVBoxLayout(self)
@@ -140,4 +146,21 @@ class PreferencesDialog(QDialog):
 
     def _refused(self, fault: Trouble) -> None:
         show_trouble(self, fault)
+        self.elsewhere.setEnabled(True)
         self._measure()
+
+    def _ask_place(self) -> None:
+        if self._shell.board.active:
+            why = Trouble(self.tr("The cache is in use"), self.tr("wait until nothing runs"))
+            show_trouble(self, why)
+            return
+        said = QFileDialog.getExistingDirectory(
+            self, self.tr("Keep the cache in"), str(places.cache().parent)
+        )
+        if said:
+            self.elsewhere.setEnabled(False)
+            self._background.ask("move", lambda: caches.move(Path(said)), self._moved, self._refused)
+
+    def _moved(self, there: Path) -> None:
+        self.place.setText(str(there))
+        self.elsewhere.setEnabled(True)

@@ -49,7 +49,8 @@ class Rail(QFrame):
 
     def show_key(self, key: str) -> None:
         self.buttons[key].setChecked(True)
-        if any(button.hasFocus() for button in self.buttons.values()):
+        # Also where the window is not active yet, and would light the first of them when it is.
+        if self.window().focusWidget() in (None, *self.buttons.values()):
             self.buttons[key].setFocus()
 
     def changeEvent(self, event) -> None:

@@ -6,7 +6,7 @@ Marks are points of the upright picture in its widths, whichever view they were 
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, Signal
-from PySide6.QtGui import QUndoStack
+from PySide6.QtGui import QAction, QUndoStack
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QToolButton, QWidget
 
 from app.inspect.maps import Maps
@@ -14,6 +14,7 @@ from app.state import Trouble, trouble
 from app.views.background import Background
 from app.views.editors import Number
 from app.views.elided import Elided
+from app.views.page_actions import keyed
 from app.views.readout import told
 from app.views.value_edit import ValueEdit
 from app.words import sentence
@@ -33,11 +34,15 @@ class ScaleRow(QFrame):
     written = Signal(str)  # the session has another scale, and what follows from that
     failed = Signal(Trouble)
 
-    def __init__(self, parent: QWidget, undo: QUndoStack, background: Background) -> None:
+    def __init__(self, parent: QWidget, undo: QUndoStack, background: Background, by_key: QAction) -> None:
+        """
+        Args:
+            by_key: marks a point without the mouse.
+        """
         super().__init__(parent)
         self.setObjectName("panel")
         self.marks: tuple[QPointF, ...] = ()
-        self._undo, self._background = undo, background
+        self._undo, self._background, self._by_key = undo, background, by_key
         self._session: Path | None = None
         self._maps: Maps | None = None
         self.said = Elided()
@@ -116,8 +121,8 @@ class ScaleRow(QFrame):
         """What to do next, how long it is or what refuses it; whether it may be set."""
         marks, shown = self.marks, self._maps
         if len(marks) < 2 or shown is None or shown.camera is None:
-            first, second = self.tr("Click one point of the object (M)"), self.tr("Click another point (M)")
-            return (second if marks else first), False
+            asked = self.tr("Click another point") if marks else self.tr("Click one point of the object")
+            return keyed(asked, self._by_key), False
         try:
             length = shown.unit_factor / factor(self._bar(1.0), shown.surface, shown.camera)
         except RoomlightError as error:

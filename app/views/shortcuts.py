@@ -4,6 +4,7 @@ Nobody keeps a list by hand: the sheet reads the actions and shortcuts that exis
 its `whatsThis`, and keeps its keys.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -12,7 +13,6 @@ from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
-    QFrame,
     QHeaderView,
     QKeySequenceEdit,
     QMainWindow,
@@ -24,9 +24,11 @@ from PySide6.QtWidgets import (
 )
 
 from app.views import theme
-from app.views.forms import hint
+from app.views.forms import hint, named
 
 SHIPPED = "shipped keys"  # property of an action whose keys may be chosen
+RETOLD = "retold"  # property of what names keys: its words as shipped, and as they are now
+FOLLOWS = "follows"  # property of a button that names its action's keys itself
 SHORTCUT = Qt.ItemDataRole.UserRole
 
 
@@ -79,6 +81,41 @@ def choose(shortcuts: Iterable[Shortcut], chosen: Mapping[str, str]) -> None:
         action.setShortcuts(action.property(SHIPPED) if keys is None else [QKeySequence(keys)])
 
 
+def replaced(actions: Iterable[QAction]) -> dict[str, str]:
+    """The keys in force by the shipped ones, of actions whose keys are others now."""
+    found = {}
+    for action in actions:
+        shipped = action.property(SHIPPED)
+        if shipped is not None and shipped != action.shortcuts():
+            found |= {_told(keys): _told(action.shortcut()) for keys in shipped}
+    return found
+
+
+def retell(root: QWidget, keys: Mapping[str, str]) -> None:
+    """Let tooltips under `root`, and what buttons of its actions say, name the keys in force where they have shipped ones in
+    brackets; see `replaced`."""
+    for widget in root.findChildren(QWidget):
+        if not widget.property(FOLLOWS):
+            _retell(widget, keys, widget.toolTip(), widget.setToolTip)
+    for action in root.findChildren(QAction):
+        _retell(action, keys, action.iconText(), action.setIconText)
+
+
+def _retell(of: QObject, keys: Mapping[str, str], now: str, say: Callable[[str], None]) -> None:
+    shipped, last = of.property(RETOLD) or (now, now)
+    if now != last:  # something else was said meanwhile
+        shipped = now
+    none = QCoreApplication.translate("ShortcutsDialog", "no key")
+    told = re.sub(
+        r"\([^()]*\)",
+        lambda bracket: re.sub(r"[^\s(),;]+", lambda word: keys.get(word[0], word[0]) or none, bracket[0]),
+        shipped,
+    )
+    if told != now:
+        say(told)
+        of.setProperty(RETOLD, (shipped, told))
+
+
 def mouse() -> tuple[Shortcut, ...]:
     """What the mouse does in pictures, in space and on controls."""
 
@@ -126,7 +163,7 @@ class ShortcutsDialog(QDialog):
         self.sheet.header().setStretchLastSection(False)
         self.sheet.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.sheet.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
-        self.sheet.setFrameShape(QFrame.Shape.NoFrame)
+        self.sheet.setObjectName("plain")
         self.sheet.setEditTriggers(
             QTreeWidget.EditTrigger.DoubleClicked | QTreeWidget.EditTrigger.EditKeyPressed
         )
@@ -140,8 +177,7 @@ class ShortcutsDialog(QDialog):
         box.rejected.connect(self.reject)
         self.restore = box.button(QDialogButtonBox.StandardButton.RestoreDefaults)
         self.restore.clicked.connect(self._restore)
-        for button in box.buttons():
-            button.setAccessibleName(button.text().replace("&", ""))
+        named(*box.buttons())
         layout = QVBoxLayout(self)
         layout.addWidget(self.sheet)
         layout.addWidget(self.said)

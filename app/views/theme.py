@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from PySide6.QtCore import QCoreApplication, Qt
-from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette, QPen
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QPainter, QPalette, QPen
 from PySide6.QtWidgets import QApplication, QWidget
 
 from app.words import QT_TRANSLATE_NOOP
@@ -83,6 +83,15 @@ def pen(name: str, width: float = 1.0) -> QPen:
     return QPen(QColor(name), width)
 
 
+def ring(painter: QPainter, widget: QWidget, ours: Palette) -> None:
+    """Around a widget that paints itself, while keys act on it."""
+    if widget.hasFocus():
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(pen(ours.focus, 2))
+        painter.drawRect(widget.rect().adjusted(1, 1, -1, -1))
+
+
 def title(text: str) -> str:
     """One of `TITLES` in the person's language."""
     return QCoreApplication.translate("theme", text)
@@ -152,7 +161,7 @@ def qt_palette(ours: Palette) -> QPalette:
 
 def _sheet(ours: Palette) -> str:
     """What a palette cannot say. Names: QLabel#title, #heading, #dim; QFrame#card, #panel; QPushButton#primary, #stop;
-    QToolButton#segment (of several one is down); QComboBox#flat (a list that reads as a title)."""
+    QToolButton#segment (of several one is down); #plain (a list or text without a frame); QComboBox#flat (a list that reads as a title)."""
     check = "check-on-dark.svg" if ours.dark else "check-on-light.svg"
     return f"""
     QLabel#title {{ font-size: 18pt; font-weight: 600; }}
@@ -225,11 +234,13 @@ def _sheet(ours: Palette) -> str:
     QPushButton#primary:focus, QPushButton#stop:focus {{ border: 2px solid {ours.text}; padding: 4px 13px; }}
     QComboBox#flat {{ border: 1px solid transparent; background: transparent; padding: 0 3px; font-weight: 600; }}
     QComboBox#flat:focus {{ border: 1px solid {ours.focus}; padding: 0 3px; }}
+    #plain {{ border: 1px solid transparent; }}
+    #plain:focus {{ border: 1px solid {ours.focus}; }}
     QListWidget:focus, QTreeWidget:focus, QTableWidget:focus {{ border: 1px solid {ours.focus}; }}
     QToolButton#rail {{ border: none; border-radius: 5px; color: {ours.dim}; font-size: 8pt; padding-top: 4px; }}
     QToolButton#rail:hover {{ background: {ours.window}; }}
     QToolButton#rail:checked {{ background: {ours.window}; color: {ours.text}; }}
-    QToolButton#rail:focus {{ border: 2px solid {ours.focus}; }}
+    QToolButton#rail:focus {{ border: 2px solid {ours.focus}; padding-top: 0; }}
     QToolTip {{ background: {ours.panel}; color: {ours.text}; border: 1px solid {ours.line}; padding: 4px; }}
     QProgressBar {{ background: {ours.line}; border: none; border-radius: 3px; max-height: 6px; }}
     QProgressBar::chunk {{ background: {ours.accent}; border-radius: 3px; }}

@@ -105,7 +105,7 @@ class Job:
         self._child: subprocess.Popen[bytes] | None = None
         self._ended = threading.Event()
         self._tail: deque[str] = deque(maxlen=TAIL_LINES)
-        self._stage_start = 0.0
+        self._stage_start = 0.0  # of a task that tells no stages: when its child began
         self._killer: threading.Timer | None = None
 
     @property
@@ -146,6 +146,7 @@ class Job:
             else:
                 assert self._child.stdin is not None
                 os.set_blocking(self._child.stdin.fileno(), False)
+                self._stage_start = self._clock()
                 self._change(state=JobState.RUNNING)
                 threading.Thread(target=self._read, name=f"job {self.status.name}", daemon=True).start()
         self._tell()

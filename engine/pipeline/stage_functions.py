@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -38,6 +38,9 @@ from engine.types import (
     SolvedScene,
     Surface,
 )
+
+if TYPE_CHECKING:
+    from engine.segmentation.segment import Strokes
 
 Records = Mapping[str, Any]
 
@@ -67,15 +70,14 @@ def hdr(work: Work) -> Records:
 def segment(work: Work) -> Records:
     """masks, report; no report of masks that were given."""
     from engine.io.images import read_mask
-    from engine.segmentation.segment import Strokes, from_object, segment
+    from engine.segmentation.segment import from_object, segment
 
     frames = work.load("hdr", "frames", Frames)
     views = np.array(left_out.kept(work.session, frames.names))
     camera, folder = work.session.facts["camera"], work.session.folder / "edits"
     grid, painted = frames.dark.shape[1:], None
     if (folder / "strokes.png").is_file():
-        add, remove = read_strokes(folder / "strokes.png", camera["height"], camera["width"])
-        painted = Strokes(on_grid(add, grid), on_grid(remove, grid))
+        painted = read_strokes(folder / "strokes.png", camera["height"], camera["width"], grid)
     if not work.given:
         masks, report = segment(frames, work.params, painted, work.progress, views)
         return {"masks": masks, "report": report}
@@ -85,15 +87,14 @@ def segment(work: Work) -> Records:
     return {"masks": from_object(frames, mask, work.params)}
 
 
-def read_strokes(
-    path: Path, height: int, width: int
-) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """(add, remove) of `edits/strokes.png`: green adds to the object, red takes from it.
+def read_strokes(path: Path, height: int, width: int, grid: tuple[int, ...]) -> "Strokes":
+    """`edits/strokes.png` on a grid: green adds to the object, red takes from it, with blue exactly there.
 
     Raises:
         MaskError: not a colour image of the photographs' size.
     """
     from engine.io.images import UNREADABLE_PICTURE, opened
+    from engine.segmentation.segment import Strokes
 
     try:
         with opened(path) as image:
@@ -105,8 +106,8 @@ def read_strokes(
             f"{path}: must be a colour PNG of {width} x {height}, green where the object is and red where it"
             " is not; paint it again on a photograph"
         ) from fault
-    red, green = rgb[..., 0] > 127, rgb[..., 1] > 127
-    return green & ~red, red & ~green
+    red, green, blue = (rgb[..., channel] > 127 for channel in range(3))
+    return Strokes(*(on_grid(painted, grid) for painted in (green & ~red, red & ~green, blue)))
 
 
 def on_grid(mask: Bool[np.ndarray, "hh ww"], grid: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:

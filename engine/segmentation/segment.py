@@ -31,10 +31,18 @@ HINT = 2.5  # a stroke's pull on the pixels beside it, in units of what their ow
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strokes:
-    """What a person painted: certain there, a hint around it."""
+    """What a person painted: certain there, a hint around it but where it is exact."""
 
     add: Bool[np.ndarray, "h w"]
     remove: Bool[np.ndarray, "h w"]
+    exact: Bool[np.ndarray, "h w"] | None = None
+
+    def hints(self) -> "Strokes | None":
+        """Those that speak for what is around them."""
+        if self.exact is None:
+            return self
+        hints = Strokes(self.add & ~self.exact, self.remove & ~self.exact)
+        return hints if (hints.add | hints.remove).any() else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +77,8 @@ def segment(
     small = measure(frames, chosen, by)
     best, best_score, begun = None, -np.inf, 0
     guesses = list(_first_guesses(small))
-    said = strokes and Strokes(scribbles.reduced(strokes.add, by), scribbles.reduced(strokes.remove, by))
+    hints = strokes and strokes.hints()
+    said = hints and Strokes(scribbles.reduced(hints.add, by), scribbles.reduced(hints.remove, by))
     answers: list[Bool[np.ndarray, "h w"]] = []
     for number, guess in enumerate(guesses):
         progress.step(0.1 + 0.5 * number / len(guesses), "comparing first guesses")
@@ -96,8 +105,8 @@ def segment(
         best = cv2.resize(best.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
         if guessed:  # also what hardly stands out on small images may do so at full size
             best = _sharper(best, full, begun, by)
-    if by > 1 or strokes is not None:
-        best = _grow(full, best, params, params.refine_rounds, rng, strokes)
+    if by > 1 or hints is not None:
+        best = _grow(full, best, params, params.refine_rounds, rng, hints)
         if best is None:
             raise MaskError(_NOTHING)
     progress.step(0.95, "checking")

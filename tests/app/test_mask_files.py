@@ -8,7 +8,7 @@ import pytest
 
 from app import mask_files
 from app.mask_files import STROKES, WAITING, Keeper
-from app.masking import ADD, TAKE
+from app.masking import ADD, EXACT, TAKE
 from engine.errors import MaskError, SessionError
 from engine.io import session as sessions
 from engine.orientation import turn_picture
@@ -25,6 +25,7 @@ def session(tmp_path: Path) -> Path:
 def labels(height: int = small.HEIGHT, width: int = small.WIDTH) -> np.ndarray:
     made = np.zeros((height, width), np.uint8)
     made[2:9, 3:8], made[10:14, 9:20] = ADD, TAKE
+    made[2:4], made[10:12] = made[2:4] + EXACT * (made[2:4] > 0), made[10:12] + EXACT * (made[10:12] > 0)
     return made
 
 
@@ -48,9 +49,11 @@ def test_strokes_come_back_as_they_were_painted(session: Path) -> None:
 
 def test_the_engine_reads_what_was_painted(session: Path) -> None:
     Keeper().keep(session, labels(), 1)
-    add, remove = stage_functions.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
-    np.testing.assert_array_equal(add, labels() == ADD)
-    np.testing.assert_array_equal(remove, labels() == TAKE)
+    size = small.HEIGHT, small.WIDTH
+    strokes = stage_functions.read_strokes(session / "edits" / STROKES, *size, size)
+    np.testing.assert_array_equal(strokes.add, np.isin(labels(), (ADD, ADD + EXACT)))
+    np.testing.assert_array_equal(strokes.remove, np.isin(labels(), (TAKE, TAKE + EXACT)))
+    np.testing.assert_array_equal(strokes.exact, labels() > EXACT)
 
 
 @pytest.mark.parametrize("channels", [3, 4])
@@ -59,10 +62,12 @@ def test_pictures_of_other_programs_are_read_as_the_engine_reads_them(session: P
     image = rng.choice([0, 100, 127, 128, 255], (small.HEIGHT, small.WIDTH, channels)).astype(np.uint8)
     path = session / "edits" / STROKES
     cv2.imwrite(str(path), image)
-    add, remove = stage_functions.read_strokes(path, small.HEIGHT, small.WIDTH)
-    read = mask_files.read_labels(session, (small.HEIGHT, small.WIDTH))
-    np.testing.assert_array_equal(read == ADD, add)
-    np.testing.assert_array_equal(read == TAKE, remove)
+    size = small.HEIGHT, small.WIDTH
+    strokes, read = stage_functions.read_strokes(path, *size, size), mask_files.read_labels(session, size)
+    np.testing.assert_array_equal(np.isin(read, (ADD, ADD + EXACT)), strokes.add)
+    np.testing.assert_array_equal(np.isin(read, (TAKE, TAKE + EXACT)), strokes.remove)
+    assert strokes.exact is not None
+    np.testing.assert_array_equal(read > EXACT, strokes.exact & (strokes.add | strokes.remove))
 
 
 def test_photographs_averaged_down_are_painted_on_their_own_grid(session: Path) -> None:
@@ -183,6 +188,7 @@ def test_what_is_painted_on_upright_photographs_is_kept_as_the_sensor_lies(sessi
     painted[1:4, 2:5], painted[6, 7:9] = ADD, TAKE
     Keeper().keep(session, painted, 1)
     np.testing.assert_array_equal(mask_files.read_labels(session, shown.shape), painted)
-    add, remove = stage_functions.read_strokes(session / "edits" / STROKES, small.HEIGHT, small.WIDTH)
-    np.testing.assert_array_equal(turn_picture(add, flip)[::2, ::2], painted == ADD)
-    np.testing.assert_array_equal(turn_picture(remove, flip)[::2, ::2], painted == TAKE)
+    size = small.HEIGHT, small.WIDTH
+    strokes = stage_functions.read_strokes(session / "edits" / STROKES, *size, size)
+    np.testing.assert_array_equal(turn_picture(strokes.add, flip)[::2, ::2], painted == ADD)
+    np.testing.assert_array_equal(turn_picture(strokes.remove, flip)[::2, ::2], painted == TAKE)

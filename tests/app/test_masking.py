@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app import masking
-from app.masking import ADD, NOTHING, TAKE, Editor, Painting
+from app.masking import ADD, EXACT, NOTHING, TAKE, Editor, Painting
 
 H, W = 30, 41  # a width whose rows must be padded
 
@@ -117,8 +117,8 @@ def test_what_changes_nothing_is_no_change(editor: Editor) -> None:
 
 
 def test_adding_taking_and_rubbing_out(editor: Editor, painting: Painting) -> None:
-    for adds, label in ((True, ADD), (False, TAKE)):
-        editor.adds = adds
+    for adds, exact, label in ((True, False, ADD), (False, False, TAKE), (False, True, TAKE + EXACT)):
+        editor.adds, editor.exact = adds, exact
         editor.press((9, 9))
         editor.release()
         assert painting.labels[9, 9] == label

@@ -9,7 +9,6 @@ import io
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from app.bench import drawing
 from app.bench.stress.dials import DIALS
 from app.bench.stress.measure import CLEAN, Stressed
-from app.bench.stress.scores import cell, failed, mean_ratio, told
+from app.bench.stress.scores import cell, failed, mean_ratio, was_told
 
 MOST = 8.0  # times the clean error that the darkest colour stands for
 ROW_IN, AROUND_IN = 0.24, 1.0
@@ -42,9 +41,10 @@ def rows(runs: Sequence[Stressed]) -> str:
     """Every run as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field for field in Stressed.__slots__ if field != "seconds"])
+    columns = [name for name in Stressed.__slots__ if name not in ("seconds", "facts")]
+    writer.writerow(columns)
     for one in runs:
-        writer.writerow([value for field, value in asdict(one).items() if field != "seconds"])
+        writer.writerow([getattr(one, name) for name in columns])
     return text.getvalue()
 
 
@@ -105,7 +105,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
             axes.plot(at, [one.far_field_deg for one in line], ":", color=colour, lw=0.8)
             broken = next((one for one in line if failed(one, first)), None)
             if broken is not None:
-                mark = "x" if told(broken) else "X"
+                mark = "x" if was_told(broken) else "X"
                 high = first.normal_deg if broken.refused else broken.normal_deg
                 axes.plot(broken.step, high, mark, color=drawing.VERMILION, ms=6, zorder=3)
         axes.set_yscale("log")

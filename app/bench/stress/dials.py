@@ -1,8 +1,8 @@
 """Good captures made worse, one way at a time, in five steps from harmless to hopeless: what a set's photographs, poses and mask become.
 
-Every dial takes what the stages before the light left and a step from 1 to 5, and returns what they would have left of the worse
-capture. Nothing is rendered again: what only another rendering would show (a lamp nearer by, a glossier object) is no dial here.
-The truth is not touched, so that errors stay those of the same pixels.
+A dial takes what the stages before the light left and a step from 1 to 5, and returns what they would have left of the worse
+capture; the truth is not touched, so that errors stay those of the same pixels. Or it photographs something harder: a lamp nearer by, a
+glossier object. The rooms of such dials are the booth's, the one room with numbers to turn.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,6 +12,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
+from app.bench import choices
+from app.bench.choices import Choice
 from app.bench.record import BenchError
 from app.bench.stored import Stored, fewer_views
 from engine.geometry import rays
@@ -28,7 +30,9 @@ class Dial:
 
     title: str  # with the unit of its amounts
     amounts: tuple[float, float, float, float, float]  # step by step
-    turn: Callable[[Stored, float, Rng], Stored]
+    turn: Callable[[Stored, float, Rng], Stored] = lambda stored, amount, rng: stored
+    # Of room, object, amount and seed: what is photographed instead; None: nothing, this is no dial for that room.
+    scene: Callable[[Choice, Choice, float, int], tuple[Choice, Choice] | None] | None = None
 
     def at(self, stored: Stored, step: int, seed: int) -> Stored:
         """`stored` made worse by one of the steps."""
@@ -161,6 +165,30 @@ def _taken(stored: Stored, radiance: np.ndarray) -> Stored:
     return replace(stored, frames=Frames(frames.names, radiance, frames.clipped, frames.dark, frames.noise))
 
 
+def _room(number: str) -> Callable[[Choice, Choice, float, int], tuple[Choice, Choice] | None]:
+    """The booth with one of its numbers."""
+
+    def scene(room: Choice, thing: Choice, amount: float, seed: int) -> tuple[Choice, Choice] | None:
+        booth = choices.built_in(f"booth:{number}={amount:g}")
+        return (booth, thing) if room.asked == "booth" else None
+
+    return scene
+
+
+def _made_of(kind: str) -> Callable[[Choice, Choice, float, int], tuple[Choice, Choice] | None]:
+    """The same object, of another roughness."""
+
+    def scene(room: Choice, thing: Choice, amount: float, seed: int) -> tuple[Choice, Choice]:
+        material = f"{kind}:roughness={amount:g}"
+        return room, choices.thing(thing.asked, thing.name, material, seed, thing.size_m, thing.turn_deg)
+
+    return scene
+
+
+def _bowl(room: Choice, thing: Choice, amount: float, seed: int) -> tuple[Choice, Choice]:
+    return room, choices.built_in(f"bowl:deep={amount:g}")
+
+
 DIALS: Mapping[str, Dial] = {
     "views": Dial("views", (32, 24, 16, 12, 9), _fewer),
     "narrow": Dial("share of the views, those turned least", (0.6, 0.45, 0.35, 0.25, 0.2), _narrow),
@@ -177,7 +205,26 @@ DIALS: Mapping[str, Dial] = {
     "passer_by": Dial("share of views with somebody in them", (0.06, 0.12, 0.18, 0.24, 0.3), _passer_by),
     "slipped": Dial("slip of the object half-way, px", (0.3, 0.6, 1.0, 2.0, 3.0), _slipped),
     "blurred": Dial("defocus, px", (0.4, 0.8, 1.2, 2.0, 3.0), _blurred),
+    "gloss": Dial("paint of this roughness", (0.5, 0.3, 0.2, 0.1, 0.05), scene=_made_of("paint")),
+    "metal": Dial("metal of this roughness", (0.6, 0.45, 0.3, 0.2, 0.1), scene=_made_of("metal")),
+    "cavity": Dial("a bowl so deep, half widths", (0.25, 0.5, 1.0, 1.6, 2.5), scene=_bowl),
+    "near_lamp": Dial(
+        "lamp of the booth, m from the object", (1.2, 0.9, 0.7, 0.55, 0.45), scene=_room("lamp")
+    ),
+    "bare_walls": Dial("contrast of the booth's walls", (0.5, 0.25, 0.1, 0.03, 0), scene=_room("texture")),
+    "flat_light": Dial("contrast of all light in the booth", (0.7, 0.4, 0.2, 0.1, 0.05), scene=_room("glow")),
 }
+FITTED = (
+    "views",
+    "pose_noise",
+    "mask_grown",
+    "mask_piece",
+    "white_balance",
+    "clipped",
+    "passer_by",
+    "blurred",
+)
+"""Those that the verdict's limits are from; the others score it (decision 66)."""
 
 
 def chosen(names: Sequence[str]) -> tuple[str, ...]:

@@ -5,8 +5,8 @@ import hashlib
 import json
 import math
 import time
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from app import places
 from app.bench import record
 from app.bench.alike import under
 from app.bench.baselines.known_light import KnownLightParams, far_field
+from app.bench.call import Call
+from app.bench.choices import Choice
 from app.bench.rows import params_of
 from app.bench.sets import Set, job
 from app.bench.stress.dials import DIALS
@@ -58,40 +60,51 @@ class Stressed:
     grade: str = ""
     doubt: float = math.nan
     reason: str = ""
+    facts: Mapping[str, float] = field(
+        default_factory=dict
+    )  # the numbers that the stages measured of themselves
 
 
-def measure(
-    on: Set, dial: str, step: int, preset: str, device: str, seed: int, folder: Path, fresh: bool
-) -> Stressed:
-    """A dial of `DIALS` turned to a step, or `CLEAN` at 0; kept in `folder` for the next call."""
-    facts = [on.stored.fingerprint, dial, step, preset, device, seed, record.engine_digest()]
-    path = folder / "stress" / f"{hashlib.sha256(canonical(facts).encode()).hexdigest()[:16]}.json"
-    if path.exists() and not fresh:
+def photographed(call: Call, on: Set, room: Choice, thing: Choice, dial: str, step: int) -> Set | None:
+    """What a dial is turned on: the set itself, or one of another scene under its name; None where it is no dial for that room."""
+    one = DIALS[dial]
+    if one.scene is None:
+        return on
+    scene = one.scene(room, thing, one.amounts[step - 1], call.args.seed)
+    return None if scene is None else replace(call.set(*scene, None), room=on.room, thing=on.thing)
+
+
+def measure(call: Call, on: Set, dial: str, step: int) -> Stressed:
+    """A dial of `DIALS` turned to a step, or `CLEAN` at 0; kept beside the sets for the next call."""
+    args = call.args
+    facts = [on.stored.fingerprint, dial, step, args.preset, call.device, args.seed, record.engine_digest()]
+    path = call.folder / "stress" / f"{hashlib.sha256(canonical(facts).encode()).hexdigest()[:16]}.json"
+    if path.exists() and not args.fresh:
         with contextlib.suppress(ValueError, TypeError):  # damaged: measured again
             return Stressed(**artifacts.revive(json.loads(path.read_text()), dict[str, Any]))
     amount = DIALS[dial].amounts[step - 1] if step else 0.0
     with job(f"{on.name} {dial} {step}") as progress:
         try:
-            found = _solved(on, dial, step, amount, preset, device, seed, progress)
+            found = _solved(call, on, dial, step, amount, progress)
         except RoomlightError as refusal:
             found = Stressed(on.name, dial, step, amount, str(refusal))
     places.keep(path, json.dumps(artifacts.plain(asdict(found))))
     return found
 
 
-def _solved(
-    on: Set, dial: str, step: int, amount: float, preset: str, device: str, seed: int, progress: Progress
-) -> Stressed:
+def _solved(call: Call, on: Set, dial: str, step: int, amount: float, progress: Progress) -> Stressed:
+    seed, device, fit = call.args.seed, call.device, LightParams(**call.size.settings.get("light", {}))
     given = DIALS[dial].at(on.stored, step, seed) if step else on.stored
     frames, masks, poses = given.frames, given.masks, given.poses
     begun = time.perf_counter()
-    gaussians, lamps, light = light_fit.fit(frames, masks, poses, LightParams(), seed, progress.part(0, 0.5))
+    gaussians, lamps, light = light_fit.fit(frames, masks, poses, fit, seed, progress.part(0, 0.5))
     captured = CapturedScene(frames, masks, poses, gaussians, lamps)
-    solved = solve(captured, params_of(preset), device, seed, progress.part(0.5, 1))
+    solved = solve(captured, params_of(call.args.preset), device, seed, progress.part(0.5, 1))
     surface, report = solved.surface, solved.report
     seconds = time.perf_counter() - begun
     scored = metrics.evaluate(surface, on.truth)
-    verdict = quality({"light": artifacts.plain(light), "surface": artifacts.plain(report)})
+    told = {"light": artifacts.plain(light), "surface": artifacts.plain(report)}
+    verdict = quality(told)
     assert verdict is not None  # our solver knows its errors
     answered = surface.mask & on.truth.mask
     error, stated = angle_between(surface.normal, on.truth.normal)[answered], surface.stderr_normal[answered]
@@ -114,4 +127,9 @@ def _solved(
         grade=verdict.grade,
         doubt=verdict.doubt,
         reason=verdict.reason,
+        facts={
+            f"{stage}.{name}": float(value)
+            for stage, values in told.items() for name, value in values.items()
+            if isinstance(value, int | float)
+        },
     )  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from app.bench.markdown import markdown
 from app.bench.record import Metric
-from app.bench.stress.dials import DIALS
+from app.bench.stress.dials import DIALS, FITTED
 from app.bench.stress.measure import CLEAN, Stressed
 from engine.results.quality import GOOD
 
@@ -32,7 +32,7 @@ class Score:
     behind: float  # share of the solved runs in which light from infinitely far away does better
 
 
-def told(one: Stressed) -> bool:
+def was_told(one: Stressed) -> bool:
     """Refused, or warned of."""
     return bool(one.refused) or one.grade != GOOD
 
@@ -47,16 +47,16 @@ def score(runs: Sequence[Stressed]) -> Score:
     clean = {one.set: one for one in runs if one.dial == CLEAN}
     worse = [one for one in runs if one.dial != CLEAN]
     wrong = [failed(one, clean[one.set]) for one in worse]
-    silent = [one for one, off in zip(worse, wrong, strict=True) if off and not told(one)]
+    silent = [one for one, off in zip(worse, wrong, strict=True) if off and not was_told(one)]
     solved = [(one.doubt, off) for one, off in zip(worse, wrong, strict=True) if not one.refused]
     solved += [(one.doubt, False) for one in clean.values()]
-    trusted = [(one.in_50, one.in_68, one.in_90, one.in_95) for one in runs if not told(one)]
+    trusted = [(one.in_50, one.in_68, one.in_90, one.in_95) for one in runs if not was_told(one)]
     answered = [one for one in runs if not one.refused]
     return Score(
         len(worse),
         sum(wrong),
         len(silent) / len(worse) if worse else math.nan,
-        sum(told(one) for one in clean.values()) / len(clean),
+        sum(was_told(one) for one in clean.values()) / len(clean),
         auroc(solved),
         tuple(map(statistics.fmean, zip(*trusted, strict=True))) or (math.nan,) * 4,
         _mean([one.ause for one in answered]),
@@ -106,9 +106,15 @@ def mark(runs: Sequence[Stressed], clean: Mapping[str, Stressed]) -> str:
     """R where all were refused, S where one was wrong and nothing was told, w where one was told of."""
     if runs and all(one.refused for one in runs):
         return "R"
-    if any(failed(one, clean[one.set]) and not told(one) for one in runs):
+    if any(failed(one, clean[one.set]) and not was_told(one) for one in runs):
         return "S"
-    return "w" if any(map(told, runs)) else ""
+    return "w" if any(map(was_told, runs)) else ""
+
+
+def told(runs: Sequence[Stressed]) -> str:
+    """What all runs say, and those of the dials that no limit is from."""
+    rest = [one for one in runs if one.dial not in FITTED]
+    return f"all dials: {summary(score(runs))}\nthose that no limit is from: {summary(score(rest))}"
 
 
 def summary(found: Score) -> str:

@@ -7,7 +7,6 @@ from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, QRect, QS
 from PySide6.QtGui import QAction, QGuiApplication, QKeySequence, QPainter
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QFrame,
     QListWidget,
     QListWidgetItem,
     QStyle,
@@ -38,7 +37,7 @@ class Findings(QListWidget):
         super().__init__(parent)
         self._told: tuple[Told, ...] = ()
         self.setAccessibleName(self.tr("Warnings of the checks"))
-        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setObjectName("plain")
         self.setItemDelegate(_Card(self))
         self.setVerticalScrollBarPolicy(
             Qt.ScrollBarPolicy.ScrollBarAlwaysOn

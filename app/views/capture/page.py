@@ -27,6 +27,7 @@ from app.views.capture.choices import Answers, choices
 from app.views.capture.notices import Matter, Seen, notice, stops
 from app.views.capture.scene import CaptureScene
 from app.views.capture.setup import CaptureSetup
+from app.views.page_column import lay_out
 from app.views.pages import Shell
 
 OPENING = frozenset({"open", "resume"})
@@ -112,11 +113,7 @@ class CapturePage(QWidget):
         across.setSpacing(0)
         across.addLayout(left, 1)
         across.addWidget(self.setup)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(self.bar)
-        layout.addLayout(across, 1)
+        lay_out(self, self.bar, across)
 
     def _connect(self) -> None:
         setup, panel = self.setup, self.panel

@@ -14,7 +14,7 @@ from app.views.capture.jog import Jog
 from app.views.capture.place import PlaceBox
 from app.views.capture.plan import PlanBox
 from app.views.column import Column
-from app.views.page_actions import action_button
+from app.views.page_actions import action_button, tell_keys
 from app.views.theme import LIGHT
 from app.words import QT_TRANSLATE_NOOP
 from hardware.interfaces import CameraStatus, State
@@ -42,7 +42,7 @@ class CaptureSetup(QFrame):
         self.histogram = Histogram()
         self.clipping = QCheckBox(clipping.text())
         self.clipping.setAccessibleName(clipping.text().replace("&", ""))
-        self.clipping.setToolTip(f"{clipping.toolTip()} ({clipping.shortcut().toString()})")
+        tell_keys(self.clipping, clipping)
         self.clipping.setChecked(clipping.isChecked())
         self.clipping.toggled.connect(clipping.setChecked)
         clipping.toggled.connect(self.clipping.setChecked)

@@ -108,10 +108,7 @@ class Sphere(QWidget):
             painter.setPen(QColor(ours.dim))
             box = QRectF(self.rect()).adjusted(18, 18, -18, -18)
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, self.message)
-        if self.hasFocus():
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(theme.pen(ours.focus, 2))
-            painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
+        theme.ring(painter, self, ours)
 
     def _grid(self, painter: QPainter, ours: theme.Palette) -> None:
         round_ = np.arange(0.0, 361.0, 6.0)

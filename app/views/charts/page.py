@@ -16,7 +16,6 @@ from PySide6.QtWidgets import (
     QListWidgetItem,
     QMenu,
     QPushButton,
-    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -34,6 +33,7 @@ from app.views.empty import Empty
 from app.views.errand import Errand
 from app.views.head import Head
 from app.views.page_actions import page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell, tell
 from app.views.readout import told
 from app.words import sentence
@@ -113,8 +113,7 @@ class ChartsPage(QWidget):
             head.addWidget(widget)
         self.said.setContentsMargins(14, 0, 14, 8)
         self.message = Empty("charts")
-        self.stack = QStackedWidget()
-        self.stack.addWidget(self.message)
+        self.stack = Either(self.message)
         self.pointed = Elided()
         self.pointed.setAccessibleName(self.tr("Value under the mouse"))
         self.pointed.setContentsMargins(14, 4, 14, 6)
@@ -130,11 +129,7 @@ class ChartsPage(QWidget):
         across.addWidget(self.list)
         across.addLayout(right, 1)
         self.head = Head(self, self.export)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        layout.addWidget(self.head)
-        layout.addLayout(across, 1)
+        lay_out(self, self.head, across, spacing=2)
         self._say_nothing()
 
     # The contract with the window

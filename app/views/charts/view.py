@@ -26,7 +26,7 @@ NEAR_PX = 24.0
 NAMED = 8  # points that still have room for their names
 SLOTS = 4  # rows of lying bars there is room for at least: one alone is no wall
 AXIS_PX = (
-    84,
+    60,
     44,
 )  # width on the left, height below: fitted to their ticks, charts would jump when another is chosen
 TICK_PX = 16  # a tick, and the space between it and its name
@@ -124,20 +124,22 @@ class ChartView(QWidget):
         plot.showGrid(x=chart.lying or not chart.ticks, y=not chart.lying, alpha=0.18)
         small = QFont(self.font())
         small.setPixelSize(11)
-        labels = (chart.y_label, "") if chart.lying else (chart.x_label, chart.y_label)
+        below, above = (chart.y_label, "") if chart.lying else (chart.x_label, chart.y_label)
+        # Over the plot it is read without turning one's head, and is whole in a low window.
+        plot.setTitle(above or None, color=ours.dim, size="9pt", justify="left")
         named = "left" if chart.lying else "bottom"
-        for name, label in zip(("bottom", "left"), labels, strict=True):
+        for name in ("bottom", "left"):
             axis = plot.getAxis(name)
             axis.setPen(pg.mkPen(ours.line))
             axis.setTextPen(pg.mkPen(ours.dim))
             axis.setTickFont(small)
             axis.enableAutoSIPrefix(False)
-            axis.setLabel(label, **{"color": ours.dim, "font-size": "9pt"})
-            axis.showLabel(bool(label))
             ticks = [list(chart.ticks.items())] if chart.ticks and name == named else None
             if chart.log_x if name == "bottom" else chart.log_y:
                 ticks = _round([value for s in chart.series for value in (s.x if name == "bottom" else s.y)])
             axis.setTicks(ticks)
+        plot.setLabel("bottom", below, **{"color": ours.dim, "font-size": "9pt"})
+        plot.showLabel("bottom", bool(below))
         names = QFontMetrics(small)
         widest = max(map(names.horizontalAdvance, chart.ticks.values()), default=0) if chart.lying else 0
         plot.getAxis("left").setWidth(max(AXIS_PX[0], widest + TICK_PX))

@@ -10,14 +10,12 @@ from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
     QFileDialog,
-    QFrame,
     QHBoxLayout,
     QHeaderView,
     QLabel,
     QLineEdit,
     QPushButton,
     QRadioButton,
-    QStackedWidget,
     QTreeWidget,
     QTreeWidgetItem,
     QVBoxLayout,
@@ -34,6 +32,7 @@ from app.views.empty import Empty
 from app.views.errand import Errand
 from app.views.head import Head
 from app.views.page_actions import page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell
 from app.views.side_picture import SidePicture
 from app.views.trouble import show_trouble
@@ -116,7 +115,7 @@ class ExportPage(QWidget):
     def _build(self) -> None:
         self.table = QTreeWidget()
         self.table.setAccessibleName(self.tr("Formats"))
-        self.table.setFrameShape(QFrame.Shape.NoFrame)
+        self.table.setObjectName("plain")
         self.table.setRootIsDecorated(False)
         self.table.setAlternatingRowColors(True)
         self.table.setWordWrap(True)
@@ -129,10 +128,10 @@ class ExportPage(QWidget):
                 self.tr("Size"),
             ]
         )
-        for column, width in ((0, 150), (2, 200), (4, 68)):
+        for column, width in ((0, 170), (4, 68)):
             self.table.header().resizeSection(column, width)
         self.table.header().setStretchLastSection(False)
-        for column in (1, 3):
+        for column in (1, 2, 3):
             self.table.header().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self._lines = [_line(entry) for entry in FORMATS]
         self.table.addTopLevelItems(self._lines)
@@ -198,15 +197,8 @@ class ExportPage(QWidget):
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(10)
         self.verdict, self.empty = Verdict(), Empty("export")
-        self.stack = QStackedWidget()
-        for part in (self.empty, body):
-            self.stack.addWidget(part)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(0, 0, 0, 0)
-        whole.setSpacing(0)
-        whole.addWidget(self.head)
-        whole.addWidget(self.verdict)
-        whole.addWidget(self.stack, 1)
+        self.stack = Either(self.empty, body)
+        lay_out(self, self.head, self.verdict, self.stack)
         middle = QHBoxLayout()
         middle.addWidget(self.table, 1)
         middle.addWidget(self.preview)
@@ -251,6 +243,7 @@ class ExportPage(QWidget):
         running = self.errand.busy
         ready = self._export is not None and not running
         self.action.setEnabled(ready and bool(self.keys()) and bool(self.to.text().strip()))
+        self.target.setEnabled(self._export is not None)
         self.report.setEnabled(self._folder is not None and not running)
         self.stack.setCurrentIndex(self._export is not None)
         self.open.setEnabled(Path(self.to.text().strip() or "/nowhere").is_dir())

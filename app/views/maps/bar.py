@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 
 from app.inspect.falsecolour import MINUS
 from app.inspect.maps import Maps
+from app.views import icons
 from app.views.boxes import box_of, widened
 from app.views.maps.grid import ARRANGEMENTS
 from app.views.maps.panel import Showing
@@ -50,10 +51,10 @@ class MapsBar(QFrame):
         row.setContentsMargins(8, 4, 8, 4)
         row.setSpacing(6)
         self.modes: list[QToolButton] = []
-        for mode, text, tip in (
-            (0, self.tr("Maps"), self.tr("All maps, linked (G)")),
-            (1, self.tr("Swipe"), self.tr("Photograph against re-rendering (S)")),
-            (2, self.tr("Compare"), self.tr("Two runs or two sessions (C)")),
+        for mode, icon, text, tip in (
+            (0, "grid", self.tr("Maps"), self.tr("All maps, linked (G)")),
+            (1, "swipe", self.tr("Swipe"), self.tr("Photograph against re-rendering (S)")),
+            (2, "compare", self.tr("Compare"), self.tr("Two runs or two sessions (C)")),
         ):
             button = QToolButton()
             button.setText(text)
@@ -62,6 +63,8 @@ class MapsBar(QFrame):
             button.setCheckable(True)
             button.setAutoExclusive(True)
             button.setObjectName("segment")
+            button.setProperty("narrow", True)
+            icons.wear(button, icon)
             button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             button.clicked.connect(lambda checked, mode=mode: self.mode_picked.emit(mode))
             row.addWidget(button)
@@ -221,10 +224,10 @@ class MapsBar(QFrame):
             (self.tr("Brighter"), "E", lambda: self.ev.setValue(self.ev.value() + 1)),
             (self.tr("Darker"), "Shift+E", lambda: self.ev.setValue(self.ev.value() - 1)),
             (self.tr("Exposure 0"), "Shift+0", lambda: self.ev.setValue(0)),
-            (self.tr("Mark a point to measure"), "M", self.mark_wanted.emit),
             (self.tr("Look for new results"), "F5", self.refresh_wanted.emit),
         ):
             self._action(page, text, keys, call)
+        self.mark = self._action(page, self.tr("Mark a point to measure"), "M", self.mark_wanted.emit)
 
     def _action(
         self,

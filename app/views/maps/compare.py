@@ -120,7 +120,8 @@ class MapsCompare(QWidget):
         self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.table.setShowGrid(False)
-        self.table.setFrameShape(QFrame.Shape.NoFrame)
+        self.table.setObjectName("plain")
+        self.table.setTabKeyNavigation(False)  # Tab leads on
         self.table.verticalHeader().setDefaultSectionSize(22)
         header = self.table.horizontalHeader()
         header.setHighlightSections(False)

@@ -9,8 +9,6 @@ from PySide6.QtGui import QGuiApplication, QUndoStack
 from PySide6.QtWidgets import (
     QFileDialog,
     QInputDialog,
-    QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -29,6 +27,7 @@ from app.views.maps.grid import MapsGrid
 from app.views.maps.panel import Showing
 from app.views.maps.swipe import MapsSwipe
 from app.views.page_actions import page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell, tell
 from app.views.pictures.view import ImageView
 from app.views.pictures.viewport import Viewport
@@ -59,32 +58,17 @@ class MapsPage(QWidget):
         self.grid = MapsGrid(self, self.viewport, self._background)
         self.swipe = MapsSwipe(self, self.viewport, self._background)
         self.compare = MapsCompare(self, self.viewport, self._background)
-        self.stack = QStackedWidget()
-        for pane in (self.grid, self.swipe, self.compare):
-            self.stack.addWidget(pane)
+        self.stack = Either(self.grid, self.swipe, self.compare)
         self.bar = MapsBar(self, self.viewport)
         self.readout = Readout(self)
-        self.scale = ScaleRow(self, self.undo_stack, self._background)
+        self.scale = ScaleRow(self, self.undo_stack, self._background, self.bar.mark)
         self.empty = Empty("maps")
         self.export = page_action(self, self.tr("E&xport…"), "Ctrl+Return", lambda: self._wish_page("export"))
         self.head = Head(self, self.export)
         self.head.add(self.bar.run_box)
-        self.body = QWidget()
-        column = QVBoxLayout(self.body)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(2)
-        self.verdict = Verdict()
-        column.addWidget(self.bar)
-        column.addWidget(self.verdict)
-        column.addWidget(self.scale)
-        column.addWidget(self.stack, 1)
-        column.addWidget(self.readout)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        layout.addWidget(self.head)
-        layout.addWidget(self.body)
-        layout.addWidget(self.empty)
+        self.body, self.verdict = QWidget(), Verdict()
+        lay_out(self.body, self.bar, self.verdict, self.scale, self.stack, self.readout, spacing=2)
+        lay_out(self, self.head, self.body, self.empty, spacing=2)
 
         self.viewport.pointed.connect(self._read)
         self.swipe.rendered.connect(self._arrived)

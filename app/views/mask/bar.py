@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 
 from app.inspect.falsecolour import MINUS
 from app.masking import LARGEST, SMALLEST, TOOLS
+from app.views import icons
 from app.views.maps.bar import EV_RANGE, EV_STEPS
 from app.views.page_actions import action_button
 
@@ -34,6 +35,7 @@ class ToolBar(QFrame):
 
     tool_picked = Signal(str)
     side_picked = Signal(bool)  # adds to the object, or takes from it
+    exact_picked = Signal(bool)
     size_picked = Signal(int)
 
     def __init__(self, parent: QWidget, clear: QAction) -> None:
@@ -49,20 +51,28 @@ class ToolBar(QFrame):
             "polygon": self.tr("Click corners; Enter or a double click closes, Backspace takes one back (P)"),
         }
         tools, sides = QButtonGroup(self), QButtonGroup(self)  # one of each is down
-        self.tools = {tool: self._segment(row, names[tool], tips[tool], tools) for tool in TOOLS}
+        self.tools = {tool: self._segment(row, tool, names[tool], tips[tool], tools) for tool in TOOLS}
         row.addSpacing(8)
         self.sides = {
             True: self._segment(
-                row, self.tr("Add"), self.tr("Strokes add to the object (A; X swaps)"), sides
+                row, "add", self.tr("Add"), self.tr("Strokes add to the object (A; X swaps)"), sides
             ),
             False: self._segment(
-                row, self.tr("Subtract"), self.tr("Strokes subtract from the object (R; X swaps)"), sides
+                row,
+                "subtract",
+                self.tr("Subtract"),
+                self.tr("Strokes subtract from the object (R; X swaps)"),
+                sides,
             ),
         }
         for tool, button in self.tools.items():
             button.clicked.connect(lambda checked, tool=tool: self.tool_picked.emit(tool))
         for side, button in self.sides.items():
             button.clicked.connect(lambda checked, side=side: self.side_picked.emit(side))
+        self.exact = self._segment(
+            row, "exact", self.tr("Exact"), self.tr("Just what is painted changes, and nothing around it (T)")
+        )
+        self.exact.clicked.connect(self.exact_picked)
         row.addSpacing(8)
         self.size_box = QSpinBox()
         self.size_box.setRange(SMALLEST, LARGEST)
@@ -79,24 +89,30 @@ class ToolBar(QFrame):
         row.addWidget(action_button(clear))
         row.addStretch(1)
 
-    def show_tool(self, tool: str, adds: bool, size: int) -> None:
+    def show_tool(self, tool: str, adds: bool, exact: bool, size: int) -> None:
         self.tools[tool].setChecked(True)
         self.sides[adds].setChecked(True)
-        for button in self.sides.values():
+        self.exact.setChecked(exact)
+        for button in (*self.sides.values(), self.exact):
             button.setEnabled(tool != "eraser")
         self.size_box.setEnabled(tool != "polygon")
         with QSignalBlocker(self.size_box):
             self.size_box.setValue(size)
 
-    def _segment(self, row: QHBoxLayout, text: str, tip: str, group: QButtonGroup) -> QToolButton:
+    def _segment(
+        self, row: QHBoxLayout, icon: str, text: str, tip: str, group: QButtonGroup | None = None
+    ) -> QToolButton:
         button = QToolButton()
         button.setText(text)
         button.setToolTip(tip)
         button.setAccessibleName(text)
         button.setCheckable(True)
         button.setObjectName("segment")
+        button.setProperty("narrow", True)
+        icons.wear(button, icon)
         button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        group.addButton(button)
+        if group is not None:
+            group.addButton(button)
         row.addWidget(button)
         return button
 

@@ -18,12 +18,12 @@ from PySide6.QtGui import (
     QMouseEvent,
     QPainter,
     QPaintEvent,
-    QPen,
     QTabletEvent,
 )
 from PySide6.QtWidgets import QWidget
 
 from app.masking import Editor, Patch, Place
+from app.views import theme
 from app.views.mask import paint as mask_paint
 from app.views.pictures import paint as image_paint
 from app.views.pictures.pane import Pane
@@ -120,6 +120,7 @@ class MaskCanvas(Pane):
         ours = colours(self)
         painter.fillRect(self.rect(), QColor(ours.picture))
         if not self._levels:
+            theme.ring(painter, self, ours)
             return
         corner, room, scale = self.from_picture(QPointF(0, 0)), QSizeF(self.size()), self.viewport.scale
         image_paint.picture(painter, self._levels, corner, self.viewport.span, self.devicePixelRatioF(), room)
@@ -131,11 +132,7 @@ class MaskCanvas(Pane):
             if self.shows_outline:
                 mask_paint.outline(painter, self._border, corner, scale, ours.accent)
         self._paint_tool(painter, corner, scale)
-        if self.hasFocus():
-            painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(ours.focus), 2))
-            painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
+        theme.ring(painter, self, ours)
 
     def _paint_tool(self, painter: QPainter, corner: QPointF, scale: float) -> None:
         editor, place = self.editor, self._place()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut, QShowEvent, QUndoStack
-from PySide6.QtWidgets import QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app import mask_files
 from app.mask_files import Developed
@@ -26,6 +26,7 @@ from app.views.mask.edit import MaskEdit
 from app.views.mask.saving import Saving
 from app.views.mask.status import Standing, StatusLine, why_nothing
 from app.views.page_actions import action_button, page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell
 from app.views.trouble import show_trouble
 from app.work.jobs import JobState
@@ -106,17 +107,8 @@ class MaskPage(QWidget):
         self.canvas = MaskCanvas(self, self.editor)
         self.empty = Empty("mask")
         self.line = StatusLine(self)
-        self.stack = QStackedWidget()
-        self.stack.addWidget(self.empty)
-        self.stack.addWidget(self.canvas)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(2)
-        column.addWidget(self.head)
-        column.addWidget(self.tools)
-        column.addWidget(self.stack, 1)
-        column.addWidget(self.views)
-        column.addWidget(self.line)
+        self.stack = Either(self.empty, self.canvas)
+        lay_out(self, self.head, self.tools, self.stack, self.views, self.line, spacing=2)
         self.saving.changed.connect(self._show_state)
         self.saving.arrived.connect(self._arrived)
         self.saving.refused.connect(self._refused)
@@ -125,6 +117,7 @@ class MaskPage(QWidget):
         self.canvas.pointed.connect(self._read)
         self.tools.tool_picked.connect(self._pick_tool)
         self.tools.side_picked.connect(self._pick_side)
+        self.tools.exact_picked.connect(self._pick_exact)
         self.tools.size_picked.connect(self._resize)
         self.views.view_picked.connect(lambda view: self._draw())
         self.views.exposed.connect(self._draw)
@@ -139,6 +132,7 @@ class MaskPage(QWidget):
             (self.tr("Add to the object"), "A", lambda: self._pick_side(True)),
             (self.tr("Take from the object"), "R", lambda: self._pick_side(False)),
             (self.tr("Swap adding and taking"), "X", lambda: self._pick_side(not self.editor.adds)),
+            (self.tr("Exact strokes, or hints"), "T", lambda: self._pick_exact(not self.editor.exact)),
             (self.tr("Smaller brush"), "[", lambda: self._resize(grown(self.editor.size, -1))),
             (self.tr("Larger brush"), "]", lambda: self._resize(grown(self.editor.size, 1))),
             (self.tr("Previous view"), "PgUp", lambda: views.step(-1)),
@@ -177,12 +171,17 @@ class MaskPage(QWidget):
         self.editor.adds = adds
         self._show_tool()
 
+    def _pick_exact(self, exact: bool) -> None:
+        self.editor.exact = exact
+        self._show_tool()
+
     def _resize(self, size: int) -> None:
         self.editor.resize(size)
         self._show_tool()
 
     def _show_tool(self) -> None:
-        self.tools.show_tool(self.editor.tool, self.editor.adds, self.editor.size)
+        editor = self.editor
+        self.tools.show_tool(editor.tool, editor.adds, editor.exact, editor.size)
         self.canvas.update()
 
     # Strokes

@@ -10,7 +10,7 @@ import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPen, QPolygonF
 
-from app.masking import ADD, TAKE, Place
+from app.masking import ADD, EXACT, TAKE, Place
 from app.views.theme import Palette
 
 TINT = 0.55  # opacity of the object's tint where the overlay is opaque
@@ -32,7 +32,9 @@ def coloured(image: QImage, colours: dict[int, str]) -> None:
 
 
 def label_colours(ours: Palette) -> dict[int, str]:
-    return {ADD: ours.good, TAKE: ours.bad}
+    """Exact strokes are brighter."""
+    inks = {ADD: ours.good, TAKE: ours.bad}
+    return inks | {label + EXACT: QColor(ink).lighter(135).name() for label, ink in inks.items()}
 
 
 def overlay(

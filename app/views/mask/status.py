@@ -127,4 +127,4 @@ class StatusLine(QFrame):
             return self.tr("strokes are kept and will be taken over: {0}").format(now.waits)
         if now.painted:
             return self.tr("strokes saved")
-        return self.tr("one mask serves all photographs; strokes are hints, the outline follows edges")
+        return self.tr("one mask serves all photographs; strokes are hints, unless exact")

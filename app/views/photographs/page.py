@@ -13,7 +13,6 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QSplitter,
-    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -26,6 +25,7 @@ from app.views.bridge import Bridge
 from app.views.empty import Empty
 from app.views.head import Head
 from app.views.page_actions import page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell, tell
 from app.views.photographs.facts import Facts
 from app.views.photographs.large import LargePhotograph
@@ -135,15 +135,9 @@ class PhotographsPage(QWidget):
         self.split.setStretchFactor(1, 1)
         self.split.setSizes([2 * CELL.width() + 28, 10000])
         self.split.setChildrenCollapsible(False)
-        self.stack = QStackedWidget()
         self.empty = Empty("photographs")
-        self.stack.addWidget(self.empty)
-        self.stack.addWidget(self.split)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(0, 0, 0, 0)
-        whole.setSpacing(2)
-        whole.addWidget(self.head)
-        whole.addWidget(self.stack, 1)
+        self.stack = Either(self.empty, self.split)
+        lay_out(self, self.head, self.stack, spacing=2)
         self._actions()
 
     def _actions(self) -> None:

@@ -17,10 +17,10 @@ from PySide6.QtGui import (
     QMouseEvent,
     QPainter,
     QPaintEvent,
-    QPen,
 )
 from PySide6.QtWidgets import QApplication, QWidget
 
+from app.views import theme
 from app.views.pictures import paint as image_paint
 from app.views.pictures.pane import NOTCH, Pane
 from app.views.pictures.viewport import Viewport
@@ -97,6 +97,7 @@ class ImageView(Pane):
             painter.setPen(QColor(ours.dim))
             box = self.rect().adjusted(12, 12, -12, -12)
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, self.message)
+            theme.ring(painter, self, ours)
             return
         corner, room = self.from_picture(QPointF(0, 0)), QSizeF(self.size())
         scale, size = self.viewport.scale, (self.viewport.picture.width, self.viewport.picture.height)
@@ -119,10 +120,7 @@ class ImageView(Pane):
         image_paint.marks(painter, [self.from_picture(at) for at in self.viewport.marks])
         if self._others:
             image_paint.swipe(painter, edge, room, ours, self.labels)
-        if self.hasFocus():
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(QColor(ours.focus), 2))
-            painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
+        theme.ring(painter, self, ours)
 
     # Mouse, wheel, keys
 

@@ -5,12 +5,10 @@ from pathlib import Path
 from PySide6.QtCore import QEvent, Qt, QTimer
 from PySide6.QtGui import QFontDatabase, QResizeEvent, QShowEvent, QUndoStack
 from PySide6.QtWidgets import (
-    QFrame,
     QHBoxLayout,
     QPlainTextEdit,
     QPushButton,
     QSplitter,
-    QStackedWidget,
     QTabWidget,
     QVBoxLayout,
     QWidget,
@@ -23,6 +21,7 @@ from app.views.bridge import Bridge
 from app.views.editors import label
 from app.views.empty import Empty
 from app.views.page_actions import page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell
 from app.views.process.bar import RunBar
 from app.views.process.made import told_made
@@ -129,7 +128,7 @@ class ProcessPage(QWidget):
         self.log = QPlainTextEdit()
         self.log.setReadOnly(True)
         self.log.setMaximumBlockCount(LOG_LINES)
-        self.log.setFrameShape(QFrame.Shape.NoFrame)
+        self.log.setObjectName("plain")
         self.log.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.log.setAccessibleName(self.tr("Log"))
         self.log.setPlaceholderText(self.tr("What the run says appears here."))
@@ -144,9 +143,7 @@ class ProcessPage(QWidget):
         row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.parameters, 1)
         row.addWidget(self.made)
-        self.upper = QStackedWidget()
-        for part in (self.empty, stage):
-            self.upper.addWidget(part)
+        self.upper = Either(self.empty, stage)
         self.right = QSplitter(Qt.Orientation.Vertical)
         self.right.addWidget(self.upper)
         self.right.addWidget(self.tabs)
@@ -163,15 +160,9 @@ class ProcessPage(QWidget):
         self.across.setSizes([330, 800])
         self.across.setStretchFactor(1, 1)
         self.across.setChildrenCollapsible(False)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
         self.verdict = Verdict()
         self.onward = self._make_onward()
-        layout.addWidget(self.bar)
-        layout.addWidget(self.verdict)
-        layout.addWidget(self.onward)
-        layout.addWidget(self.across, 1)
+        lay_out(self, self.bar, self.verdict, self.onward, self.across)
         self._show_plan()
 
     def _make_onward(self) -> QWidget:

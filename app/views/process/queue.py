@@ -7,7 +7,6 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QFileDialog,
-    QFrame,
     QHBoxLayout,
     QHeaderView,
     QLabel,
@@ -46,7 +45,7 @@ class QueuePanel(QWidget):
         self.list = QTreeWidget()
         self.list.setAccessibleName(self.tr("Queue"))
         self.list.setRootIsDecorated(False)
-        self.list.setFrameShape(QFrame.Shape.NoFrame)
+        self.list.setObjectName("plain")
         self.list.setHeaderLabels([self.tr("Session"), self.tr("State"), self.tr("Folder")])
         header = self.list.header()
         header.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)

@@ -7,6 +7,7 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, QSizeF, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from app.views import theme
 from app.views.pixels import image_of
 from app.views.theme import colours
 
@@ -65,6 +66,7 @@ class RelightCanvas(QWidget):
         painter.fillRect(self.rect(), QColor(ours.picture))
         painter.setPen(QColor(ours.dim))
         if self._image is None:
+            theme.ring(painter, self, ours)
             return
         size = QSizeF(self._image.size())
         room = QSizeF(self.width() - 16, self.height() - 16)
@@ -82,6 +84,7 @@ class RelightCanvas(QWidget):
             self.rect().adjusted(10, 6, -10, -6), Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignBottom,
             self._corner,
         )  # fmt: skip
+        theme.ring(painter, self, ours)
 
     def _mark(self, painter: QPainter, lamp: tuple[float, float]) -> None:
         """A small sun where the lamp stands."""

@@ -53,7 +53,13 @@ class RelightControls(Column):
         self._column.setContentsMargins(14, 12, 14, 12)
         self._column.setSpacing(5)
 
-        self._heading(self.tr("Light"))
+        self.panorama = QPushButton(self.tr("&Panorama…"))
+        self.panorama.setAccessibleName(self.tr("Load a panorama"))
+        self.panorama.setToolTip(
+            self.tr("An equirectangular EXR, HDR, PNG or JPEG; its middle lies ahead of the camera")
+        )
+        self.panorama.clicked.connect(self.panorama_wanted)
+        self._heading(self.tr("Light"), self.panorama)
         self.picture = QLabel()
         self.picture.setFixedSize(WIDTH - 28, (WIDTH - 28) // 2)
         self.picture.setScaledContents(True)
@@ -66,30 +72,21 @@ class RelightControls(Column):
         self._column.addWidget(self.picture)
         self.view = box_of(self.tr("Recovered light of view"), 4)
         self.view.activated.connect(self.view_picked)
-        self.panorama = QPushButton(self.tr("&Panorama…"))
-        self.panorama.setAccessibleName(self.tr("Load a panorama"))
-        self.panorama.setToolTip(
-            self.tr("An equirectangular EXR, HDR, PNG or JPEG; its middle lies ahead of the camera")
-        )
-        self.panorama.clicked.connect(self.panorama_wanted)
-        row = QHBoxLayout()
-        label = QLabel(self.tr("photo&graph"))
-        label.setBuddy(self.view)
-        row.addWidget(label)
-        row.addWidget(self.view, 1)
-        row.addWidget(self.panorama)
-        self._column.addLayout(row)
         self.ready = box_of(self.tr("Light"), 6)
         self.ready.addItem(self.tr("Of the room, as recovered"), "")
         for name, words in PANORAMAS.items():
             self.ready.addItem(QCoreApplication.translate("relight", words), name)
         self.ready.activated.connect(lambda row: self.ready_picked.emit(self.ready.itemData(row)))
-        row = QHBoxLayout()
-        label = QLabel(self.tr("L&ight"))
-        label.setBuddy(self.ready)
-        row.addWidget(label)
-        row.addWidget(self.ready, 1)
-        self._column.addLayout(row)
+        rows = QGridLayout()
+        rows.setColumnStretch(1, 1)
+        for at, (text, box) in enumerate(
+            ((self.tr("Photo&graph"), self.view), (self.tr("L&ight"), self.ready))
+        ):
+            label = QLabel(text)
+            label.setBuddy(box)
+            rows.addWidget(label, at, 0)
+            rows.addWidget(box, at, 1)
+        self._column.addLayout(rows)
         self.source = QLabel()
         self.source.setObjectName("dim")
         self.source.setWordWrap(True)
@@ -245,12 +242,16 @@ class RelightControls(Column):
     _pitch = 0.0
     _lamp = (-0.5, 0.6)
 
-    def _heading(self, text: str) -> None:
+    def _heading(self, text: str, beside: QWidget | None = None) -> None:
         label = QLabel(text)
         label.setObjectName("heading")
         if self._column.count():
             self._column.addSpacing(8)
-        self._column.addWidget(label)
+        row = QHBoxLayout()
+        row.addWidget(label, 1)
+        if beside is not None:
+            row.addWidget(beside)
+        self._column.addLayout(row)
 
     def _slider(
         self, grid: QGridLayout, row: int, text: str, low: int, high: int, unit: str, steps: int = 1

@@ -22,8 +22,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QMenu,
     QPushButton,
-    QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -41,6 +39,7 @@ from app.views.empty import Empty
 from app.views.errand import Errand
 from app.views.head import Head
 from app.views.page_actions import page_action
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell, tell
 from app.views.relight.canvas import RelightCanvas
 from app.views.relight.controls import RelightControls
@@ -84,18 +83,12 @@ class RelightPage(QWidget):
         self.errand.failed.connect(self._fail)
         self.errand.changed.connect(self._show_state)
         self.head.add(self.errand)
-        self.stack = QStackedWidget()
-        for part in (self.empty, self.canvas):
-            self.stack.addWidget(part)
+        self.stack = Either(self.empty, self.canvas)
         across = QHBoxLayout()
         across.setSpacing(0)
         across.addWidget(self.stack, 1)
         across.addWidget(self.controls)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(self.head)
-        layout.addLayout(across, 1)
+        lay_out(self, self.head, across)
 
         self.canvas.turned.connect(self.controls.turn_by)
         self.canvas.lamp_moved.connect(self.controls.move_lamp)

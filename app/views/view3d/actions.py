@@ -35,9 +35,15 @@ def make(page: QWidget, calls: Mapping[str, Callable[[], None]]) -> dict[str, QA
         ("screenshot", tr("Screenshot…"), tr("Save a screenshot"), ("Ctrl+Shift+S",)),
         (
             "turntable",
-            tr("Save turntable…"),
+            tr("Turntable…"),
             tr("Save a turn about the object, as a video or as pictures"),
             ("Ctrl+Shift+T",),
+        ),
+        (
+            "path",
+            tr("Cameras' way…"),
+            tr("Save the cameras' way, as a video or as pictures"),
+            ("Ctrl+Shift+W",),
         ),
         ("close", tr("Close photograph"), tr("Close the photograph"), ("Esc",)),
     )

@@ -30,6 +30,7 @@ from app.viewer.events import Picture
 from app.viewer.orbit import Orbit
 from app.viewer.protocol import AXES
 from app.viewer.showing import Showing
+from app.views import theme
 from app.views.pictures import paint as image_paint
 from app.views.theme import DARK
 
@@ -129,10 +130,7 @@ class ViewCanvas(QWidget):
             self._paint_guides(painter)
             flat = orbit.project(self._seen_from, self._marks, self.width(), self.height())
             image_paint.marks(painter, [QPointF(x, y) for x, y, _ in flat if np.isfinite(x)])
-        if self.hasFocus():
-            painter.setPen(QPen(QColor(DARK.focus), 2))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5))
+        theme.ring(painter, self, DARK)
 
     def _paint_picture(self, painter: QPainter) -> None:
         if self._image is None:

@@ -13,25 +13,32 @@ import numpy as np
 from jaxtyping import Float
 from PySide6.QtCore import QPointF, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QColor, QHideEvent, QShowEvent, QUndoStack
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QHBoxLayout,
+    QMenu,
+    QPushButton,
+    QWidget,
+)
 
 from app.frame_writer import VIDEO
 from app.inspect import maps
 from app.inspect.maps import Maps
 from app.state import Trouble, trouble
-from app.viewer import marks, orbit, showing
+from app.viewer import film, marks, orbit, showing
 from app.viewer.events import Event, Picture, Status
+from app.viewer.film import Film
 from app.viewer.orbit import Orbit
 from app.viewer.protocol import Colour, Contents, Probed
 from app.viewer.reading import stages_of
 from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
-from app.viewer.turntable import Film
 from app.views.background import Background
 from app.views.bridge import Bridge
 from app.views.empty import Empty
 from app.views.head import Head
 from app.views.page_actions import action_button
+from app.views.page_column import Either, lay_out
 from app.views.pages import Shell, tell
 from app.views.scale import ScaleRow
 from app.views.theme import DARK
@@ -39,9 +46,9 @@ from app.views.trouble import show_trouble
 from app.views.view3d import actions as view3d_actions
 from app.views.view3d.canvas import ViewCanvas
 from app.views.view3d.cover import Banner, Cover, Photograph
+from app.views.view3d.film import FilmDialog
 from app.views.view3d.panel import ViewPanel
 from app.views.view3d.turn import Turn
-from app.views.view3d.turntable import Turntable
 from engine.errors import ExportError
 from engine.io import scale_edit
 from engine.io.scale_edit import ScaleBar
@@ -81,7 +88,7 @@ class View3dPage(QWidget):
         self._background = Background(self, "view3d")
         self.undo_stack = QUndoStack(self)
         self._bridge = Bridge(self)
-        self._turntable: Turntable | None = None
+        self._filming: FilmDialog | None = None
         self._probe = self._marking = -1  # numbers of the newest questions what is under a pixel
         self._maps: Maps | None = None  # of the run that is measured in
         self._homing = False  # the turn that is under way ends at home
@@ -91,22 +98,16 @@ class View3dPage(QWidget):
         self.cover, self.banner = Cover(self.canvas), Banner(self.canvas)
         self.photograph = Photograph(self.canvas)
         self.head, self.empty, body = Head(self, self._actions["screenshot"]), Empty("view3d"), QWidget()
-        self.head.add(*(action_button(self._actions[key]) for key in ("measure", "turntable")))
+        self.video = self._film_button()
+        self.head.add(action_button(self._actions["measure"]), self.video)
         across = QHBoxLayout(body)
         across.setContentsMargins(0, 0, 0, 0)
         across.setSpacing(0)
         across.addWidget(self.canvas, 1)
         across.addWidget(self.panel)
-        self.scale = ScaleRow(self, self.undo_stack, self._background)
-        self.stack = QStackedWidget()
-        for part in (self.empty, body):
-            self.stack.addWidget(part)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(self.head)
-        layout.addWidget(self.scale)
-        layout.addWidget(self.stack, 1)
+        self.scale = ScaleRow(self, self.undo_stack, self._background, self._actions["mark"])
+        self.stack = Either(self.empty, body)
+        lay_out(self, self.head, self.scale, self.stack)
         self._settle = self._timer(SETTLE_MS, lambda: self._ask(moving=False))
         self._quiet = self._timer(BANNER_MS, self._say_missing)
         self._unseen = self._timer(UNSEEN_MS, self.end)
@@ -173,26 +174,28 @@ class View3dPage(QWidget):
             )
         return None
 
-    def save_turntable(self, path: Path) -> Trouble | None:
-        """Begin to write a turn about the object, as the view shows it now: a video, or without `.mp4` a folder of PNG
+    def save_film(self, kind: str, path: Path) -> Trouble | None:
+        """Begin to write one of `film.PICTURES`, as the view shows things now: a video, or without `.mp4` a folder of PNG
         files; the trouble where that cannot begin."""
-        supervisor, style = self._supervisor, self.state.style
+        supervisor = self._supervisor
         if supervisor is None or self.canvas.picture is None or self.status.stuck:
             return Trouble(self.tr("There is no picture yet"), self.tr("wait until the view shows one"))
         try:
-            film = Film(path)
+            begun = Film(path)
         except (ExportError, OSError) as error:
             return trouble(str(error))
         self.turn.stop()
         self._settle.stop()
         size = self.canvas.device_size()
-        begun = Turntable(
-            self, film, showing.around(self.state), lambda eye: supervisor.look(eye, *size, False, style)
+        filming = self._filming = FilmDialog(
+            self,
+            begun,
+            film.looks(kind, self.state),
+            lambda eye, style: supervisor.look(eye, *size, False, style),
         )
-        begun.saved.connect(lambda: self._say_saved(path))
-        begun.ended.connect(self._turntable_ended)
-        self._turntable = begun
-        begun.begin()
+        filming.saved.connect(lambda: self._say_saved(path))
+        filming.ended.connect(self._film_ended)
+        filming.begin()
         return None
 
     def showEvent(self, event: QShowEvent) -> None:
@@ -211,8 +214,8 @@ class View3dPage(QWidget):
 
     def end(self) -> None:
         """Let the drawing process go; showing a session starts another one."""
-        if self._turntable is not None:
-            self._turntable.end()
+        if self._filming is not None:
+            self._filming.end()
         if self._supervisor is not None:
             self._supervisor.close()
             self._supervisor, self._loaded = None, None
@@ -244,8 +247,8 @@ class View3dPage(QWidget):
             return
         first = self.canvas.picture is None
         self.canvas.show_picture(picture)
-        if self._turntable is not None:
-            self._turntable.take(picture)
+        if self._filming is not None:
+            self._filming.take(picture)
         if first:
             self._cover()
         self.panel.show_renderer(
@@ -279,8 +282,8 @@ class View3dPage(QWidget):
             self._quiet.start()
         if status.state != "showing":
             self.panel.show_renderer("")
-        if status.stuck and self._turntable is not None:
-            self._turntable.end(Trouble(status.message, status.remedy, status.details))
+        if status.stuck and self._filming is not None:
+            self._filming.end(Trouble(status.message, status.remedy, status.details))
         self._cover()
 
     def _cover(self) -> None:
@@ -289,8 +292,10 @@ class View3dPage(QWidget):
         if not there:
             self.empty.say_nothing_yet(None)
         self.cover.show_status(self.status, self.canvas.picture is not None)
-        for name in ("screenshot", "turntable"):
-            self._actions[name].setEnabled(there and self.canvas.picture is not None)
+        seen = there and self.canvas.picture is not None
+        for part in (self._actions["screenshot"], self._actions["turntable"], self.video):
+            part.setEnabled(seen)
+        self._actions["path"].setEnabled(seen and bool(showing.registered(self.state.contents)))
 
     def _say_missing(self) -> None:
         self.banner.say_missing(self.state.contents.missing)
@@ -339,7 +344,8 @@ class View3dPage(QWidget):
                 "measure": self._measure,
                 "mark": lambda: self._ask_mark(0.5, 0.5),
                 "screenshot": self._ask_screenshot,
-                "turntable": self._ask_turntable,
+                "turntable": partial(self._ask_film, "turntable", self.tr("Save a turntable")),
+                "path": partial(self._ask_film, "path", self.tr("Save the cameras' way")),
                 "close": self._close_photograph,
             },
         )
@@ -408,19 +414,27 @@ class View3dPage(QWidget):
         elif path is not None and self._shell is not None:
             self._shell.wishes.say.emit(self.tr("Screenshot saved: {0}").format(path))
 
-    def _ask_turntable(self) -> None:
+    def _film_button(self) -> QPushButton:
+        button = QPushButton(self.tr("&Video"))
+        button.setAccessibleName(self.tr("Video"))
+        menu = QMenu(button)
+        menu.addActions([self._actions[kind] for kind in film.PICTURES])
+        button.setMenu(menu)
+        return button
+
+    def _ask_film(self, kind: str, title: str) -> None:
         video, pictures = self.tr("Video (*.mp4)"), self.tr("PNG files in a new folder (*)")
-        said, kind = QFileDialog.getSaveFileName(
-            self, self.tr("Save a turntable"), self._beside(f"turntable{VIDEO}"), f"{video};;{pictures}"
+        said, chosen = QFileDialog.getSaveFileName(
+            self, title, self._beside(f"{kind}{VIDEO}"), f"{video};;{pictures}"
         )
         if not said:
             return
         path: Path | None = Path(said)
-        if kind == video:
+        if chosen == video:
             path = self._ended(Path(said), VIDEO)
         elif Path(said).suffix == VIDEO:
             path = Path(said).with_suffix("")
-        failed = None if path is None else self.save_turntable(path)
+        failed = None if path is None else self.save_film(kind, path)
         if failed is not None:
             show_trouble(self, failed)
 
@@ -433,15 +447,15 @@ class View3dPage(QWidget):
             return None
         return path
 
-    def _turntable_ended(self, failed: Trouble | None) -> None:
-        self._turntable = None
+    def _film_ended(self, failed: Trouble | None) -> None:
+        self._filming = None
         self._ask(moving=False)
         if failed is not None:
             show_trouble(self, failed)
 
     def _say_saved(self, path: Path) -> None:
         if self._shell is not None:
-            self._shell.wishes.say.emit(self.tr("Turntable saved: {0}").format(path))
+            self._shell.wishes.say.emit(self.tr("Video saved: {0}").format(path))
 
     def _beside(self, ending: str) -> str:
         """A file's name to begin with, where the last one went."""
@@ -533,7 +547,7 @@ class View3dPage(QWidget):
 
     def _ask(self, moving: bool) -> None:
         """Leave with the supervisor what should be drawn."""
-        if self._supervisor is not None and self._session is not None and self._turntable is None:
+        if self._supervisor is not None and self._session is not None and self._filming is None:
             self._supervisor.look(self.state.eye, *self.canvas.device_size(), moving, self.state.style)
 
     @property

@@ -23,6 +23,7 @@ from app.viewer import showing
 from app.viewer.showing import Showing
 from app.views.column import Column
 from app.views.legend import Legend
+from app.views.page_actions import tell_keys
 
 WIDTH = 262
 EV_STEPS = 2  # of the slider, per stop
@@ -241,9 +242,7 @@ class ViewPanel(QFrame):
             button.sizePolicy().horizontalPolicy().Expanding, button.sizePolicy().verticalPolicy()
         )
         button.setAccessibleName(action.toolTip())
-        keys = action.shortcut().toString()
-        if keys:
-            button.setToolTip(f"{action.toolTip()} ({keys})")
+        tell_keys(button, action)
         if arrow is not None:
             button.setArrowType(arrow)
             button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonIconOnly)

@@ -366,7 +366,8 @@ class LightTransport:
         if len(block.light.modes):
             first, apart = table[::variants], np.tile(block.light.coefficients.T, 2)[..., None]
             modes = [(first @ mode[kept]) * far for mode, far in zip(block.light.modes, apart, strict=True)]
-            every = out.reshape(-1, variants, out.shape[1])
+            # No view may be kept out: of nothing, numpy cannot tell how many rows there are.
+            every = out.reshape(len(out) // variants, variants, out.shape[1])
             every += np.sum(modes, 0)[:, None]
         sent = out.reshape(2, *roughness.shape, -1)
         lamps = self.incident.area_lights

@@ -58,7 +58,7 @@ def stand(thing: Thing, seed: int) -> Stood:
 
 def is_file(name: str) -> bool:
     """Whether a mesh file is meant rather than a built-in object."""
-    return name not in objects.OBJECTS and ("/" in name or Path(name).suffix != "")
+    return not objects.is_built_in(name) and ("/" in name or Path(name).suffix != "")
 
 
 def _changed(body: Body, thing: Thing, seed: int) -> Stood:
@@ -71,8 +71,8 @@ def _changed(body: Body, thing: Thing, seed: int) -> Stood:
     extent = float(np.ptp(points, axis=0).max())
     scale = 1.0 if thing.size_m is None else meshes.checked(thing.size_m) / extent
     solid = replace(solid, vertices=solid.vertices * scale)
-    name = f"{body.name}-{thing.material or 'own'}-{scale:.4f}-{thing.turn_deg:g}"
+    material = (thing.material or "own").replace(":", "-")
+    name = f"{body.name}-{material}-{scale:.4f}-{thing.turn_deg:g}"
     if thing.material is None:
         return Stood(replace(body, name=name, solid=solid), scale)
-    albedo, roughness, metalness = materials.MATERIALS[thing.material](points, seed)
-    return Stood(Body(f"{name}-{seed}", solid, albedo, roughness, metalness), scale)
+    return Stood(materials.painted(f"{name}-{seed}", solid, thing.material, points, seed), scale)

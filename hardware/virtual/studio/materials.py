@@ -1,9 +1,11 @@
 """Dress a mesh: seeded paint, clay, glaze, metal, a fine pattern, or what its file says.
 
+After a colon a number may be asked of any of them: "paint:roughness=0.1", "clay:specular=0" (the level; paint's is .5).
 Patterns lie in space, at the scale of a built-in object whatever the size. Linear Rec.709; Disney's roughness.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +14,11 @@ from hardware.errors import StudioError
 from hardware.virtual.studio import meshes, order, paint
 from hardware.virtual.studio.meshes import Mesh
 from hardware.virtual.studio.objects import Body, Points, clouds, dappled, step, two_finishes
+from hardware.virtual.studio.solids import Solid
 
 Made = tuple[Points, Float[np.ndarray, " v"], Float[np.ndarray, " v"] | None]
 FROM_FILE = "from-file"
+NUMBERS = ("roughness", "specular")
 
 
 def _paint(p: Points, seed: int) -> Made:
@@ -74,7 +78,7 @@ def check(material: str) -> None:
     Raises:
         StudioError: no such material.
     """
-    if material not in order.MATERIALS:
+    if order.changed(material, *NUMBERS)[0] not in order.MATERIALS:
         raise StudioError(
             f"there is no material called {material!r}; choose one of {', '.join(order.MATERIALS)}"
         )
@@ -87,11 +91,22 @@ def dress(mesh: Mesh, material: str, seed: int, scale: float) -> Body:
         StudioError: no such material.
     """
     check(material)
+    name, solid = f"{mesh.name}-{material.replace(':', '-')}-{meshes.digest(mesh)}", meshes.solid(mesh)
     if material == FROM_FILE:
         albedo, roughness, metalness = mesh.looks()
-        metalness = metalness if metalness.max() > 0 else None
-    else:
-        used = mesh.vertices - mesh.vertices.mean(0)
-        albedo, roughness, metalness = MATERIALS[material](used / scale, seed)
-    name = f"{mesh.name}-{material}-{meshes.digest(mesh)}-{seed if material != FROM_FILE else 0}"
-    return Body(name, meshes.solid(mesh), albedo, roughness, metalness)
+        return Body(f"{name}-0", solid, albedo, roughness, metalness if metalness.max() > 0 else None)
+    used = mesh.vertices - mesh.vertices.mean(0)
+    return painted(f"{name}-{seed}", solid, material, used / scale, seed)
+
+
+def painted(name: str, solid: Solid, material: str, points: Points, seed: int) -> Body:
+    """A body of a material other than its file's.
+
+    Raises:
+        StudioError: a number that no material takes.
+    """
+    kind, numbers = order.changed(material, *NUMBERS)
+    body = Body(name, solid, *MATERIALS[kind](points, seed))
+    if "roughness" in numbers:
+        body = replace(body, roughness=np.full(len(points), numbers["roughness"]))
+    return replace(body, specular=numbers.get("specular", body.specular))

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from hardware.errors import StudioError
-from hardware.virtual.studio import solids
+from hardware.virtual.studio import order, solids
 from hardware.virtual.studio.solids import Solid
 
 DISTANCE_M = 0.46
@@ -271,20 +271,41 @@ def lacquered() -> Body:
     return Body("lacquered", body.solid, body.albedo, body.roughness, None, 1.0)
 
 
-OBJECTS: dict[str, Callable[[], Body]] = {
+def bowl(deep: float = 1.0) -> Body:
+    """An open bowl that looks at the camera, `deep` times as deep as half its width: what it hides from itself of the room."""
+    quarter = np.linspace(0, np.pi / 2, 160)
+    inside = 0.09 * np.stack([np.sin(quarter), -deep * np.cos(quarter)], 1)
+    outside = np.stack([0.1 * np.cos(quarter), -(0.09 * deep + 0.012) * np.sin(quarter)], 1)
+    outside[-1, 0] = 0.0
+    profile = np.concatenate([inside, outside])
+    solid = solids.lathe(profile, 480, lambda r, angle: r + 0 * angle, crease_deg=40.0)
+    solid = _placed(solid, _turned(12, 16, 0) @ np.diag([1.0, -1.0, -1.0]))
+    p = solid.vertices
+    albedo = dappled(p, 810, [(0.6, 0.54, 0.44), (0.3, 0.42, 0.5), (0.6, 0.3, 0.2)], 0.07)
+    return Body("bowl", solid, albedo, two_finishes(p, 860, 0.35, 0.65, 0.12))
+
+
+OBJECTS: dict[str, Callable[..., Body]] = {
     "sphere": sphere, "blob": blob, "vase": vase, "relief": relief, "thin": thin, "duo": duo,
-    "gilded": gilded, "lacquered": lacquered,
+    "gilded": gilded, "lacquered": lacquered, "bowl": bowl,
 }  # fmt: skip
 
 
-def model(name: str) -> Body:
-    """The body called `name`, in the camera's frame.
+def is_built_in(asked: str) -> bool:
+    """Whether an object is one of these rather than a mesh file."""
+    return asked.partition(":")[0] in OBJECTS
+
+
+def model(asked: str) -> Body:
+    """The body of that name, in the camera's frame; of the bowl also "bowl:deep=2".
 
     Raises:
-        StudioError: no such object.
+        StudioError: no such object, or a number that it does not take.
     """
-    if name not in OBJECTS:
-        raise StudioError(f"there is no object called {name!r}; choose one of {', '.join(OBJECTS)}")
-    body = OBJECTS[name]()
+    if not is_built_in(asked):
+        raise StudioError(f"there is no object called {asked!r}; choose one of {', '.join(OBJECTS)}")
+    name, changes = order.changed(asked, *(("deep",) if asked.startswith("bowl:") else ()))
+    body = OBJECTS[name](**changes)
+    body = replace(body, name=asked.replace(":", "-"))
     away = solids.moved(body.solid, np.eye(3), np.array([0.0, 0.0, DISTANCE_M]))
     return replace(body, solid=away)

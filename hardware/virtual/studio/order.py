@@ -4,11 +4,14 @@ Loads nothing, so that a command line or a window may offer all of it at once. `
 hold what is behind the names.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from hardware.errors import StudioError
+
 ROOMS = ("study", "lamps", "window", "plain", "polished", "leafy", "chink", "booth", "parlour")
-OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo", "gilded", "lacquered")
+OBJECTS = ("sphere", "blob", "vase", "relief", "thin", "duo", "gilded", "lacquered", "bowl")
 MATERIALS = ("paint", "clay", "glaze", "metal", "textured", "from-file")
 MOTIONS = ("handheld", "random", "turntable", "gimbal")
 DEVICES = ("auto", "cpu", "cuda")
@@ -38,6 +41,23 @@ class Order:
     material: str | None = None  # None: the object's own, or paint
     turn_deg: float = 0.0
     noise: float = RENDER_NOISE  # that the path tracer may leave
+
+
+def changed(asked: str, *known: str) -> tuple[str, dict[str, float]]:
+    """A name and the numbers that are asked of it: "booth:lamp=0.5:side=4".
+
+    Raises:
+        StudioError: it is written otherwise, or asks for other than the `known`.
+    """
+    name, *words = asked.split(":")
+    try:
+        numbers = {key: float(value) for key, value in (word.split("=") for word in words)}
+    except ValueError:
+        numbers = {"": math.nan}
+    if not (set(numbers) <= set(known) and all(0 <= value < math.inf for value in numbers.values())):
+        takes = f"{', '.join(known)}, as in {name}:{known[0]}=0.5" if known else "no numbers"
+        raise StudioError(f"{asked}: {name} takes {takes}")
+    return name, numbers
 
 
 def called(file: Path) -> str:

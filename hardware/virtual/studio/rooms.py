@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hardware.errors import StudioError
-from hardware.virtual.studio import paint
+from hardware.virtual.studio import order, paint
 from hardware.virtual.studio.paint import Painter
 
 TEXEL_M = 0.004  # under a pixel of the standard size from 1.7 m on
@@ -417,33 +417,64 @@ def parlour() -> Room:
     return build.room("parlour")
 
 
-def booth() -> Room:
-    """Six mottled walls of few texels, a glowing sheet and a globe: built in seconds, for trials of the machinery."""
-    rng, side = np.random.default_rng(61), 2.8
+def booth(
+    side: float = 2.8, lamp: float | None = None, texture: float = 1.0, glow: float | None = None
+) -> Room:
+    """Six mottled walls of few texels, a glowing sheet and a globe: built in seconds, for trials of the machinery.
+
+    Args:
+        side: metres; lamps, walls and all grow with it.
+        lamp: the globe is so many metres from the centre, and as large as it seems from there otherwise.
+        texture: contrast of the walls' tiles.
+        glow: the walls glow themselves, and there are no lamps; the contrast of their tiles, which is all that light differs by.
+    """
+    rng, times = np.random.default_rng(61), side / 2.8
     centre = np.array([0.0, 0.0, side / 2])
-    walls = []
+    walls, shining = [], []
     for inwards in (X, Y, Z, -X, -Y, -Z):
         right, down = np.roll(inwards, 1), np.cross(np.roll(inwards, 1), inwards)
+        corner = centre - side / 2 * (inwards + right + down)
         tiles = rng.uniform(0.15, 0.8, (16, 16, 3)).astype(np.float32)
-        walls.append(Panel(centre - side / 2 * (inwards + right + down), side * right, side * down, tiles))
-    glow = np.full((4, 4, 3), (7.0, 6.6, 6.0), np.float32)
-    sheet = Sheet(np.array([-0.2, -0.5, side - 0.05]), X.copy(), Y.copy(), glow)
-    globe = Globe(np.array([-1.1, 0.7, 1.7]), 0.09, np.array([38.0, 34.0, 30.0]))
+        albedo = tiles if texture == 1 else 0.475 + texture * (tiles - 0.475)
+        walls.append(Panel(corner, side * right, side * down, albedo))
+        if glow is not None:
+            radiance = 1 + glow * (tiles / 0.475 - 1)
+            shining.append(Sheet(corner + 0.01 * times * inwards, side * right, side * down, radiance))
+    if glow is not None:
+        return Room("booth", tuple(walls), (), tuple(shining), centre)
+    light = np.full((4, 4, 3), (7.0, 6.6, 6.0), np.float32)
+    sheet = Sheet(times * np.array([-0.2, -0.5, 2.75]), times * X, times * Y, light)
+    towards = np.array([-1.1, 0.7, 0.3])
+    near = times if lamp is None else lamp / float(np.linalg.norm(towards))
+    globe = Globe(centre + near * towards, 0.09 * near, np.array([38.0, 34.0, 30.0]))
     return Room("booth", tuple(walls), (globe,), (sheet,), centre)
 
 
-ROOMS: dict[str, Callable[[], Room]] = {
+BOOTH = ("side", "lamp", "texture", "glow")
+NEAREST_LAMP_M = 0.45  # the rig's object sweeps .35 m about the room's centre
+
+ROOMS: dict[str, Callable[..., Room]] = {
     "study": study, "lamps": lamps, "window": window, "plain": plain, "polished": polished, "leafy": leafy,
     "chink": chink, "booth": booth, "parlour": parlour,
 }  # fmt: skip
 
 
-def furnish(name: str) -> Room:
-    """The room called `name`.
+def furnish(asked: str) -> Room:
+    """The room of that name; of the booth also "booth:lamp=0.5", with what `booth` takes.
 
     Raises:
-        StudioError: no such room.
+        StudioError: no such room, or a number that it does not take.
     """
-    if name not in ROOMS:
-        raise StudioError(f"there is no room called {name!r}; choose one of {', '.join(ROOMS)}")
-    return ROOMS[name]()
+    if not is_built_in(asked):
+        raise StudioError(f"there is no room called {asked!r}; choose one of {', '.join(ROOMS)}")
+    name, changes = order.changed(asked, *(BOOTH if asked.startswith("booth:") else ()))
+    if changes.get("side", 2.8) < 2.8 or changes.get("lamp", 1) < NEAREST_LAMP_M:
+        raise StudioError(
+            f"{asked}: side from 2.8 m on and lamp from {NEAREST_LAMP_M} m on leave the rig its place"
+        )
+    return ROOMS[name](**changes)
+
+
+def is_built_in(asked: str) -> bool:
+    """Whether a room is one of these rather than a scene file."""
+    return asked.partition(":")[0] in ROOMS

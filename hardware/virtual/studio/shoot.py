@@ -180,7 +180,7 @@ def build(order: Order, cache: Path, progress: Progress) -> Studio:
 
 def _is_file(room: str) -> bool:
     """Whether a scene file is meant rather than a built-in room."""
-    return room not in rooms.ROOMS and ("/" in room or Path(room).suffix != "")
+    return not rooms.is_built_in(room) and ("/" in room or Path(room).suffix != "")
 
 
 def _journey(

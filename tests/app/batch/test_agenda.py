@@ -93,7 +93,7 @@ def test_a_stage_that_ran_before_is_expected_to_take_what_it_took(merged: Path, 
     assert one.cost.memory_bytes == 5_000_000_000
     assert one.cost.seconds == sum(cost.seconds for cost in one.costs.values())
     # What never ran is expected by the photographs' pixels: 8 views of 32 x 24.
-    assert one.costs["poses"].seconds == pytest.approx(3.0 + 6.0 * 8 * 32 * 24 / 1e6)
+    assert one.costs["poses"].seconds == pytest.approx(29.0 + 1.0 * 8 * 32 * 24 / 1e6)
 
 
 def test_the_papers_solver_takes_nobody_knows_how_long(merged: Path) -> None:

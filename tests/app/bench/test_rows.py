@@ -92,10 +92,13 @@ def test_what_our_row_found_is_handed_to_the_rows_beside_it(lit: Stored, monkeyp
 
     def solve(*given, leave_out=()):
         solved.append(given[1])
-        report = SimpleNamespace(held_out_error=0.1, distance=SimpleNamespace(value=DISTANCE))
-        return SimpleNamespace(surface=None, emitters=emitters, report=report)
+        report = SimpleNamespace(held_out_error=0.1, distance=SimpleNamespace(value=DISTANCE), part_worths=())
+        return SimpleNamespace(
+            surface=SimpleNamespace(mask=None), emitters=emitters, report=report, renders=None
+        )
 
     monkeypatch.setattr(rows, "solve", solve)
+    monkeypatch.setattr(rows.results, "error_by_view", lambda *given: ())
     monkeypatch.setattr(alike, "solve", solve)
     monkeypatch.setattr(alike, "_found", {})
     draft, standard = (rows.ours(name, name, rows.params_of(name)) for name in ("draft", "standard"))

@@ -53,6 +53,9 @@ def test_the_surface_moves_with_the_view(parts: Parts) -> None:
     sheet = parts.scene.sheets[0]
     for view, part in there.items():
         np.testing.assert_allclose(part.points, transform(parts.scene.world_from_cam(view), sheet.points))
+    aside = np.eye(3, 4) + [[0, 0, 0, 2.0], [0, 0, 0, 0], [0, 0, 0, 0]]
+    part = parts.solid(replace(ALL, pose=tuple(aside.ravel().tolist())), 0)["surface"]
+    np.testing.assert_allclose(part.points, sheet.points - [2.0, 0, 0])
 
 
 def test_only_the_shaded_surface_has_normals_to_be_lit_by(parts: Parts) -> None:

@@ -103,6 +103,20 @@ def test_looking_through_is_the_photographs_pose(opened: Showing) -> None:
     assert not seen.home
 
 
+def test_riding_along_passes_every_camera_in_order_and_the_surface_stays_before_the_eye(
+    opened: Showing,
+) -> None:
+    poses = [np.array(pose).reshape(3, 4) for pose in CONTENTS.poses if pose]
+    ride = showing.ride(opened, 2 * len(poses) - 1)  # one between each two
+    for eye, style in ride:
+        np.testing.assert_allclose(np.array(style.pose).reshape(3, 4), orbit.cam_from_world(eye), atol=1e-12)
+        assert not {"cameras", "axes"} & set(style.visible)
+    for pose, (eye, _) in zip(poses, ride[::2], strict=True):
+        np.testing.assert_allclose(orbit.cam_from_world(eye), pose, atol=1e-9)
+    one = showing.opened(Showing(), replace(CONTENTS, poses=CONTENTS.poses[:1]), ASPECT)
+    assert len({eye for eye, _ in showing.ride(one, 3)}) == 1
+
+
 def test_a_turn_about_the_object_keeps_its_photograph_upright(opened: Showing) -> None:
     pose = showing.pose_of(CONTENTS, showing.standing(opened))
     assert pose is not None

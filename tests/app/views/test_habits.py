@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QPushButton,
     QScrollBar,
     QSlider,
+    QStackedWidget,
     QTabBar,
     QVBoxLayout,
     QWidget,
@@ -30,7 +31,9 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from app.state import Trouble
+from app.views import theme
 from app.views.main_window import MainWindow
+from app.views.maps.page import MapsPage
 from app.views.pages import PAGES
 from tests.app.calls import ROOT
 from tests.app.views.conftest import active, until
@@ -129,13 +132,22 @@ def test_rail_and_status_bar_have_names(window: MainWindow) -> None:
     assert nameless(window.status) == []
 
 
-def test_dialogs_have_names(window: MainWindow, qtbot: QtBot) -> None:
-    window.show_shortcuts()
-    window.add_photographs(None)
-    window.tell(Trouble("what", "remedy", "details"))
-    until(qtbot, lambda: len([d for d in window.findChildren(QDialog) if d.isVisible()]) == 3)
-    for dialog in window.findChildren(QDialog):
+def test_dialogs_have_names_and_show_where_the_keyboard_is(
+    window: MainWindow, qtbot: QtBot, qapp: QApplication
+) -> None:
+    theme.install(qapp, "dark")
+    for open_dialog in (
+        window.show_shortcuts, lambda: window.add_photographs(None), window.simulate, window.menus._preferences,
+        lambda: window.tell(Trouble("what", "remedy", "details")),
+    ):  # fmt: skip
+        open_dialog()
+        until(qtbot, lambda: any(dialog.isVisible() for dialog in window.findChildren(QDialog)))
+        (dialog,) = (dialog for dialog in window.findChildren(QDialog) if dialog.isVisible())
+        active(dialog, qtbot)
+        qtbot.keyClick(dialog, Qt.Key.Key_Tab)
         assert nameless(dialog) == [], type(dialog)
+        seen, faint = walked(dialog, qtbot)
+        assert (len(seen) > 1, faint) == (True, []), type(dialog)
         dialog.close()
 
 
@@ -145,28 +157,46 @@ def focused() -> QWidget:
     return widget
 
 
-def walked(window: MainWindow, qtbot: QtBot) -> list[QWidget]:
-    """What Tab comes to until it is where it began, in order; the last look of each differs from the one without the keyboard."""
+def walked(window: QWidget, qtbot: QtBot) -> tuple[list[QWidget], list[str]]:
+    """What Tab comes to until it is where it began, in order; and which of them look the same without the keyboard."""
     start = focused()
-    seen = [start]
+    seen, faint = [start], []
     for _ in range(200):
-        qtbot.keyClick(focused(), Qt.Key.Key_Tab)
+        last, look = focused(), focused().grab().toImage()
+        qtbot.keyClick(last, Qt.Key.Key_Tab)
+        if last.grab().toImage() == look:
+            faint.append(f"{type(last).__name__} {last.accessibleName()!r}")
         if focused() is start:
-            return seen
+            return seen, faint
         seen.append(focused())
     raise AssertionError(f"Tab never comes back: {[one.accessibleName() for one in seen[-8:]]}")
 
 
+def opened(page: QWidget) -> None:
+    """Let everything be seen and used that there is once a session has results."""
+    for part in page.findChildren(QWidget):
+        part.setEnabled(True)
+        if isinstance(part, QStackedWidget):
+            part.setCurrentIndex(part.count() - 1)
+    if isinstance(page, MapsPage):
+        page.body.show()
+
+
 @pytest.mark.parametrize("key", [row.key for row in PAGES])
-def test_tab_comes_to_every_control_once(window: MainWindow, session: Path, qtbot: QtBot, key: str) -> None:
+def test_tab_comes_to_every_control_once_and_each_shows_it(
+    window: MainWindow, session: Path, qtbot: QtBot, qapp: QApplication, key: str
+) -> None:
+    theme.install(qapp, "dark")
     window.open_session(session)
     window.show_page(key)
     qtbot.wait(50)
+    opened(window.page(key))
     active(window, qtbot)
     window.rail.buttons[key].setFocus()
     until(qtbot, QApplication.focusWidget)
-    seen = walked(window, qtbot)
+    seen, faint = walked(window, qtbot)
     assert len(seen) == len(set(seen))
+    assert faint == []
     for widget in controls(window.page(key)):
         group = widget.group() if isinstance(widget, QAbstractButton) else None
         # Of buttons that exclude one another, arrows walk from the one that is down.

@@ -295,3 +295,10 @@ def test_one_line_of_the_rail_is_lit_whoever_turned_the_page(
     window.rail.buttons["start"].setFocus()
     window.go_to_session(session)
     assert window.rail.buttons["process"].hasFocus()
+    other = MainWindow(Settings(), window.shell.enquiries)
+    qtbot.addWidget(other)
+    other.rail.buttons["start"].setFocus()
+    other.show_page("charts")  # before it is on the screen
+    other.show()
+    active(other, qtbot)
+    assert other.focusWidget() is other.rail.buttons["charts"]

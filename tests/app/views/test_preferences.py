@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 from app import caches, places
@@ -74,8 +75,26 @@ def test_what_is_kept_is_told_and_can_be_cleared(dialog: PreferencesDialog, qtbo
     assert not (places.cache() / "studio").exists()
 
 
+def test_the_cache_moves_as_a_whole_and_comes_back(
+    dialog: PreferencesDialog, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual, elsewhere = places.cache(), tmp_path / "disk"
+    elsewhere.mkdir()
+    for to, place in ((elsewhere, elsewhere / "roomlight"), (usual.parent, usual)):
+        monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *words, to=to: str(to))
+        dialog.elsewhere.click()
+        until(qtbot, lambda place=place: dialog.place.text() == str(place) and dialog.elsewhere.isEnabled())
+        assert places.cache().resolve() == place
+        assert (usual / "studio" / "deep" / "booth.npz").stat().st_size == 3_000_000
+    assert not any(elsewhere.iterdir())
+    (elsewhere / "roomlight").mkdir()
+    with pytest.raises(SessionError, match="already"):
+        caches.move(elsewhere)
+    assert caches.sizes()["studio"] == 3_000_000
+
+
 def test_a_disk_that_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(folder: Path) -> None:
+    def refuse(*words: Path, **named: bool) -> None:
         raise PermissionError(13, "Permission denied")
 
     (places.cache() / "studio").mkdir(parents=True)
@@ -83,3 +102,8 @@ def test_a_disk_that_refuses_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(SessionError, match="studio"):
         caches.clear("studio")
     caches.clear("bench")  # is not there
+    monkeypatch.setattr(caches.shutil, "move", refuse)
+    monkeypatch.setattr(caches.shutil, "rmtree", lambda *words, **named: None)
+    with pytest.raises(SessionError, match="disk"):
+        caches.move(tmp_path / "disk")
+    assert (places.cache() / "studio").is_dir()

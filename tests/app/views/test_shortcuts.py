@@ -68,6 +68,41 @@ def test_other_keys_hold_at_once_and_after_a_restart_but_not_those_that_are_take
     dialog.close()
 
 
+def test_whatever_names_a_key_names_the_one_in_force(window: MainWindow) -> None:
+    tools, stop = window.page("mask").tools, window.page("capture").setup.stop  # type: ignore[attr-defined]
+    mode, maps = window.page("maps").bar.modes[1], window.rail.buttons["maps"]  # type: ignore[attr-defined]
+    exposure = window.page("maps").bar.ev  # type: ignore[attr-defined]
+    remove = window.page("process").queue.remove  # type: ignore[attr-defined]
+
+    def told() -> list[str]:
+        tips = (widget.toolTip() for widget in (tools.sides[True], mode, maps, exposure, remove))
+        return [*(tip[tip.index("(") :] for tip in tips), stop.text()]
+
+    shipped = told()
+    assert shipped[0] == "(A; X swaps)"
+    assert stop.text() == "STOP  (Esc)"
+    window.show_shortcuts()
+    (dialog,) = window.findChildren(ShortcutsDialog)
+    lines = {(line.parent().text(0), line.text(0)): line for line in dialog.lines}
+    for *of, keys in (
+        ("Mask", "Add to the object", "Y"), ("Mask", "Swap adding and taking", "A"), ("Everywhere", "Maps", "Ctrl+M"),
+        ("Maps", "Photograph against re-rendering", ""), ("Maps", "Darker", "Ctrl+Down"), ("Process", remove.accessibleName(), "Del"),
+        ("Capture", "Stop rig and camera", "F12"),
+    ):  # fmt: skip
+        lines[tuple(of)].setText(1, keys)
+    assert told() == [
+        "(Y; A swaps)",
+        "(no key)",
+        "(Ctrl+M)",
+        "(E, Ctrl+Down; Shift+0 resets)",
+        "(Del)",
+        "STOP  (F12)",
+    ]
+    dialog.restore.click()
+    assert told() == shipped
+    dialog.close()
+
+
 def test_question_mark_opens_the_sheet(window: MainWindow, qtbot: QtBot) -> None:
     active(window, qtbot)
     qtbot.keyClick(window, Qt.Key.Key_Question)

@@ -20,10 +20,10 @@ from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QApplication, QC
 from app.state import Trouble
 from app.viewer import orbit, showing
 from app.viewer.events import Picture
+from app.viewer.film import Film
 from app.viewer.protocol import LAYERS, Style
 from app.viewer.showing import Showing
 from app.viewer.supervisor import Supervisor
-from app.viewer.turntable import Film
 from app.viewer.watch import Patience
 from app.views.pages import Shell
 from app.views.view3d.page import View3dPage
@@ -457,8 +457,8 @@ def test_a_turntable_is_saved_whole(
 ) -> None:
     eye, looks, add = open_page.state.eye, [], Film.add
     monkeypatch.setattr(Film, "add", lambda film, picture: (looks.append(picture.look), add(film, picture)))
-    assert open_page.save_turntable(tmp_path / name) is None
-    qtbot.waitUntil(lambda: open_page._turntable is None, timeout=BOUND_MS)
+    assert open_page.save_film("turntable", tmp_path / name) is None
+    qtbot.waitUntil(lambda: open_page._filming is None, timeout=BOUND_MS)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     step = 2 * np.pi / 72
     assert [look.orbit.azimuth for look in looks] == pytest.approx(
@@ -481,18 +481,18 @@ def test_a_turntable_is_saved_whole(
 def test_a_cancelled_turntable_leaves_nothing_and_the_view_as_it_was(
     qtbot, open_page: View3dPage, tmp_path: Path, name: str
 ) -> None:
-    assert open_page.save_turntable(tmp_path / name) is None
+    assert open_page.save_film("turntable", tmp_path / name) is None
     qtbot.waitUntil(lambda: any(tmp_path.iterdir()), timeout=BOUND_MS)
-    assert open_page._turntable is not None
-    open_page._turntable.findChild(QAbstractButton).click()
-    qtbot.waitUntil(lambda: open_page._turntable is None, timeout=BOUND_MS)
+    assert open_page._filming is not None
+    open_page._filming.findChild(QAbstractButton).click()
+    qtbot.waitUntil(lambda: open_page._filming is None, timeout=BOUND_MS)
     assert not any(tmp_path.iterdir())
     shown(qtbot, open_page)
 
 
 def test_a_turntable_replaces_no_folder_with_files(open_page: View3dPage, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").touch()
-    failed = open_page.save_turntable(tmp_path)
+    failed = open_page.save_film("turntable", tmp_path)
     assert failed is not None
     assert "holds other files" in failed.what
     assert failed.remedy == "choose a new name"
@@ -512,7 +512,7 @@ def test_a_turntable_gets_the_ending_of_its_kind_and_replaces_nothing_unasked(
     path: str | None,
 ) -> None:
     (tmp_path / "mine.mp4").touch()
-    saved: list[Path] = []
+    saved: list[tuple[str, Path]] = []
     told: list[Trouble] = []
 
     def choose(parent: QWidget, title: str, name: str, kinds: str) -> tuple[str, str]:
@@ -521,10 +521,13 @@ def test_a_turntable_gets_the_ending_of_its_kind_and_replaces_nothing_unasked(
 
     monkeypatch.setattr("app.views.view3d.page.QFileDialog.getSaveFileName", choose)
     monkeypatch.setattr("app.views.view3d.page.show_trouble", lambda parent, failed: told.append(failed))
-    monkeypatch.setattr(open_page, "save_turntable", saved.append)
-    open_page._actions["turntable"].trigger()
-    assert saved == ([] if path is None else [tmp_path / path])
-    assert [one.remedy for one in told] == (["choose another name"] if said == "mine" else [])
+    monkeypatch.setattr(open_page, "save_film", lambda kind, to: saved.append((kind, to)))
+    for film in ("turntable", "path"):
+        saved.clear()
+        told.clear()
+        open_page._actions[film].trigger()
+        assert saved == ([] if path is None else [(film, tmp_path / path)])
+        assert [one.remedy for one in told] == (["choose another name"] if said == "mine" else [])
 
 
 def test_a_turntable_that_cannot_be_written_says_so(
@@ -532,7 +535,7 @@ def test_a_turntable_that_cannot_be_written_says_so(
 ) -> None:
     told: list[Trouble] = []
     monkeypatch.setattr("app.views.view3d.page.show_trouble", lambda parent, failed: told.append(failed))
-    assert open_page.save_turntable(tmp_path / "nowhere" / "turn.mp4") is None
+    assert open_page.save_film("turntable", tmp_path / "nowhere" / "turn.mp4") is None
     qtbot.waitUntil(lambda: bool(told), timeout=BOUND_MS)
     assert "cannot be written" in told[0].what
     assert told[0].remedy

@@ -62,11 +62,9 @@ emit("done")
     assert work.wait(LONG_S).eta_s is None
 
 
-def test_time_left_is_not_guessed_from_nothing() -> None:
-    work = job(
-        'emit("stage", name="a", number=1, count=1); emit("progress", fraction=0.5); emit("done")',
-        clock=lambda: 5.0,
-    )
+@pytest.mark.parametrize("stage", ['emit("stage", name="a", number=1, count=1)', "pass"])
+def test_time_left_is_not_guessed_from_nothing(stage: str) -> None:
+    work = job(f'{stage}; emit("progress", fraction=0.5); emit("done")', clock=lambda: 5.0)
     heard = Heard(work)
     work.start()
     work.wait(LONG_S)

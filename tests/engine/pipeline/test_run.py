@@ -1,14 +1,18 @@
 """A stage is finished or absent, whatever happens to the process, the disk or the person's patience."""
 
+import contextlib
+import errno
 import hashlib
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -188,24 +192,55 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", place], check=True)
 
 
-def test_no_space_is_told_wherever_it_strikes(
-    session: sessions.Session, monkeypatch: pytest.MonkeyPatch
+def refuse_writes(patch: pytest.MonkeyPatch, first: int, number: int) -> list[str]:
+    """From the `first` write on the disk refuses: files opened, folders and links made, renamed, synced. What was refused."""
+    calls, refused = iter(range(10_000)), []
+
+    def guarded(name: str, real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            reads = name == "open" and (args[1:] or ("r",))[0][0] == "r"
+            if not reads and next(calls) >= first:
+                refused.append(f"{name} {args[0]}")
+                raise OSError(number, os.strerror(number), str(args[0]))
+            return real(*args, **kwargs)
+
+        return call
+
+    for name in ("open", "mkdir", "rename", "replace", "symlink_to"):
+        patch.setattr(Path, name, guarded(name, getattr(Path, name)))
+    patch.setattr(os, "fsync", guarded("sync", lambda handle: None))
+    return refused
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EACCES])
+def test_whatever_write_is_refused_the_session_opens_and_goes_on(
+    session: sessions.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    real = os.fsync
-    for failing in range(12):
-        calls = iter(range(1000))
-
-        def fsync(handle: int, failing: int = failing, calls: Iterator[int] = calls) -> None:
-            if next(calls) == failing:
-                raise OSError(28, "No space left on device")
-            real(handle)
-
-        monkeypatch.setattr(os, "fsync", fsync)
-        with pytest.raises(SessionError, match="disk is full"):
-            run.process(session, tiny.table(), Settings(overrides={"count": {"size": 10 + failing}}), "cpu")
-        monkeypatch.undo()
-        assert not list(session.folder.rglob("*.partial"))
-        sessions.open_session(session.folder)
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
+    monkeypatch.setattr(os, "fsync", lambda handle: None)
+    undisturbed = tmp_path / "undisturbed.session"
+    shutil.copytree(session.folder, undisturbed)
+    run.process(sessions.open_session(undisturbed), tiny.table(), Settings(), "cpu")
+    struck: set[str] = set()
+    for first in range(1000):
+        folder = tmp_path / f"{first}.session"
+        shutil.copytree(session.folder, folder)
+        tried = sessions.open_session(folder)
+        with monkeypatch.context() as patch:
+            refused = refuse_writes(patch, first, number)
+            with contextlib.suppress(SessionError):  # it says what the disk said, and nothing else comes out
+                run.process(tried, tiny.table(), Settings(), "cpu")
+        if not refused:
+            break
+        struck.add(refused[0].split()[0])
+        assert not list((folder / "stages").rglob("*.partial"))
+        steps = run.process(sessions.open_session(folder), tiny.table(), Settings(), "cpu")
+        assert not list(folder.rglob("*.partial"))
+        assert all((step.folder / "record.json").is_file() for step in steps)
+        assert results(tried) == results(sessions.open_session(undisturbed))
+        shutil.rmtree(folder)
+    assert struck == {"open", "mkdir", "rename", "replace", "symlink_to", "sync"}
+    assert first > 30  # of three stages, all
 
 
 def test_cuda_without_cuda_is_refused_before_anything_runs(session: sessions.Session) -> None:

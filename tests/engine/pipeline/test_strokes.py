@@ -68,10 +68,22 @@ def test_strokes_of_another_size_are_refused_with_a_remedy(session: sessions.Ses
         found(session)
 
 
-def test_green_adds_red_takes_and_all_else_says_nothing(tmp_path: Path) -> None:
-    image = np.zeros((1, 5, 3), np.uint8)  # blue, green, red
-    image[0] = [(0, 255, 0), (0, 0, 255), (0, 255, 255), (255, 0, 0), (0, 127, 0)]
+def test_green_adds_red_takes_with_blue_exactly_and_all_else_says_nothing(tmp_path: Path) -> None:
+    image = np.zeros((1, 7, 3), np.uint8)  # blue, green, red
+    image[0] = [
+        (0, 255, 0),
+        (0, 0, 255),
+        (255, 255, 0),
+        (255, 0, 255),
+        (0, 255, 255),
+        (255, 0, 0),
+        (0, 127, 0),
+    ]
     cv2.imwrite(str(tmp_path / "strokes.png"), image)
-    add, remove = stage_functions.read_strokes(tmp_path / "strokes.png", 1, 5)
-    assert add.tolist() == [[True, False, False, False, False]]
-    assert remove.tolist() == [[False, True, False, False, False]]
+    strokes = stage_functions.read_strokes(tmp_path / "strokes.png", 1, 7, (1, 7))
+    assert strokes.exact is not None
+    assert np.flatnonzero(strokes.add).tolist() == [0, 2]
+    assert np.flatnonzero(strokes.remove).tolist() == [1, 3]
+    hints = strokes.hints()
+    assert hints is not None
+    assert np.flatnonzero(hints.add | hints.remove).tolist() == [0, 1]

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from app.bench.choices import Choice, built_in
 from app.bench.record import BenchError
 from app.bench.stored import Stored
 from app.bench.stress.dials import DIALS, chosen
 from engine.types import Masks
+from hardware.virtual.studio import bodies, rooms
 from tests.app.bench.synthetic import stored
 
 
@@ -47,7 +49,7 @@ def change(clean: Stored, worse: Stored) -> float:
     return lens + poses + masks + light
 
 
-@pytest.mark.parametrize("name", DIALS)
+@pytest.mark.parametrize("name", [name for name, dial in DIALS.items() if dial.scene is None])
 def test_a_dial_makes_it_worse_with_every_step_and_the_same_with_the_same_seed(
     clean: Stored, name: str
 ) -> None:
@@ -88,6 +90,23 @@ def test_the_camera_knows_of_the_sensors_noise(clean: Stored) -> None:
     shot, floor = worse.frames.noise
     told = np.sqrt(shot * clean.frames.radiance[:, inside] + floor**2)
     assert (off / told).std() == pytest.approx(1, rel=0.05)
+
+
+@pytest.mark.parametrize("name", [name for name, dial in DIALS.items() if dial.scene is not None])
+def test_a_dial_of_the_scene_photographs_another_one_with_every_step(name: str) -> None:
+    dial, booth, blob = DIALS[name], built_in("booth"), built_in("blob")
+    assert dial.scene is not None
+    scenes = [dial.scene(booth, blob, amount, 0) for amount in dial.amounts]
+    assert len({(room.key, thing.key) for room, thing in filter(None, scenes)}) == 5
+    for room, thing in filter(None, scenes):  # the studio knows them
+        rooms.furnish(room.asked)
+        bodies.stand(bodies.Thing(thing.asked, material=thing.material), 0)
+
+
+def test_a_dial_of_the_booth_is_none_of_another_room() -> None:
+    scene, study = DIALS["near_lamp"].scene, Choice("study", "study", "study")
+    assert scene is not None
+    assert scene(study, built_in("blob"), 0.5, 0) is None
 
 
 def test_a_dial_that_is_none_is_refused_with_those_there_are() -> None:

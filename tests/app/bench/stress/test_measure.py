@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from app.bench.sizes import SIZES
 from app.bench.stress import measure as measuring
 from app.bench.stress.measure import CLEAN, measure
 from engine.errors import LightError
@@ -23,12 +24,18 @@ class Report:
     distance: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(value=0.5))
 
 
+def a_call(folder: Path, fresh: bool = False) -> Any:
+    args = SimpleNamespace(preset="draft", seed=0, fresh=fresh)
+    return SimpleNamespace(args=args, device="cpu", folder=folder, size=SIZES["tiny"])
+
+
 @pytest.fixture
 def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers of views of all fits; fewer than ten are refused."""
     counts: list[int] = []
 
-    def fit(frames: Any, *rest: Any) -> Any:
+    def fit(frames: Any, masks: Any, poses: Any, params: Any, *rest: Any) -> Any:
+        assert params.max_gaussians == SIZES["tiny"].settings["light"]["max_gaussians"]
         counts.append(len(frames.names))
         if len(frames.names) < 10:
             raise LightError("too few views; add some")
@@ -45,23 +52,23 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path, fits: list[int]) -> None:
-    found = measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, False)
+    found = measure(a_call(tmp_path), a_set(), CLEAN, 0)
     assert found.normal_deg == pytest.approx(4, abs=1e-3)
     assert found.far_field_deg == pytest.approx(6, abs=1e-3)
     assert (found.in_50, found.in_95) == (0, 0)  # four degrees off, and less than one stated
     assert found.solved == 1
     assert (found.refused, found.grade) == ("", "not to be trusted")
     assert "50 % off" in found.reason
-    assert measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, False) == found
+    assert measure(a_call(tmp_path), a_set(), CLEAN, 0) == found
     assert fits == [12]
-    measure(a_set(), CLEAN, 0, "draft", "cpu", 0, tmp_path, True)
-    measure(a_set(), "exposure", 2, "draft", "cpu", 0, tmp_path, False)
+    measure(a_call(tmp_path, fresh=True), a_set(), CLEAN, 0)
+    measure(a_call(tmp_path), a_set(), "exposure", 2)
     assert fits == [12, 12, 12]
 
 
 def test_a_capture_that_is_refused_says_why(tmp_path: Path, fits: list[int]) -> None:
     for _ in range(2):
-        found = measure(a_set(), "views", 5, "draft", "cpu", 0, tmp_path, False)
+        found = measure(a_call(tmp_path), a_set(), "views", 5)
         assert found.refused == "too few views; add some"
         assert math.isnan(found.normal_deg)
         assert found.amount == 9

@@ -56,6 +56,9 @@ def test_the_table_tells_ratios_and_marks():
     assert [cell.strip() for cell in noise.strip("|").split("|")][1:] == ["2.25 S", "4.50 w"]
     (views,) = [line for line in text.splitlines() if line.startswith("| views")]
     assert [cell.strip() for cell in views.strip("|").split("|")][1:] == ["-", "R"]
+    all_runs, unfitted = scores.told(RUNS).splitlines()
+    assert all_runs == f"all dials: {scores.summary(scores.score(RUNS))}"
+    assert "no limit is from: 6 worse captures" in unfitted  # views is one that limits are from
     assert "silent failures 14.3 %, false alarms 50.0 %, AUROC 0.875" in scores.summary(scores.score(RUNS))
 
 

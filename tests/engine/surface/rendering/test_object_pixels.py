@@ -294,6 +294,19 @@ def test_every_pixel_of_a_block_answers_the_light_at_its_own_place():
     )
 
 
+def test_where_no_view_is_kept_out_there_is_nothing_to_render():
+    mask, normals, points = ball()
+    lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))
+    transport = LightTransport(
+        light_that_varies(lattice, 0, 400), np.zeros((int(mask.sum()), 0), np.float32), True, False, "cpu"
+    )
+    pixels = max(pixel_blocks(mask), key=len)
+    block = transport.block(SurfaceGeometry(points[mask], -rays(CAMERA)[mask], None), pixels)
+    assert len(block.light.modes)
+    diffuse, _ = transport(block, normals[mask][pixels][:, None], np.full((len(pixels), 1), 0.3))
+    assert diffuse.shape == (len(pixels), 1, 0)
+
+
 def test_pixels_at_one_place_share_one_light_and_no_ways_it_differs():
     mask, _, points = ball()
     lattice = probe_grid_around(CAMERA, mask, (0.4, 0.6), (3, 3, 2))

@@ -269,6 +269,40 @@ def test_what_is_no_number_is_refused(tmp_path, changes, said):
         shoot.build(order.Order("booth", "sphere", **changes), tmp_path, lambda share, note: None)
 
 
+def test_numbers_of_the_booth_change_what_they_say():
+    usual, near = rooms.furnish("booth"), rooms.furnish("booth:lamp=0.5")
+    (lamp,), (far,) = near.globes, usual.globes
+    away = np.linalg.norm(lamp.centre - near.centre)
+    assert away == pytest.approx(0.5)
+    assert lamp.radius_m / away == pytest.approx(far.radius_m / np.linalg.norm(far.centre - usual.centre))
+    large = rooms.furnish("booth:side=28")
+    np.testing.assert_allclose(large.panels[0].right, 10 * usual.panels[0].right)
+    np.testing.assert_allclose(
+        large.sheets[0].corner - large.centre, 10 * (usual.sheets[0].corner - usual.centre)
+    )
+    assert rooms.furnish("booth:texture=0").panels[0].albedo.std() < 1e-6
+    even = rooms.furnish("booth:glow=0.1")
+    assert even.globes == ()
+    assert 0 < np.concatenate([sheet.radiance for sheet in even.sheets]).std() < 0.1
+
+
+def test_numbers_of_materials_and_the_bowl_change_what_they_say():
+    chalk = things.stand(things.Thing("sphere", material="clay:specular=0:roughness=0.5"), 0).body
+    assert chalk.specular == 0
+    assert set(chalk.roughness) == {0.5}
+    deep = [np.ptp(objects.model(f"bowl:deep={deep}").solid.vertices[:, 2]) for deep in (0.5, 2)]
+    assert deep[1] > 2 * deep[0]
+
+
+@pytest.mark.parametrize(
+    "asked",
+    ["booth:lamp=0.2", "booth:side=1", "booth:lamps=2", "booth:lamp", "study:side=4", "booth:glow=nan"],
+)
+def test_a_number_that_a_room_does_not_take_is_refused(asked):
+    with pytest.raises(StudioError, match=asked):
+        rooms.furnish(asked)
+
+
 def test_unknown_names_say_what_there_is():
     with pytest.raises(StudioError, match="study"):
         rooms.furnish("cellar")

@@ -1,36 +1,42 @@
-"""Saves a turn about the object: asks for one picture after the other, and writes each when it is as good as it gets.
+"""Saves a film of the view: asks for one picture after the other, and writes each when it is as good as it gets.
 
 The dialog stands before the window meanwhile, so that nobody moves the eye; it can be cancelled at any picture.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QElapsedTimer, Qt, Signal
 from PySide6.QtWidgets import QProgressBar, QProgressDialog, QPushButton, QWidget
 
 from app.plan import told_seconds
 from app.state import Trouble
-from app.viewer import turntable
 from app.viewer.events import Picture
+from app.viewer.film import Film
 from app.viewer.orbit import Orbit
-from app.viewer.turntable import Film
+from app.viewer.protocol import Style
 from app.views.background import Background
 
 
-class Turntable(QProgressDialog):
-    """One turn; `ask` has an eye's picture drawn and returns the number of its look."""
+class FilmDialog(QProgressDialog):
+    """One film of `looks`; `ask` has a picture drawn and returns the number of its look."""
 
     ended = Signal(object)  # Trouble; None: it is saved, or was cancelled
     saved = Signal()
 
-    def __init__(self, parent: QWidget, film: Film, start: Orbit, ask: Callable[[Orbit], int]) -> None:
+    def __init__(
+        self,
+        parent: QWidget,
+        film: Film,
+        looks: Sequence[tuple[Orbit, Style]],
+        ask: Callable[[Orbit, Style], int],
+    ) -> None:
         super().__init__(parent)
-        self._film, self._eyes, self._ask = film, turntable.eyes(start), ask
-        self._background = Background(self, "turntable")
+        self._film, self._looks, self._ask = film, looks, ask
+        self._background = Background(self, "film")
         self._since = QElapsedTimer()
         self._done, self._wanted = 0, -1
         self._over = False
-        self.setWindowTitle(self.tr("Saving the turntable"))
+        self.setWindowTitle(self.tr("Saving the video"))
         self.setWindowModality(Qt.WindowModality.WindowModal)
         self.setAutoClose(False)
         self.setAutoReset(False)
@@ -39,7 +45,7 @@ class Turntable(QProgressDialog):
         bar = QProgressBar()
         bar.setTextVisible(False)  # the label says it
         self.setBar(bar)
-        self.setRange(0, len(self._eyes))
+        self.setRange(0, len(self._looks))
         cancel = QPushButton(self.tr("Cancel"))
         cancel.setAccessibleName(self.tr("Cancel"))
         self.setCancelButton(cancel)
@@ -69,19 +75,19 @@ class Turntable(QProgressDialog):
 
     def _added(self) -> None:
         self._done += 1
-        if self._done < len(self._eyes):
+        if self._done < len(self._looks):
             self._next()
         else:
             self._background.ask("film", self._film.finish, lambda _: self._finish(), self.end)
 
     def _next(self) -> None:
         self.setValue(self._done)
-        told = self.tr("Picture {0} of {1}").format(self._done + 1, len(self._eyes))
+        told = self.tr("Picture {0} of {1}").format(self._done + 1, len(self._looks))
         if self._done:
-            left = self._since.elapsed() / 1000 / self._done * (len(self._eyes) - self._done)
+            left = self._since.elapsed() / 1000 / self._done * (len(self._looks) - self._done)
             told = self.tr("{0}, {1} left").format(told, told_seconds(left))
         self.setLabelText(told)
-        self._wanted = self._ask(self._eyes[self._done])
+        self._wanted = self._ask(*self._looks[self._done])
 
     def _finish(self) -> None:
         self._over = True

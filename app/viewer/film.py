@@ -1,4 +1,4 @@
-"""A turn about what the 3D view shows, kept as a video or as numbered PNG files."""
+"""A turn about what the 3D view shows, or the cameras' way through the room, kept as a video or as numbered PNG files."""
 
 import math
 from dataclasses import replace
@@ -7,16 +7,23 @@ from pathlib import Path
 import numpy as np
 
 from app.frame_writer import FrameWriter
+from app.viewer import showing
 from app.viewer.events import Picture
 from app.viewer.orbit import Orbit
+from app.viewer.protocol import Style
+from app.viewer.showing import Showing
 
-PICTURES = 72
+PICTURES = {"turntable": 72, "path": 192}
 A_SECOND = 24
 
 
-def eyes(orbit: Orbit) -> list[Orbit]:
-    """All the way around the target, from where the eye is, in even steps."""
-    return [replace(orbit, azimuth=orbit.azimuth + 2 * math.pi * k / PICTURES) for k in range(PICTURES)]
+def looks(kind: str, shown: Showing) -> list[tuple[Orbit, Style]]:
+    """One of `PICTURES`: all the way around the target, from where the eye is, in even steps; or the cameras' way."""
+    count = PICTURES[kind]
+    if kind == "path":
+        return showing.ride(shown, count)
+    start, style = showing.around(shown), shown.style
+    return [(replace(start, azimuth=start.azimuth + 2 * math.pi * k / count), style) for k in range(count)]
 
 
 class Film(FrameWriter):
