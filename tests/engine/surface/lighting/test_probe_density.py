@@ -10,6 +10,7 @@ from engine.light.fitting.lamp_model import with_lamps
 from engine.light.gaussians.gaussians import Y00, joined
 from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
+from engine.surface.lighting import probe_density
 from engine.surface.lighting.probe_density import (
     ProbeDensityConfig,
     choose_direction_count,
@@ -76,9 +77,20 @@ def test_one_probe_tells_a_room_that_is_far_away() -> None:
     assert chosen(shell(200.0)).shape == (1, 1, 1)
 
 
-def test_a_near_wall_takes_more_along_the_way_to_it_and_they_suffice() -> None:
+def beside_a_wall() -> Gaussians:
     wall = np.stack([np.full(81, -0.62), *(0.12 * np.mgrid[-4:5, -4:5].reshape(2, -1) + [[0.0], [1.0]])], 1)
-    shape = joined(shell(6.0), gaussians(wall, 0.08, np.linspace(1, 9, 81)))
+    return joined(shell(6.0), gaussians(wall, 0.08, np.linspace(1, 9, 81)))
+
+
+def test_there_are_so_many_at_most_the_finest_axis_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    free = np.array(chosen(beside_a_wall()).shape)
+    monkeypatch.setattr(probe_density, "CONFIG", replace(CONFIG, most_probes=int(free.prod()) - 1))
+    bound = np.array(chosen(beside_a_wall()).shape)
+    assert (free - bound).tolist() == np.eye(3, dtype=int)[free.argmax()].tolist()
+
+
+def test_a_near_wall_takes_more_along_the_way_to_it_and_they_suffice() -> None:
+    shape = beside_a_wall()
     lattice = chosen(shape)
     across, down, deep = lattice.shape
     assert CONFIG.most_probes >= across > max(down, deep)
