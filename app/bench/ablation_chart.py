@@ -4,8 +4,6 @@ A row a switch; the line is ours with all of them on, the dot is ours with that 
 the line says what the switch is worth. The albedo's PSNR is drawn as the root mean square error that it says.
 """
 
-import csv
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -40,20 +38,18 @@ DRAWN = (
 def table(points: Sequence[Scored]) -> str:
     """The numbers behind the chart as CSV, each with what it has more than ours with every switch on."""
     usual = points[0]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     keys = [panel.key for panel in DRAWN]
-    writer.writerow(["method", "title", *keys, *(f"{key}_more" for key in keys), "albedo_psnr_db", "run"])
+    lines: list[Sequence[object]] = [
+        ["method", "title", *keys, *(f"{key}_more" for key in keys), "albedo_psnr_db", "run"]
+    ]
     for one in points:
         values = [panel.value(one) for panel in DRAWN]
         more = [panel.value(one) - panel.value(usual) for panel in DRAWN]
         if one.runs != usual.runs:
             more[-1] = math.nan  # seconds of different runs do not compare
         numbers = [f"{value:.6g}" for value in (*values, *more, one.values["albedo"])]
-        writer.writerow(
-            [one.method, one.title, *numbers, one.runs[0] if len(set(one.runs)) == 1 else "several"]
-        )
-    return text.getvalue()
+        lines.append([one.method, one.title, *numbers, one.runs[0] if len(set(one.runs)) == 1 else "several"])
+    return drawing.csv_of(lines)
 
 
 def write(points: Sequence[Scored], folder: Path, caption: str) -> list[Path]:

@@ -5,8 +5,6 @@ panel. Hollow points are extrapolated; maps computed elsewhere are lines, as the
 told apart by colour and by shape.
 """
 
-import csv
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -49,20 +47,18 @@ PANELS = (
 def table(points: Sequence[Scored]) -> str:
     """The numbers behind the chart as CSV; `front` lists the panels on whose Pareto front the point lies."""
     fronts = {panel.key: set(front(points, panel)) for panel in PANELS}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     heads = [panel.key for panel in PANELS]
-    writer.writerow(
+    lines: list[Sequence[object]] = [
         ["method", "title", "kind", "seconds", *heads, "albedo_psnr_db", "extrapolated", "run", "front"]
-    )
+    ]
     for i, one in enumerate(points):
         on = " ".join(panel.key for panel in PANELS if i in fronts[panel.key])
         errors = [f"{panel.error(one):.6g}" for panel in PANELS]
-        writer.writerow([
+        lines.append([
             one.method, one.title, one.kind, f"{one.seconds:.6g}", *errors, f"{one.values['albedo']:.6g}",
             "yes" if one.extrapolated else "no", one.runs[0] if len(set(one.runs)) == 1 else "several", on,
         ])  # fmt: skip
-    return text.getvalue()
+    return drawing.csv_of(lines)
 
 
 def front(points: Sequence[Scored], panel: Panel) -> list[int]:

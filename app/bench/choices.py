@@ -6,7 +6,7 @@ after them what else was asked for.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,19 @@ def _room(asked: str, name: str, place: Place | None) -> Choice:
     key = f"{called(Path(asked))}-{keys.of(Path(asked), places.cache() / 'studio')}"
     at = "" if place is None else "-at-" + "_".join(f"{x:.9g}" for x in place)
     return Choice(asked, name + at, _plain(key + at), place=place)
+
+
+def picked(option: str, asked: Sequence[str], known: Iterable[str]) -> tuple[str, ...]:
+    """Of the known names those that were asked for, all if none is.
+
+    Raises:
+        BenchError: none is called so.
+    """
+    names = tuple(known)
+    for name in asked:
+        if name not in names:
+            raise BenchError(f"{option}: there is none called {name!r}; choose of {', '.join(names)}")
+    return tuple(name for name in names if not asked or name in asked)
 
 
 def thing(

@@ -17,6 +17,7 @@ from app.bench import (
     ablation_chart,
     beside,
     chart,
+    choices,
     economy,
     estimated,
     gate,
@@ -179,7 +180,7 @@ def scale(call: Call) -> list[Metric]:
 
 
 def stressed(call: Call) -> list[Metric]:
-    dials = stress_dials.chosen(call.args.dials)
+    dials = choices.picked("--dials", call.args.dials, stress_dials.DIALS)
     runs: list[Stressed] = []
     for room in call.rooms:
         for thing in call.objects:
@@ -200,7 +201,9 @@ def stressed(call: Call) -> list[Metric]:
 
 
 def economy_of(call: Call) -> list[Metric]:
-    found = [economy.measure(call, name) for name in economy.chosen(call.args.scenes)]
+    found = [
+        economy.measure(call, name) for name in choices.picked("--scenes", call.args.scenes, economy.SCENES)
+    ]
     print(f"{economy.table(found)}\n")
     for one in found:
         print(f"{economy.ladder(one)}\n")
@@ -214,9 +217,7 @@ def piped(call: Call) -> list[Metric]:
     room, thing, args = call.rooms[0], call.objects[0], call.args
     if args.views is not None and args.views < LEAST_VIEWS:
         raise BenchError(f"--views {args.views}: stage surface wants {LEAST_VIEWS} at least; give as many")
-    others = {other: shutil.which(other) for other in args.beside if other != "colmap"}
-    for other in (other for other, program in others.items() if program is None):
-        raise BenchError(f"--beside {other}: no such program; give colmap, or the path of another roomlight")
+    others = {other: _program(other) for other in args.beside if other != "colmap"}
     ways: list[pipeline.Way] = []
     options = ["--preset", args.preset, "--seed", str(args.seed), "--device", call.device]
     fewer = {} if args.views is None else {"views": args.views}
@@ -224,11 +225,7 @@ def piped(call: Call) -> list[Metric]:
     for name, size in sizes.items():
         session, truth = pipeline.photographs(size, room, thing, call.folder, args.seed, call.device)
         run = partial(pipeline.ours, name, session, truth, stages, options)
-        # The child's folder is another one.
-        ways += [
-            run([str(Path(str(program)).absolute())], f"process of {other}")
-            for other, program in others.items()
-        ]
+        ways += [run([program], f"process of {other}") for other, program in others.items()]
         ways.append(run())
         if "colmap" in args.beside:
             ways += [pipeline.colmap(name, route, session, truth) for route in pipeline.ROUTES]
@@ -242,6 +239,14 @@ def piped(call: Call) -> list[Metric]:
     for path in pipeline_chart.write(ways, args.out, call.inputs):
         print(path)
     return pipeline.as_metrics(ways)
+
+
+def _program(asked: str) -> str:
+    """Where it is, whatever the folder that it is run from."""
+    found = shutil.which(asked)
+    if found is None:
+        raise BenchError(f"--beside {asked}: no such program; give colmap, or the path of another roomlight")
+    return str(Path(found).absolute())
 
 
 def _caption(call: Call, scored: Sequence[Scored]) -> str:

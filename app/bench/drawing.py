@@ -3,6 +3,9 @@
 Colours: Okabe and Ito 2008, told apart by the colour-blind.
 """
 
+import csv
+import io
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from app import places
@@ -11,6 +14,13 @@ from app.bench.record import BenchError
 WIDTH_IN = 7.2  # across both columns of a paper
 DPI = 300
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+
+
+def csv_of(lines: Iterable[Sequence[object]]) -> str:
+    """The numbers behind a chart, its heads first."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
 
 
 def write(figure, folder: Path, stem: str, table: str) -> list[Path]:

@@ -6,8 +6,6 @@ standard error (engine/surface/uncertainty/model_parts.py). A rung is a preset, 
 that renders the views kept out no worse than the best by more than the standard error of the difference over the views.
 """
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from app.bench import choices, drawing, rows
 from app.bench.call import Call
 from app.bench.markdown import markdown
 from app.bench.measured import Row
-from app.bench.record import BenchError, Metric
+from app.bench.record import Metric
 from engine.results import metrics
 
 PLACE, HIDDEN, BOUNCED, GLOSS, ROUGH = PARTS = (
@@ -65,18 +63,6 @@ class Found:
     @property
     def scene(self) -> Scene:
         return SCENES[self.name]
-
-
-def chosen(names: Sequence[str]) -> tuple[str, ...]:
-    """These scenes, all if none is named.
-
-    Raises:
-        BenchError: there is none of such a name.
-    """
-    for name in names:
-        if name not in SCENES:
-            raise BenchError(f"--scenes: there is none called {name!r}; choose of {', '.join(SCENES)}")
-    return tuple(name for name in SCENES if not names or name in names)
 
 
 def measure(call: Call, name: str) -> Found:
@@ -162,14 +148,12 @@ def write(found: Sequence[Found], folder: Path, caption: str) -> list[Path]:
     Raises:
         BenchError: the disk refuses.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["scene", "rung", "seconds", "kept_out", "normal_deg", "chosen"])
+    lines: list[Sequence[object]] = [["scene", "rung", "seconds", "kept_out", "normal_deg", "chosen"]]
     for one in found:
         for k, row in enumerate(one.rungs):
             values = [f"{x:.6g}" for x in (row.seconds, np.mean(row.by_view), one.normal_deg[k])]
-            writer.writerow([one.name, row.method.key, *values, int(k == choice(one.rungs))])
-    return drawing.write(draw(found, caption), folder, "economy", text.getvalue())
+            lines.append([one.name, row.method.key, *values, int(k == choice(one.rungs))])
+    return drawing.write(draw(found, caption), folder, "economy", drawing.csv_of(lines))
 
 
 def draw(found: Sequence[Found], caption: str):

@@ -1,7 +1,5 @@
 """The chart of a pipeline's seconds: a panel a size of photographs, a bar a way, a colour a stage."""
 
-import csv
-import io
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,14 +19,14 @@ LEAST_LABELLED = 0.06  # of the longest bar
 
 def table(ways: Sequence[Way]) -> str:
     """The numbers behind the chart as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["photographs", "way", "part", "seconds", "starting", "core_seconds", "peak_bytes"])
+    lines: list[Sequence[object]] = [
+        ["photographs", "way", "part", "seconds", "starting", "core_seconds", "peak_bytes"]
+    ]
     for way in ways:
         for part in way.parts:
             seconds = [f"{x:.6g}" for x in (part.seconds, part.starting, part.core_seconds)]
-            writer.writerow([way.size, way.name, part.name, *seconds, part.peak_bytes])
-    return text.getvalue()
+            lines.append([way.size, way.name, part.name, *seconds, part.peak_bytes])
+    return drawing.csv_of(lines)
 
 
 def write(ways: Sequence[Way], folder: Path, caption: str) -> list[Path]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from app import results
+from app.bench import choices
 from app.bench.alike import alike, hand_over
 from app.bench.baselines.methods import BASELINES
-from app.bench.record import BenchError
 from app.bench.sizes import Size
 from app.bench.stored import Stored, unlit_by_lamps
 from engine.pipeline import presets
@@ -69,11 +69,8 @@ def chosen(methods: Sequence[Method], keys: Sequence[str]) -> tuple[Method, ...]
     Raises:
         BenchError: no method is called so.
     """
-    known = [method.key for method in methods]
-    for key in keys:
-        if key not in known:
-            raise BenchError(f"--methods: there is no row called {key!r}; choose of {', '.join(known)}")
-    return tuple(method for method in methods if not keys or method.key in keys)
+    kept = choices.picked("--methods", keys, [method.key for method in methods])
+    return tuple(method for method in methods if method.key in kept)
 
 
 def ours(

@@ -4,8 +4,6 @@ Log-log, so that a power is a straight line and linear growth climbs a decade pe
 of one run alone; points whose seconds are of an earlier run are hollow.
 """
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,17 +29,15 @@ NARROWEST = 3.0
 
 def table(points: Sequence[tuple[str, Point]]) -> str:
     """The numbers behind the chart as CSV, each with the power fitted to its set and axis."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     powers = [f"{what}_{fact}" for what, _, _ in ROWS for fact in ("exponent", "exponent_stderr")]
-    writer.writerow(["set", "axis", "value", "seconds", "peak_bytes", "solve_bytes", "run", *powers])
+    lines: list[Sequence[object]] = [
+        ["set", "axis", "value", "seconds", "peak_bytes", "solve_bytes", "run", *powers]
+    ]
     for name, p in points:
         here = [other for of, other in points if of == name and other.axis == p.axis]
         told = [f"{number:.4g}" for what, _, _ in ROWS for number in fit(here, what)]
-        writer.writerow(
-            [name, p.axis, p.value, f"{p.seconds:.6g}", p.peak_bytes, p.solve_bytes, p.run, *told]
-        )
-    return text.getvalue()
+        lines.append([name, p.axis, p.value, f"{p.seconds:.6g}", p.peak_bytes, p.solve_bytes, p.run, *told])
+    return drawing.csv_of(lines)
 
 
 def write(points: Sequence[tuple[str, Point]], run: str, folder: Path, caption: str) -> list[Path]:

@@ -4,8 +4,6 @@ The map's colour is the mean over the sets of the normals' error over that of th
 show the errors themselves, those of light from infinitely far away beside them, and where each set breaks.
 """
 
-import csv
-import io
 import math
 import textwrap
 from collections.abc import Sequence
@@ -39,13 +37,11 @@ def write(runs: Sequence[Stressed], folder: Path, caption: str) -> list[Path]:
 
 def rows(runs: Sequence[Stressed]) -> str:
     """Every run as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     columns = [name for name in Stressed.__slots__ if name not in ("seconds", "facts")]
-    writer.writerow(columns)
+    lines: list[Sequence[object]] = [columns]
     for one in runs:
-        writer.writerow([getattr(one, name) for name in columns])
-    return text.getvalue()
+        lines.append([getattr(one, name) for name in columns])
+    return drawing.csv_of(lines)
 
 
 def draw(runs: Sequence[Stressed], caption: str):

@@ -5,7 +5,7 @@ capture; the truth is not touched, so that errors stay those of the same pixels.
 glossier object. The rooms of such dials are the booth's, the one room with numbers to turn.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from app.bench import choices
 from app.bench.choices import Choice
-from app.bench.record import BenchError
 from app.bench.stored import Stored, fewer_views
 from engine.geometry import rays
 from engine.segmentation.params import SegmentParams
@@ -215,25 +214,6 @@ DIALS: Mapping[str, Dial] = {
     "flat_light": Dial("contrast of all light in the booth", (0.7, 0.4, 0.2, 0.1, 0.05), scene=_room("glow")),
 }
 FITTED = (
-    "views",
-    "pose_noise",
-    "mask_grown",
-    "mask_piece",
-    "white_balance",
-    "clipped",
-    "passer_by",
-    "blurred",
-)
+    "views", "pose_noise", "mask_grown", "mask_piece", "white_balance", "clipped", "passer_by", "blurred",
+)  # fmt: skip
 """Those that the verdict's limits are from; the others score it (decision 66)."""
-
-
-def chosen(names: Sequence[str]) -> tuple[str, ...]:
-    """These dials, all if none is named.
-
-    Raises:
-        BenchError: there is none of such a name.
-    """
-    for name in names:
-        if name not in DIALS:
-            raise BenchError(f"--dials: there is none called {name!r}; choose of {', '.join(DIALS)}")
-    return tuple(name for name in DIALS if not names or name in names)

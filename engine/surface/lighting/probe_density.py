@@ -39,9 +39,7 @@ class ProbeDensityConfig:
     parallax_directions: int = 512  # under which it is measured
     least_directions: int = 256
     most_directions: int = 1024
-    most_probes: int = (
-        125  # altogether: light that bends without end would take all time; rooms ask for 20 to 60
-    )
+    most_probes: int = 125  # altogether; rooms ask for 20 to 60
     pixels: int = 200  # that are looked at;
     dark: float = 0.01  # what is darker than so much of their mean counts as that
     views: int = 8
@@ -99,6 +97,7 @@ def probe_counts(
     least = CONFIG.probes_share * params.model_error
     pieces = np.clip(np.ceil(np.sqrt(bent / least)), 1, CONFIG.most_probes)
     counts = np.where(moved <= least, 1, pieces + 1).astype(int)
+    # Else light that bends without end would take all time.
     while counts.prod() > CONFIG.most_probes:
         counts[counts.argmax()] -= 1
     return tuple(counts.tolist())

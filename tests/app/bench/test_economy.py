@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app.bench import economy
+from app.bench import choices, economy
 from app.bench.economy import SCENES, Found, choice
 from app.bench.measured import Row
 from app.bench.record import BenchError
@@ -73,6 +73,6 @@ def test_the_studio_has_every_scene(scene: economy.Scene):
 
 
 def test_a_scene_that_is_none_is_refused_with_those_there_are():
-    assert economy.chosen(()) == tuple(SCENES)
+    assert choices.picked("--scenes", (), SCENES) == tuple(SCENES)
     with pytest.raises(BenchError, match="none called 'cave'; choose of far_room"):
-        economy.chosen(("cave",))
+        choices.picked("--scenes", ("cave",), SCENES)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.bench.choices import Choice, built_in
+from app.bench.choices import Choice, built_in, picked
 from app.bench.record import BenchError
 from app.bench.stored import Stored
-from app.bench.stress.dials import DIALS, chosen
+from app.bench.stress.dials import DIALS
 from engine.types import Masks
 from hardware.virtual.studio import bodies, rooms
 from tests.app.bench.synthetic import stored
@@ -110,7 +110,7 @@ def test_a_dial_of_the_booth_is_none_of_another_room() -> None:
 
 
 def test_a_dial_that_is_none_is_refused_with_those_there_are() -> None:
-    assert chosen(()) == tuple(DIALS)
-    assert chosen(("focal", "views")) == ("views", "focal")
+    assert picked("--dials", (), DIALS) == tuple(DIALS)
+    assert picked("--dials", ("focal", "views"), DIALS) == ("views", "focal")
     with pytest.raises(BenchError, match="none called 'fog'; choose of views, narrow"):
-        chosen(("fog",))
+        picked("--dials", ("fog",), DIALS)
