@@ -28,6 +28,8 @@ RUNGS = ("far_light", "no_self_shadowing", "no_interreflections")
 """Of `rows.switch_rows`, at draft."""
 CHALK = "clay:specular=0"
 ACROSS, PANEL_IN = 4, 1.7
+NAMES = {"far_light": "far light", "no_self_shadowing": "no shadows", "no_interreflections": "no bounces"}
+"""Of rungs beside their points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +175,7 @@ def draw(found: Sequence[Found], caption: str):
             axes.errorbar(*at, spread, fmt="o" if whole else "s", color=colour, ms=3, lw=0.6, zorder=3)
             if k == best:
                 axes.plot(*at, "o", color=drawing.GREEN, ms=9, mfc="none", zorder=4)
-            name = row.method.key.removeprefix("no_").replace("_", " ")
+            name = NAMES.get(row.method.key, row.method.key)
             axes.annotate(name, at, (3, 2), textcoords="offset points", fontsize=4.5, color="0.25")
         axes.set_title(one.scene.title, fontsize=6)
         axes.margins(x=0.25, y=0.15)
@@ -182,9 +184,8 @@ def draw(found: Sequence[Found], caption: str):
     for axes in panels[len(found) :]:
         axes.axis("off")
     figure.suptitle(
-        "views kept out, rendered: error in % (its standard error over the views) against seconds; blue: presets, red:"
-        " draft without a part, or less of it; ringed: the choice",
-        fontsize=6.5,
-    )  # fmt: skip
-    figure.supxlabel(caption, fontsize=5.5, color="0.35")
+        "blue: presets, red: draft without a part, or less of it; ringed: the choice", fontsize=6.5
+    )
+    figure.supylabel("views kept out: error and its standard error, %", fontsize=6)
+    figure.supxlabel(f"seconds\n{caption}", fontsize=5.5, color="0.35")
     return figure
