@@ -98,14 +98,12 @@ def measure(count: int, size: int, repeat: int, rays: int, seed: int) -> Cost:
             return render(shapes(gaussians), colours, view, 0.0, run)
 
         def both() -> object:
-            return backward(
-                shapes(gaussians), colours, view, 0.0, want, nowhere + 1, nowhere > 0, 0.1, 0.1, nowhere, run
-            )
+            return backward(shapes(gaussians), colours, view, 0.0, want, nowhere + 1, 0.1, 0.1, nowhere, run)
 
         forward_s, both_s = core_seconds(forward, repeat), core_seconds(both, repeat)
         image = forward().reshape(-1, rasterize_kernels.CHANNELS)[chosen]
         _, found = backward(
-            geometry, colours, view, 0.0, slope.reshape(size, size, 3), nowhere, nowhere > 0, 0.0, 0.0, nowhere, run
+            geometry, colours, view, 0.0, slope.reshape(size, size, 3), nowhere, 0.0, 0.0, nowhere, run
         )  # fmt: skip
     there = reference(gaussians, colours, view, chosen, slope[chosen])
     per_ray, listed = coverage(gaussians, colours, view)

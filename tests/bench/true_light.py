@@ -36,6 +36,7 @@ from engine.errors import RoomlightError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.results.metrics import psnr
+from engine.surface import estimate
 from engine.surface.data.scene import Picture, Scene
 from engine.surface.estimate import Estimate
 from engine.surface.lighting.distance_search import Distance
@@ -202,7 +203,7 @@ def solved(row: Row, given: Furnished, params: SurfaceParams, progress: Progress
     now = Estimate(0, every, who, given.room, Distance(z, 0.0, "given"), sight, state, depth, light=light)
     phases = [one for one in schedule(params, False) if one.name in ("fine", "finish")]
     now = run(scene, now, phases, progress.part(0.12, 1))
-    state, rounds = known(now.state), len(now.residuals)
+    state, rounds = estimate.known(now.state), len(now.residuals)
     error = np.degrees(angle_between(state.normals, true.normals))
     return replace(
         row,

@@ -9,8 +9,8 @@ colours, m = A c, so stage 2 is a non-negative reweighted least-squares problem.
   photographed energy, where an L1 fit takes medians and dims what is small and bright.
 
 The solver is projected gradient with a separable majoriser and Nesterov's momentum: A's rows are compositing
-weights, non-negative with sums of at most one, so diag(A^T w A 1) bounds the curvature. Clipped pixels are
-lower bounds: they pull only while the rendering is below them.
+weights, non-negative with sums of at most one, so diag(A^T w A 1) bounds the curvature. Clipped pixels count as
+they were recorded: how much brighter they are is for the object's shading to say.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +43,6 @@ class LinearRenders:
     values: Float[np.ndarray, " e"]
     photographed: Float[np.ndarray, "p 3"]
     trust: Float[np.ndarray, " p"]
-    lower_bound: Bool[np.ndarray, " p"]
 
 
 def otsu_threshold(values: Float[np.ndarray, " k"]) -> float:
@@ -92,8 +91,7 @@ def linear_renders(geometry: Shapes, photographs: Photographs, run: ThreadPool) 
             _append(whole, parts)
     wanted = photographs.weight > 0
     return LinearRenders(
-        begins, counts, columns, values, photographs.radiance[wanted], photographs.weight[wanted],
-        photographs.clipped[wanted],
+        begins, counts, columns, values, photographs.radiance[wanted], photographs.weight[wanted]
     )  # fmt: skip
 
 
@@ -178,7 +176,7 @@ def rows_of_free(
     )
     run(_take_free, args)
     return LinearRenders(
-        begins, counts, columns, values, rows.photographed[touched], rows.trust[touched], rows.lower_bound[touched]
+        begins, counts, columns, values, rows.photographed[touched], rows.trust[touched]
     ), touched  # fmt: skip
 
 
@@ -249,7 +247,6 @@ def solve_colours(
             render_rows(rows, ahead, rendered, run)
             rendered += fixed
             gap = np.subtract(rows.photographed, rendered, out=field)
-            gap[rows.lower_bound] = np.maximum(gap[rows.lower_bound], 0)
             pull = backproject_rows(rows, np.multiply(weights, gap, out=field), count, run)
             fresh = ahead + (pull - tie * (ahead - start)) / majoriser
             fresh = np.maximum(fresh, 0)

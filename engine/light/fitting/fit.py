@@ -184,8 +184,7 @@ def _epoch(
     for view in views:
         _, gradients = backward(
             optimizer.geometry, np.exp(optimizer.log_radiance), photographs.pinhole(view), 0.0,
-            photographs.radiance[view], photographs.weight[view], photographs.clipped[view], knee, params.opacity_weight,
-            surface[view], run,
+            photographs.radiance[view], photographs.weight[view], knee, params.opacity_weight, surface[view], run,
         )  # fmt: skip
         loss += gradients.blame.sum() / max(photographs.weight[view].sum(), 1) / 3
         i = gradients.index

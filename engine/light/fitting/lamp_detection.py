@@ -2,7 +2,8 @@
 
 A lamp has no texture, is often clipped, and hangs in front of a wall that it lights: matching patches sees a
 bright patch on any wall behind. Its outline is sharp, though: the centres of bright spots are rays that meet in
-the lamp. Pairs of rays propose places, every view votes, the best place takes its spots, and so on.
+the lamp. Pairs of rays propose places, and every ray one that is far away; every view votes, the best place takes its spots,
+and so on.
 World frame; pixels are those of the photographs at hand.
 """
 
@@ -28,6 +29,8 @@ APART = 4.0
 HITS = 2
 ASTRAY = 2.0
 """A view votes for a place if a spot's centre lies within so many pixels, and half the spot's radius, of it."""
+FAR = 100.0
+"""Times the extent of the camera path: where a spot's lamp is proposed if it shows no parallax."""
 ALIKE = 1.3
 """Spots of one lamp give radii (scene units) that agree within this factor."""
 
@@ -140,7 +143,8 @@ def find_lamps(photographs: Photographs) -> LampDetections:
     eyes = camera_centres(photographs)
     bright = BRIGHT * np.array([float(luminance(picture).mean()) for picture in photographs.radiance])
     free = np.ones(len(spots.view), bool)
-    proposals = _crossings(spots, eyes)
+    far = FAR * float(np.linalg.norm(np.ptp(eyes, axis=0)))
+    proposals = np.concatenate([_crossings(spots, eyes), eyes[spots.view] + far * spots.ray])
     centres, radii, rows = [], [], []
     while len(proposals):
         votes = [_votes(photographs, bright, spots, free, point) for point in proposals]

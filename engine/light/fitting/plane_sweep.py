@@ -5,10 +5,11 @@ they agree better than at the others. What a view says of a depth is how much be
 average over the depths at which it sees the patch; views that do not see it there say nothing. (A mean over whoever
 looks would favour near depths: there the fewest look, and from the closest by.) Neighbouring pixels then settle on
 depths together, by semi-global matching (Hirschmueller 2008), and where nothing has texture a prior decides: the
-depth of the SfM points near that direction if there are any, else the typical depth. Depths are z of the view; world
-frame elsewhere; the misfit is in log radiance.
+depth of the SfM points near that direction if there are any, else the depth at which all pixels together agree best. Depths
+are z of the view; world frame elsewhere; the misfit is in log radiance.
 """
 
+from dataclasses import dataclass
 from typing import no_type_check
 
 import cv2
@@ -147,7 +148,7 @@ def depth_range(centres: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "m 
     travel = float(np.linalg.norm(centres - centres.mean(0), axis=1).max())
     if travel <= 0:
         return 0.5, 50.0  # a pure rotation: depth cannot be seen and does not matter
-    return 0.3 * travel, 40 * travel
+    return 0.3 * travel, 100 * travel
 
 
 def sweep(
@@ -156,50 +157,77 @@ def sweep(
     """Depth of every background pixel (NaN elsewhere), and how sure it is (0 prior only .. 1)."""
     near, far = depth_range(camera_centres(photographs), points)
     depths = np.geomspace(near, far, count)
-    middle = float(np.sqrt(near * far))
-    depth, sure = _regularized_depth(photographs, depths, _prior(photographs, points, middle), run)
-    certain = depth[sure > 0.5]
-    if len(points) < FEW_POINTS and len(certain) > 50:
-        return _regularized_depth(photographs, depths, np.full(depth.shape, np.median(certain)), run)
-    return depth, sure
+    views = _Matching.of(photographs, depths)
+    middle = float(np.sqrt(near * far)) if len(points) >= FEW_POINTS else views.typical_depth(run)
+    return views.regularized_depth(_prior(photographs, points, middle), run)
 
 
-def _regularized_depth(
-    photographs: Photographs,
-    depths: Float[np.ndarray, " d"],
-    prior: Float[np.ndarray, "n h w"],
-    run: ThreadPool,
-) -> tuple[Float[np.ndarray, "n h w"], Float[np.ndarray, "n h w"]]:
-    """`sweep` over some depths, given what is expected of each pixel."""
-    poses, lens, weight = photographs.cam_from_world, photographs.lens, photographs.weight
-    n, height, width = weight.shape
-    # Noise may have taken dark pixels below zero.
-    pictures = np.log(knee_of(photographs) + np.maximum(photographs.radiance, 0)).astype(np.float32)
-    bend = np.float32(_BEND * np.log(depths[1] / depths[0]))
-    alike = poses[:, 2, :3] @ poses[:, 2, :3].T
-    np.fill_diagonal(alike, np.inf)  # of several views that look the same way, the first is itself
-    # Views that look the same way; among them a spread, so that both short and long baselines occur.
-    close = np.argsort(-alike, axis=1, kind="stable")[:, 1 : 1 + _OTHERS]
-    depth, contrast, agreed = (np.zeros((n, height, width)) for _ in range(3))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Matching:
+    """Photographs whose pixels are compared at some depths."""
 
-    def settle(part: int, parts: int) -> None:
-        for i in range(part, n, parts):
-            cost = np.zeros((height, width, len(depths)), np.float32)
-            _photo_consistency(poses, lens, pictures, weight, depths, i, close[i], cost)
-            cost = cv2.blur(cost, (3, 3), borderType=cv2.BORDER_REPLICATE)
-            pull = _PULL * np.abs(np.log(depths / prior[i][..., None]))
-            total = _semi_global_matching((cost + pull).astype(np.float32), pictures[i].mean(-1), bend)
-            depth[i], best = _lowest(total, depths)
-            contrast[i] = -np.take_along_axis(cost, best, -1)[..., 0]
+    photographs: Photographs
+    depths: Float[np.ndarray, " d"]
+    pictures: Float[np.ndarray, "n h w 3"]  # log radiance
+    close: Int[np.ndarray, "n o"]  # the views that each is compared with
 
-    def compare(part: int, parts: int) -> None:
-        for i in range(part, n, parts):
-            _agreement(poses, lens, depth, i, close[i], agreed[i])
+    @classmethod
+    def of(cls, photographs: Photographs, depths: Float[np.ndarray, " d"]) -> "_Matching":
+        axes = photographs.cam_from_world[:, 2, :3]
+        # Noise may have taken dark pixels below zero.
+        pictures = np.log(knee_of(photographs) + np.maximum(photographs.radiance, 0)).astype(np.float32)
+        alike = axes @ axes.T
+        np.fill_diagonal(alike, np.inf)  # of several views that look the same way, the first is itself
+        # Views that look the same way; among them a spread, so that both short and long baselines occur.
+        close = np.argsort(-alike, axis=1, kind="stable")[:, 1 : 1 + _OTHERS]
+        return cls(photographs, depths, pictures, close)
 
-    run(settle, ())
-    depth[weight <= 0] = np.nan
-    run(compare, ())
-    return depth, agreed * np.clip(contrast / _TELLING, 0, 1)
+    def cost(self, i: int) -> Float[np.ndarray, "h w d"]:
+        """Of every pixel of a view at every depth."""
+        found, poses = self.photographs, self.photographs.cam_from_world
+        cost = np.zeros((*found.weight.shape[1:], len(self.depths)), np.float32)
+        _photo_consistency(
+            poses, found.lens, self.pictures, found.weight, self.depths, i, self.close[i], cost
+        )
+        return cost
+
+    def typical_depth(self, run: ThreadPool) -> float:
+        """The depth at which all background pixels together agree best."""
+        means = np.zeros((len(self.pictures), len(self.depths)))
+
+        def add(part: int, parts: int) -> None:
+            for i in range(part, len(means), parts):
+                means[i] = self.cost(i).sum((0, 1))
+
+        run(add, ())
+        return float(self.depths[means.sum(0).argmin()])
+
+    def regularized_depth(
+        self, prior: Float[np.ndarray, "n h w"], run: ThreadPool
+    ) -> tuple[Float[np.ndarray, "n h w"], Float[np.ndarray, "n h w"]]:
+        """`sweep`, given what is expected of each pixel."""
+        found, depths = self.photographs, self.depths
+        n, height, width = found.weight.shape
+        bend = np.float32(_BEND * np.log(depths[1] / depths[0]))
+        depth, contrast, agreed = (np.zeros((n, height, width)) for _ in range(3))
+
+        def settle(part: int, parts: int) -> None:
+            for i in range(part, n, parts):
+                cost = cv2.blur(self.cost(i), (3, 3), borderType=cv2.BORDER_REPLICATE)
+                pull = _PULL * np.abs(np.log(depths / prior[i][..., None]))
+                brightness = self.pictures[i].mean(-1)
+                total = _semi_global_matching((cost + pull).astype(np.float32), brightness, bend)
+                depth[i], best = _lowest(total, depths)
+                contrast[i] = -np.take_along_axis(cost, best, -1)[..., 0]
+
+        def compare(part: int, parts: int) -> None:
+            for i in range(part, n, parts):
+                _agreement(found.cam_from_world, found.lens, depth, i, self.close[i], agreed[i])
+
+        run(settle, ())
+        depth[found.weight <= 0] = np.nan
+        run(compare, ())
+        return depth, agreed * np.clip(contrast / _TELLING, 0, 1)
 
 
 def _lowest(

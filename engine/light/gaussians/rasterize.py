@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from engine.light.gaussians import rasterize_kernels, tiles
 from engine.light.gaussians.gaussians import radiance_towards, rotations
@@ -58,7 +58,7 @@ class Gradients:
 
 
 Lists = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # what `tiles.lists` returns
-Loss = tuple[np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray]  # of `rasterize_kernels.backward`
+Loss = tuple[np.ndarray, np.ndarray, float, float, np.ndarray]  # of `rasterize_kernels.backward`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +149,6 @@ def backward(
     near: float,
     target: Float[np.ndarray, "h w 3"],
     weights: Float[np.ndarray, "h w"],
-    floor_only: Bool[np.ndarray, "h w"],
     knee: float,
     hollow: float,
     surface: Float[np.ndarray, "h w"],
@@ -159,7 +158,7 @@ def backward(
     index, packed, lists = project(geometry, colours, view)
     image = np.zeros((view.height, view.width, rasterize_kernels.CHANNELS), np.float32)
     totals = np.empty((len(index), rasterize_kernels.GRADIENTS), np.float32)
-    loss = (target, weights, floor_only, knee, hollow, surface)
+    loss = (target, weights, knee, hollow, surface)
     run.backward(packed, lists, view.lens, near, image, loss, totals)
     return image, _chain(geometry, view, index, totals.astype(np.float64))
 

@@ -256,7 +256,6 @@ def backward(
     image,
     target,
     weights,
-    floor_only,
     knee,
     hollow,
     surface,
@@ -266,8 +265,8 @@ def backward(
 ):
     """Render tiles and push a loss back onto their entries: `grads` [entries 18], `image` [h w 5].
 
-    With knee > 0 the loss is Eq. (5), sum of weights * |log(1 + target/knee) - log(1 + m/knee)|, one-sided
-    where `floor_only` (clipped: the target is a lower bound), plus `hollow` * weights * transmittance left.
+    With knee > 0 the loss is Eq. (5), sum of weights * |log(1 + target/knee) - log(1 + m/knee)|,
+    plus `hollow` * weights * transmittance left.
     With knee == 0 it is linear: sum of target * m + weights * transmittance, for checking gradients.
     To both comes weights * compositing weight of all that answers before THROUGH of the z in `surface`
     (0: unknown), where the view is sure to see through; that z is not differentiated.
@@ -324,7 +323,7 @@ def backward(
                     want = target[v, u, c]
                     # Noise may put a pixel below black by more than the knee.
                     told = max(knee32 + want, _DARKEST * knee32)
-                    if m > want and not floor_only[v, u]:
+                    if m > want:
                         colour_slope[c, i] = share / (knee32 + m)
                         misfit[i] += share * np.log((knee32 + m) / told)
                     elif m < want:

@@ -166,7 +166,7 @@ def stage_one(
     centres = camera_centres(photographs)
     extent = 1.1 * float(np.linalg.norm(centres - centres.mean(0), axis=1).max())  # as 3DGS measures a scene
     cloud = _first(photographs, points, params, unit, rng)
-    nowhere, nothing = np.zeros_like(photographs.clipped[0]), np.zeros_like(photographs.weight[0])
+    nothing = np.zeros_like(photographs.weight[0])
     for step, view in zip(range(1, params.iterations + 1), _shuffled(views, rng), strict=False):
         progress.step((step - 1) / params.iterations, f"stage 1, {len(cloud.rows)} Gaussians")
         gaussians, pinhole = clouds.gaussians_of(cloud), photographs.pinhole(view)
@@ -174,7 +174,7 @@ def stage_one(
         # With knee 1 and neither charges for what is left through nor for what stands in between, this is Eq. (5).
         _, gradients = backward(
             shapes(gaussians), colours, pinhole, 0.0, target[view], photographs.weight[view] / shown[view],
-            nowhere, 1.0, 0.0, nothing, run,
+            1.0, 0.0, nothing, run,
         )  # fmt: skip
         slope = clouds.slopes(cloud, gradients, colours, pinhole.origin)
         rate = clouds.rates(cloud, extent, step / params.iterations)
@@ -259,7 +259,6 @@ def descend(
         replace(
             rows, begins=rows.begins[begin:end], counts=rows.counts[begin:end],
             photographed=rows.photographed[begin:end], trust=rows.trust[begin:end],
-            lower_bound=rows.lower_bound[begin:end],
         )
         for begin, end in zip([0, *ends[:-1]], ends, strict=True)
     ]  # fmt: skip

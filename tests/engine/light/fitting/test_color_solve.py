@@ -18,9 +18,7 @@ from engine.light.gaussians.rasterize import render_view, shapes, thread_pool
 from tests.engine.light import clouds
 
 
-def rows(
-    matrix: np.ndarray, photographed: np.ndarray, lower_bound: np.ndarray | None = None
-) -> LinearRenders:
+def rows(matrix: np.ndarray, photographed: np.ndarray) -> LinearRenders:
     """A dense matrix as rows; the photographs are grey."""
     columns = [np.flatnonzero(row) for row in matrix]
     counts = np.array([len(column) for column in columns])
@@ -31,7 +29,6 @@ def rows(
         matrix[matrix > 0].astype(np.float32),
         np.repeat(photographed[:, None], 3, axis=1),
         np.ones(len(matrix)),
-        np.zeros(len(matrix), bool) if lower_bound is None else lower_bound,
     )
 
 
@@ -97,13 +94,6 @@ def test_eq_6_does_not_mind_pixels_that_show_something_else() -> None:
     found = solved(rows(matrix, photographed), 0.7 * true, "relative")
     np.testing.assert_allclose(found, true, rtol=0.03)
     assert solved(rows(matrix, photographed), 0.7 * true, "energy").mean() > 1.2 * true.mean()
-
-
-def test_clipped_pixels_pull_up_only() -> None:
-    matrix, shown = np.ones((6, 1)), np.array([2.0, 2.0, 2.0, 2.0, 9.0, 1.0])
-    bounds = np.arange(6) >= 4
-    # The bound of 9 pulls towards (4 * 2 + 9) / 5; that of 1 is kept already.
-    assert solved(rows(matrix, shown, bounds), np.array([3.0]), "energy")[0] == pytest.approx(3.4, rel=0.02)
 
 
 def test_what_is_not_free_stays_and_nothing_turns_negative() -> None:

@@ -60,14 +60,12 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
     gaussians, view = clouds.scattered(300, 2), clouds.view(96, 64)
     geometry, colours = shapes(gaussians), radiance_towards(gaussians, view.origin)
     target = np.random.default_rng(0).uniform(0, 2, (64, 96, 3)).astype(np.float32)
-    weights, lower = np.ones((64, 96), np.float32), np.zeros((64, 96), bool)
+    weights = np.ones((64, 96), np.float32)
     answers = []
     for threads in (1, 2, 3, 2):
         with thread_pool(threads) as run:
             image = render(geometry, colours, view, 0.0, run)
-            _, found = backward(
-                geometry, colours, view, 0.0, target, weights, lower, KNEE, HOLLOW, weights * 2, run
-            )
+            _, found = backward(geometry, colours, view, 0.0, target, weights, KNEE, HOLLOW, weights * 2, run)
         answers.append([image, found.means, found.turn, found.log_scales, found.density, found.colours])
     for other in answers[1:]:
         for one, two in zip(answers[0], other, strict=True):
@@ -127,12 +125,12 @@ def compare(found: Gradients, slopes: dict[str, np.ndarray]) -> None:
         assert off(ours, slope) < 1e-3, name
 
 
-def push(gaussians: Gaussians, view: Pinhole, target, weights, lower, knee: float, surface=None) -> Gradients:
+def push(gaussians: Gaussians, view: Pinhole, target, weights, knee: float, surface=None) -> Gradients:
     surface = np.zeros_like(weights) if surface is None else surface
     with thread_pool(1) as run:
         colours = radiance_towards(gaussians, view.origin)
         _, found = backward(
-            shapes(gaussians), colours, view, 0.0, target, weights, lower, knee, HOLLOW, surface, run
+            shapes(gaussians), colours, view, 0.0, target, weights, knee, HOLLOW, surface, run
         )
     return found
 
@@ -144,7 +142,7 @@ def test_gradients_are_the_finite_differences_of_the_reference() -> None:
     weights = rng.uniform(0.5, 1, (18, 24)).astype(np.float32)
     a, b = torch.tensor(slope).double().reshape(-1, 3), torch.tensor(weights).double().ravel()
     slopes = differences(gaussians, view, lambda radiance, left: (a * radiance).sum() + (b * left).sum())
-    compare(push(gaussians, view, slope, weights, np.zeros((18, 24), bool), 0.0), slopes)
+    compare(push(gaussians, view, slope, weights, 0.0), slopes)
 
 
 def test_gradients_of_the_robust_loss_are_the_finite_differences_too() -> None:
@@ -152,23 +150,20 @@ def test_gradients_of_the_robust_loss_are_the_finite_differences_too() -> None:
     rng = np.random.default_rng(2)
     target = rng.uniform(0, 2, (16, 16, 3)).astype(np.float32)
     weights = rng.uniform(0, 1, (16, 16)).astype(np.float32)
-    lower = rng.random((16, 16)) < 0.3
     want, share = torch.tensor(target).double().reshape(-1, 3), torch.tensor(weights).double().ravel()
-    bound = torch.tensor(lower).ravel()[:, None]
 
     def loss(radiance: torch.Tensor, left: torch.Tensor) -> torch.Tensor:
-        misfit = torch.log((KNEE + radiance) / (KNEE + want))
-        misfit = torch.where(bound, (-misfit).clamp(min=0), misfit.abs())
+        misfit = torch.log((KNEE + radiance) / (KNEE + want)).abs()
         return (share[:, None] * misfit).sum() + HOLLOW * (share * left).sum()
 
-    compare(push(gaussians, view, target, weights, lower, KNEE), differences(gaussians, view, loss))
+    compare(push(gaussians, view, target, weights, KNEE), differences(gaussians, view, loss))
 
 
 def test_noise_far_below_black_counts_as_black() -> None:
     gaussians, view = clouds.scattered(10, 3), clouds.view(24, 18)
     target, weights = np.full((18, 24, 3), 0.2, np.float32), np.ones((18, 24), np.float32)
     target[9, 12] = -3 * KNEE
-    found = push(gaussians, view, target, weights, np.zeros((18, 24), bool), KNEE)
+    found = push(gaussians, view, target, weights, KNEE)
     assert np.isfinite(found.blame).all()
     assert np.isfinite(found.colours).all()
 
@@ -187,4 +182,4 @@ def test_what_stands_where_a_view_looks_through_is_charged_for_its_weight() -> N
         return (a * radiance).sum() + (b * left).sum() + (b * (1 - left))[charged].sum()
 
     slopes = differences(gaussians, view, loss)
-    compare(push(gaussians, view, slope, weights, np.zeros((18, 24), bool), 0.0, surface), slopes)
+    compare(push(gaussians, view, slope, weights, 0.0, surface), slopes)

@@ -29,9 +29,7 @@ def test_slopes_are_the_finite_differences_of_eq_5(degree: int) -> None:
     colours = radiance_towards(gaussians, view.origin)
     share, nothing = np.full((12, 16), 1 / 192, np.float32), np.zeros((12, 16), np.float32)
     with thread_pool(1) as run:
-        _, gradients = backward(
-            shapes(gaussians), colours, view, 0.0, target, share, nothing > 0, 1.0, 0.0, nothing, run
-        )
+        _, gradients = backward(shapes(gaussians), colours, view, 0.0, target, share, 1.0, 0.0, nothing, run)
     found = np.zeros_like(cloud.rows)
     found[gradients.index] = rows.slopes(cloud, gradients, colours, view.origin)
     expected, step = np.zeros_like(found), 1e-6
