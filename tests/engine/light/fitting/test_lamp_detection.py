@@ -10,8 +10,8 @@ RADIUS = 0.07
 WIDTH, HEIGHT, FOCAL = 160, 120, 130.0
 
 
-def views(count: int, seed: int) -> Photographs:
-    """Cameras that look about a dim room with three globes; a corner is masked out."""
+def views(count: int, seed: int, lamps: np.ndarray = LAMPS, radius: float = RADIUS) -> Photographs:
+    """Cameras that look about a dim room with globes; a corner is masked out."""
     rng = np.random.default_rng(seed)
     poses, pictures = [], []
     v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
@@ -24,13 +24,13 @@ def views(count: int, seed: int) -> Photographs:
         rotation = np.stack([right, np.cross(forward, right), forward])
         pose = np.column_stack([rotation, -rotation @ eye])
         picture = np.full((HEIGHT, WIDTH, 3), 0.2, np.float32) * rng.uniform(0.5, 1.5, (HEIGHT, WIDTH, 1))
-        for lamp in LAMPS:
+        for lamp in lamps:
             cam = pose[:, :3] @ lamp + pose[:, 3]
             if cam[2] > 0:
                 disc = np.hypot(
                     u - FOCAL * cam[0] / cam[2] - WIDTH / 2, v - FOCAL * cam[1] / cam[2] - HEIGHT / 2
                 )
-                picture[disc < FOCAL * RADIUS / cam[2]] = 20.0
+                picture[disc < FOCAL * radius / cam[2]] = 20.0
         poses.append(pose), pictures.append(picture.astype(np.float32))
     weight = np.ones((count, HEIGHT, WIDTH), np.float32)
     weight[:, 90:, :50] = 0
@@ -46,6 +46,17 @@ def test_every_lamp_is_found_within_a_tenth_of_its_size():
     assert sorted(gap.argmin(1)) == [0, 1, 2]
     assert gap.min(1).max() < 0.3 * RADIUS
     np.testing.assert_allclose(found.radii, RADIUS, rtol=0.1)
+
+
+def test_a_lamp_too_far_for_parallax_is_a_lamp():
+    """As the sun is, or a street lamp through the window: its direction and how large it looks are known."""
+    far = np.array([20.0, 10.0, 150.0])
+    found = find_lamps(views(16, 0, far[None], 6.0))
+    assert len(found.centres) == 1
+    away = np.linalg.norm(found.centres[0])
+    assert away > 30
+    assert found.centres[0] / away @ far / np.linalg.norm(far) > np.cos(np.radians(0.5))
+    np.testing.assert_allclose(found.radii[0] / away, 6 / np.linalg.norm(far), rtol=0.1)
 
 
 def test_a_spot_of_one_view_alone_is_no_lamp():

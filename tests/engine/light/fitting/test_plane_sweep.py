@@ -7,7 +7,7 @@ import pytest
 
 import engine.light.fitting.plane_sweep
 from engine.light.fitting.plane_sweep import sweep
-from engine.light.fitting.training_views import Photographs
+from engine.light.fitting.training_views import Photographs, camera_centres
 from engine.light.gaussians.rasterize import thread_pool
 from tests.engine.light.painted import CAMERA, RADIUS, clouds, photographed, poses
 
@@ -25,9 +25,10 @@ def grey(points: np.ndarray) -> np.ndarray:
     return np.full((*points.shape[:-1], 3), 0.7)
 
 
-def views(paint) -> tuple[Photographs, np.ndarray]:
-    """Photographs with a masked object in the middle, and the wall's z."""
+def views(paint, path: float = 1.0) -> tuple[Photographs, np.ndarray]:
+    """Photographs with a masked object in the middle, and the wall's z; the cameras' path is so many times as long."""
     cam_from_world = poses()
+    cam_from_world[:, :, 3] *= path
     radiance, depth = photographed(cam_from_world, paint)
     weight = np.ones(depth.shape, np.float32)
     weight[:, 14:34, 22:42] = 0
@@ -72,6 +73,15 @@ def test_without_points_the_depths_come_from_the_views_alone(room: tuple[Photogr
     off = np.abs(np.log(depth / true))
     assert np.mean(off[photographs.weight > 0] > 0.2) < 0.01
     assert np.mean(off[sure > 0.5] > 0.2) < 0.005
+
+
+def test_a_far_wall_is_far_without_points_too():
+    """From a path of a fortieth of the way to the wall."""
+    photographs, true = views(freckled, 0.06)
+    centres = camera_centres(photographs)
+    assert 30 * np.linalg.norm(centres - centres.mean(0), axis=1).max() < RADIUS
+    depth, _ = swept(photographs)
+    assert abs(np.median(np.log(depth / true)[photographs.weight > 0])) < 0.2
 
 
 def test_walls_without_texture_are_never_sure():
