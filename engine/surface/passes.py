@@ -50,6 +50,7 @@ class PassesConfig:
     depth_percentiles: tuple[float, float] = (0.5, 99.5)  # beyond which the rim may say anything
     moved: float = 1.04  # an object that has moved so many times nearer or farther gets others
     wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
+    changed_light: float = 0.1  # share of the light in other groups than normals were sought under, from which on they are again
     surprising_gain: float = 5.0  # over the expected, from which a clipped lamp keeps what the search found
     unseen_iterations: int = 3  # coarse ones more, at most, where light comes from where no photograph looked
     calibration_pixels: int = 600  # that calibrate the light
@@ -95,8 +96,7 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
             brighter = (first.gain > CONFIG.surprising_gain * setting.gain).any(1)
             surprising = surprising | parts.clipped & brighter
             setting = replace(setting, gain=np.where(surprising[:, None], first.gain, setting.gain))
-        surprised = params.models("light_gains") and bool(surprising.any())
-        return replace(now, grouped_light=parts, light_parameters=setting, lit_by_shading=surprised)
+        return replace(now, grouped_light=parts, light_parameters=setting)
     if now.probe_distance and not outside_probes(distance, now.probe_distance):
         return now
     nearest, farthest = depth_range(now.geometry.points[:, 2])
@@ -111,9 +111,17 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
 
 def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Normals from nothing, or from the maps that were given; again where the light has turned out otherwise."""
-    if now.state is not None and not now.search_again:
+    shares = known(now.grouped_light).shares(known(now.light_parameters).gain)
+    if now.state is not None and not _light_changed(now.searched_shares, shares):
         return now
-    return replace(now, state=_initial_state(scene, now, progress), search_again=False)
+    return replace(now, state=_initial_state(scene, now, progress), searched_shares=shares)
+
+
+def _light_changed(before: Float[np.ndarray, " g"] | None, after: Float[np.ndarray, " h"]) -> bool:
+    """Whether more of the light than is usual has gone to other groups, some of which may be new."""
+    if before is None:
+        return True
+    return float(np.abs(after - np.pad(before, (0, len(after) - len(before)))).sum() / 2) > CONFIG.changed_light
 
 
 def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> PixelEstimate:
@@ -185,13 +193,11 @@ def split_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     if not scene.params.models("light_gains"):
         return now
     made = light_calibration.split_groups(known(now.grouped_light), known(now.light_parameters))
-    # The first calibration tells what normals could not be sought under.
-    again = now.lit_by_shading and (made is not None or len(now.residuals) == 0)
     if made is None:
-        return replace(now, search_again=again)
+        return now
     parts, setting = made
     room = now.room_light.with_patches_split(parts.patches)
-    return replace(now, grouped_light=parts, light_parameters=setting, room_light=room, search_again=again)
+    return replace(now, grouped_light=parts, light_parameters=setting, room_light=room)
 
 
 def calibrate_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:

@@ -88,10 +88,14 @@ class GroupedLight:
         sums[self.of_lamps] = self.area_lights.levels(self.incident.probe_grid.points())
         return sums
 
+    def shares(self, gain: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        """Every group's share of the light, under its gains."""
+        light = luminance(self.levels() * gain)
+        return light / max(light.sum(), 1e-30)
+
     def unseen_share(self, gain: Float[np.ndarray, "k 3"]) -> float:
         """The share of all light, under its gains, that comes from where no photograph looked."""
-        light = luminance(self.levels() * gain)
-        return float(light[self.unseen].sum() / max(light.sum(), 1e-30))
+        return float(self.shares(gain)[self.unseen].sum())
 
 
 @numba.njit(cache=True)
