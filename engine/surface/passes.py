@@ -51,7 +51,6 @@ class PassesConfig:
     moved: float = 1.04  # an object that has moved so many times nearer or farther gets others
     wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
     changed_light: float = 0.1  # share of the light in other groups than normals were sought under, from which on they are again
-    surprising_gain: float = 5.0  # over the expected, from which a clipped lamp keeps what the search found
     unseen_iterations: int = 3  # coarse ones more, at most, where light comes from where no photograph looked
     calibration_pixels: int = 600  # that calibrate the light
 
@@ -91,11 +90,9 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
         wide = probe_grid_around(picture.camera, picture.mask, near_far, (few, few, 2))
         parts = gather_grouped_light(wide, now.room_light, now.views, directions, face_px, progress)
         setting, first = light_calibration.prior_light(parts, distance), now.first_light_parameters
-        surprising = parts.unseen
         if first is not None:
-            brighter = (first.gain > CONFIG.surprising_gain * setting.gain).any(1)
-            surprising = surprising | parts.clipped & brighter
-            setting = replace(setting, gain=np.where(surprising[:, None], first.gain, setting.gain))
+            asked = (parts.unseen | parts.clipped)[:, None]
+            setting = replace(setting, gain=np.where(asked, first.gain, setting.gain))
         return replace(now, grouped_light=parts, light_parameters=setting)
     if now.probe_distance and not outside_probes(distance, now.probe_distance):
         return now
