@@ -102,6 +102,11 @@ SIGNS = (
         _number("surface", "residual"), 5.0,
     ),
     Sign(
+        "{} of the mask's border is not the object's: on both sides of it the photographs change alike from view to view.",
+        "Look whether the mask is too large, too small or lacks a piece; where it is right, the photographs are out of focus.",
+        _number("segment", "border_alike"), 0.2, _share,
+    ),
+    Sign(
         "backgrounds that were kept out of the light's fit, rendered, are {} off.",
         "Check poses and focal length, and whether lamps or people moved while the photographs were taken; add views.",
         _number("light", "heldout_log_l1"), 0.35, lambda logarithm: _share(math.expm1(logarithm)),
