@@ -102,9 +102,9 @@ SIGNS = (
         _number("surface", "residual"), 5.0,
     ),
     Sign(
-        "{} of the mask's border is not the object's: on both sides of it the photographs change alike from view to view.",
-        "Look whether the mask is too large, too small or lacks a piece; where it is right, the photographs are out of focus.",
-        _number("segment", "border_alike"), 0.2, _share,
+        "across {} of the mask's border photographs change alike on both sides, as they do within the object or the room.",
+        "Look whether the mask is too large, too small or lacks a piece; if not, the photographs are out of focus: take them again.",
+        _number("segment", "border_alike"), 0.25, _share,
     ),
     Sign(
         "backgrounds that were kept out of the light's fit, rendered, are {} off.",
