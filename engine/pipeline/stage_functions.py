@@ -68,9 +68,9 @@ def hdr(work: Work) -> Records:
 
 
 def segment(work: Work) -> Records:
-    """masks, report; no report of masks that were given."""
+    """masks, report."""
     from engine.io.images import read_mask
-    from engine.segmentation.segment import from_object, segment
+    from engine.segmentation.segment import from_object, reported, segment
 
     frames = work.load("hdr", "frames", Frames)
     views = np.array(left_out.kept(work.session, frames.names))
@@ -84,7 +84,8 @@ def segment(work: Work) -> Records:
     mask = on_grid(read_mask(folder / "mask.png", camera["height"], camera["width"]), grid)
     if painted is not None:
         mask = (mask | painted.add) & ~painted.remove
-    return {"masks": from_object(frames, mask, work.params)}
+    masks = from_object(frames, mask, work.params)
+    return {"masks": masks, "report": reported(frames, mask, work.params, views)}
 
 
 def read_strokes(path: Path, height: int, width: int, grid: tuple[int, ...]) -> "Strokes":

@@ -27,8 +27,8 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             "hdr", 4, HdrParams(), (), _produce("hdr"), reads=_shots, presets=presets.of_stage("hdr")
         ),
         Stage(
-            "segment", 5, SegmentParams(), ("hdr",), _produce("segment"), reads=_edits("mask.png", "strokes.png", left_out.FILE),
-            given="mask.png", given_params=("margin_px",), presets=presets.of_stage("segment"),
+            "segment", 6, SegmentParams(), ("hdr",), _produce("segment"), reads=_edits("mask.png", "strokes.png", left_out.FILE),
+            given="mask.png", given_params=("margin_px", "fewest_views", "most_views", "search_edge_px"), presets=presets.of_stage("segment"),
         ),
         Stage(
             "poses", 10, PoseParams(), ("hdr", "segment"), _produce("poses"), reads=_pose_inputs, given="poses.json",

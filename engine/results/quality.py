@@ -102,6 +102,11 @@ SIGNS = (
         _number("surface", "residual"), 5.0,
     ),
     Sign(
+        "across {} of the mask's border photographs change alike on both sides, as they do within the object or the room.",
+        "Look whether the mask is too large, too small or lacks a piece; if not, the photographs are out of focus: take them again.",
+        _number("segment", "border_alike"), 0.25, _share,
+    ),
+    Sign(
         "backgrounds that were kept out of the light's fit, rendered, are {} off.",
         "Check poses and focal length, and whether lamps or people moved while the photographs were taken; add views.",
         _number("light", "heldout_log_l1"), 0.35, lambda logarithm: _share(math.expm1(logarithm)),

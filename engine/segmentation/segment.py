@@ -7,6 +7,7 @@ whose outline is the strongest is refined at full size. Masks are on the pixel g
 What a person painted is certain there, and a hint around it (`engine/segmentation/scribbles.py`).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -19,7 +20,13 @@ from engine.errors import MaskError
 from engine.progress import Progress
 from engine.segmentation import gmm_graph_cut, scribbles
 from engine.segmentation.params import SegmentParams
-from engine.segmentation.temporal_stability import FEATURES, TemporalStability, measure, unexplained
+from engine.segmentation.temporal_stability import (
+    FEATURES,
+    TemporalStability,
+    alike_across,
+    measure,
+    unexplained,
+)
 from engine.types import Frames, Masks
 
 SQUARE = np.ones((3, 3), np.uint8)
@@ -49,7 +56,9 @@ class Strokes:
 class SegmentReport:
     """Facts of one segmentation, fit for JSON."""
 
-    stands_out: float  # logs of how much more changes across the outline than within and outside
+    # Logs of how much more changes across the outline than within and outside; NaN of a mask that was given.
+    stands_out: float
+    border_alike: float  # share of the mask's border across which pixels change alike; NaN: not known
 
 
 def segment(
@@ -71,8 +80,7 @@ def segment(
             f" {params.fewest_views}); add views or give a mask"
         )
     rng = np.random.default_rng(0)
-    chosen = views[np.unique(np.linspace(0, len(views) - 1, params.most_views).round().astype(int))]
-    by = max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
+    chosen, by = _looked_at(frames, params, views)
     progress.step(0.0, "measuring what changes")
     small = measure(frames, chosen, by)
     best, best_score, begun = None, -np.inf, 0
@@ -116,7 +124,30 @@ def segment(
         _check(found, full, params)
     if strokes is not None:
         found = (found | strokes.add) & ~strokes.remove
-    return from_object(frames, found, params), SegmentReport(_score(found, full, params))
+    return from_object(frames, found, params), reported(
+        frames, found, params, views, _score(found, full, params)
+    )
+
+
+def reported(
+    frames: Frames,
+    object_mask: Bool[np.ndarray, "h w"],
+    params: SegmentParams,
+    views: Int[np.ndarray, " k"] | None = None,
+    stands_out: float = math.nan,
+) -> SegmentReport:
+    """What the photographs say of a mask, whoever it is from."""
+    chosen, by = _looked_at(frames, params, np.arange(len(frames.names)) if views is None else views)
+    enough = len(chosen) >= params.fewest_views
+    return SegmentReport(stands_out, alike_across(frames, chosen, object_mask, by) if enough else math.nan)
+
+
+def _looked_at(
+    frames: Frames, params: SegmentParams, views: Int[np.ndarray, " k"]
+) -> tuple[Int[np.ndarray, " n"], int]:
+    """Of `views` those that are looked at, and the factor to the images of the search."""
+    chosen = views[np.unique(np.linspace(0, len(views) - 1, params.most_views).round().astype(int))]
+    return chosen, max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
 
 
 def from_object(frames: Frames, object_mask: Bool[np.ndarray, "h w"], params: SegmentParams) -> Masks:

@@ -6,10 +6,13 @@ another part of the room each time. All statistics are taken over the views, pix
 around, so that thin parts are told as well as broad ones. Logarithms are natural, of luminance unless said otherwise.
 """
 
+import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int
+from scipy.spatial import KDTree
 
 from engine.color import luminance
 from engine.hdr.develop import averaged
@@ -17,6 +20,8 @@ from engine.types import Frames
 
 NORMAL_ROOTS = 2.19  # a normal variable's variance over the fourth power of its mean root magnitude
 STEADY = 0.01**2  # variance of a log ratio that counts as no change
+APART_PX = 2  # from the mask's border, on images of the search's size: past the pixels that mix both
+ALIKE = 0.8  # correlation from which on two histories are of the same thing
 BLOCK_PIXELS = 1 << 18  # histories that are explained at once: 100 MB of a hundred views
 FEATURES = ("mean", "spread", "red", "blue", "colour_spread", "steadiest_links")
 
@@ -82,6 +87,31 @@ def measure(frames: Frames, views: Int[np.ndarray, " n"], by: int) -> TemporalSt
         axis=-1,
     )
     return TemporalStability(features.astype(np.float32), link_x, link_y, relative)
+
+
+def alike_across(
+    frames: Frames, views: Int[np.ndarray, " n"], mask: Bool[np.ndarray, "h w"], by: int
+) -> float:
+    """Share of the mask's border across which two pixels change alike from view to view; NaN without such pixels.
+
+    One shows the object, the other the room, and these do not. Where they do, both show the same: the mask is too large, too
+    small or lacks a piece, or the photographs are out of focus. Only those pixels are read, every `by`-th at most.
+    """
+    small = mask[by // 2 :: by, by // 2 :: by]
+    within, without = (
+        cv2.distanceTransform(side.astype(np.uint8), cv2.DIST_L2, 5) for side in (small, ~small)
+    )
+    inside, outside = (np.argwhere((away >= APART_PX) & (away < APART_PX + 1)) for away in (within, without))
+    if not len(inside) or not len(outside):
+        return math.nan
+    pairs = inside, outside[KDTree(outside).query(inside)[1]]
+    rows, columns = np.moveaxis(by * np.stack(pairs) + by // 2, -1, 0)
+    seen = np.stack([luminance(frames.radiance[view][rows, columns]) for view in views.tolist()])
+    offset = max(3 * frames.noise[1], 1e-3 * float(np.median(seen)))
+    logs = np.log(np.maximum(seen, 0) + offset)
+    logs -= logs.mean(axis=0)
+    together, (one, other) = logs.prod(axis=1).sum(axis=0), np.square(logs).sum(axis=0)
+    return float((together > ALIKE * np.sqrt(one * other)).mean())
 
 
 def unexplained(

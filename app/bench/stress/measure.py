@@ -29,6 +29,8 @@ from engine.pipeline.stages import canonical
 from engine.progress import Progress
 from engine.results import metrics
 from engine.results.quality import quality
+from engine.segmentation.params import SegmentParams
+from engine.segmentation.segment import reported
 from engine.surface.solve import solve
 from engine.types import CapturedScene
 
@@ -103,7 +105,11 @@ def _solved(call: Call, on: Set, dial: str, step: int, amount: float, progress: 
     surface, report = solved.surface, solved.report
     seconds = time.perf_counter() - begun
     scored = metrics.evaluate(surface, on.truth)
-    told = {"light": artifacts.plain(light), "surface": artifacts.plain(report)}
+    border = reported(frames, masks.object, SegmentParams())
+    told = {
+        stage: artifacts.plain(facts)
+        for stage, facts in (("segment", border), ("light", light), ("surface", report))
+    }
     verdict = quality(told)
     assert verdict is not None  # our solver knows its errors
     answered = surface.mask & on.truth.mask

@@ -1,5 +1,6 @@
 """Hand-painted strokes in a session: they correct a given mask, and the plan says that they will."""
 
+import math
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from engine.errors import MaskError
 from engine.io import session as sessions
 from engine.pipeline import run, stage_functions, stage_table, stages
 from engine.pipeline.settings import Settings
+from engine.segmentation.segment import SegmentReport
 from engine.types import Masks
 from tests.app import sessions as small
 
@@ -41,6 +43,13 @@ def test_strokes_correct_a_given_mask_where_they_are_painted(session: sessions.S
     paint(session, (slice(4, 8), slice(10, 14)), (slice(14, 16), slice(10, 20)))
     expected[4:8, 10:14], expected[14:16, 10:20] = True, False
     np.testing.assert_array_equal(found(session), expected)
+
+
+def test_what_the_photographs_say_of_a_given_mask_is_reported(session: sessions.Session) -> None:
+    steps = run.process(session, stage_table.stages(), Settings(), "cpu", "segment")
+    report = run.loader(steps)("segment", "report", SegmentReport)
+    assert 0 <= report.border_alike <= 1
+    assert math.isnan(report.stands_out)
 
 
 def test_the_plan_says_that_strokes_came_changed_and_went(session: sessions.Session) -> None:

@@ -8,6 +8,7 @@ import pytest
 from engine.results.quality import BAD, DOUBTFUL, GOOD, SIGNS, Quality, quality
 
 FINE = {
+    "segment": {"stands_out": 7.0, "border_alike": 0.01},
     "light": {"heldout_log_l1": 0.1},
     "surface": {
         "stderr_normal_deg": 2.0, "held_out_error": 0.05, "residual": 2.0, "unseen_light": 0.02,
@@ -18,8 +19,9 @@ FINE = {
 
 def facts(**changes: object) -> dict[str, dict[str, object]]:
     found: dict[str, dict[str, object]] = {stage: dict(values) for stage, values in FINE.items()}
+    stages = {"border_alike": "segment", "heldout_log_l1": "light"}
     for name, value in changes.items():
-        found["light" if name == "heldout_log_l1" else "surface"][name] = value
+        found[stages.get(name, "surface")][name] = value
     return found
 
 
@@ -42,6 +44,7 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
         ("stderr_normal_deg", 8.0, 12.0, "a standard error of 8 degrees"),
         ("held_out_error", 0.15, 0.4, "rendered again, are 15 % off"),
         ("residual", 7.0, 12.0, "differ by 7 times the expected error"),
+        ("border_alike", 0.3, 0.9, "30 % of the mask's border"),
         ("heldout_log_l1", 0.5, 0.9, "rendered, are 65 % off"),
         ("exposure_drift", [0.3, -0.3], [0.5, -0.5], "differs by 30 % from view to view"),
         ("unseen_light", 0.3, 0.6, "30 % of the light comes from where no photograph looked"),
@@ -68,7 +71,7 @@ def test_a_solver_that_knows_no_errors_is_not_judged():
 
 def test_what_is_not_known_says_nothing_and_what_is_infinite_says_all():
     assert judged({"surface": {"stderr_normal_deg": 2.0}}).good
-    assert judged(facts(residual="NaN", exposure_drift=[])).good
+    assert judged(facts(residual="NaN", exposure_drift=[], border_alike="NaN")).good
     found = judged(facts(residual=math.inf))
     assert (found.grade, found.doubt) == (BAD, np.inf)
 

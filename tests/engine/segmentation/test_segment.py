@@ -1,5 +1,9 @@
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from engine.errors import Cancelled, MaskError
 from engine.progress import Progress
@@ -7,7 +11,7 @@ from engine.results.report.report import PLAIN
 from engine.segmentation import segment as segmenting
 from engine.segmentation import temporal_stability
 from engine.segmentation.params import SegmentParams
-from engine.segmentation.segment import Strokes, from_object, segment
+from engine.segmentation.segment import Strokes, from_object, reported, segment
 from engine.types import Frames
 from tests.engine import turning
 
@@ -38,6 +42,7 @@ def test_the_object_is_found_whatever_the_room(outline, room):
     truth = outline(H, W)
     masks, report = segment(turning.take(truth, 40, 2, **room).frames, PARAMS, None, Progress())
     assert report.stands_out > PLAIN
+    assert report.border_alike < 0.05
     assert overlap(masks.object, truth) > 0.97
 
 
@@ -86,6 +91,22 @@ def test_background_keeps_clear_of_the_object_by_the_margin(capture):
     y, x = rows[0], columns[0]  # topmost pixel: nothing of the object above it
     assert not masks.background[:, y - 4, x].any()
     assert masks.background[:, y - 5, x].all()
+
+
+def test_both_sides_of_a_wrong_border_change_alike_and_of_a_right_one_do_not(capture):
+    def alike(mask: np.ndarray, frames: Frames = capture.frames) -> float:
+        return reported(frames, mask, PARAMS).border_alike
+
+    thick = ndimage.binary_opening(capture.mask, iterations=4)  # without its handle
+    cut = thick & (np.arange(W) < W // 2)
+    blurred = ndimage.gaussian_filter(capture.frames.radiance, (0, 3, 3, 0))
+    assert alike(capture.mask) < 0.02
+    assert alike(ndimage.binary_dilation(capture.mask, iterations=5)) > 0.4
+    assert alike(ndimage.binary_erosion(thick, iterations=5)) > 0.2
+    assert 0.1 < alike(cut) < 0.6
+    assert alike(capture.mask, replace(capture.frames, radiance=blurred)) > 0.4
+    assert math.isnan(reported(capture.frames, capture.mask, PARAMS, np.arange(7)).border_alike)
+    assert math.isnan(alike(np.eye(H, W, dtype=bool)))  # nowhere two pixels deep
 
 
 def test_strokes_win(capture):

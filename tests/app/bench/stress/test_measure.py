@@ -59,6 +59,7 @@ def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path,
     assert found.solved == 1
     assert (found.refused, found.grade) == ("", "not to be trusted")
     assert "50 % off" in found.reason
+    assert found.facts["segment.border_alike"] == 1  # its photographs are of one colour each
     assert measure(a_call(tmp_path), a_set(), CLEAN, 0) == found
     assert fits == [12]
     measure(a_call(tmp_path, fresh=True), a_set(), CLEAN, 0)
