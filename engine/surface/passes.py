@@ -50,7 +50,9 @@ class PassesConfig:
     depth_percentiles: tuple[float, float] = (0.5, 99.5)  # beyond which the rim may say anything
     moved: float = 1.04  # an object that has moved so many times nearer or farther gets others
     wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
-    changed_light: float = 0.1  # share of the light in other groups than normals were sought under, from which on they are again
+    changed_light: float = (
+        0.1  # share of the light in other groups than normals were sought under, from which on they are again
+    )
     unseen_iterations: int = 3  # coarse ones more, at most, where light comes from where no photograph looked
     calibration_pixels: int = 600  # that calibrate the light
 
@@ -118,7 +120,9 @@ def _light_changed(before: Float[np.ndarray, " g"] | None, after: Float[np.ndarr
     """Whether more of the light than is usual has gone to other groups, some of which may be new."""
     if before is None:
         return True
-    return float(np.abs(after - np.pad(before, (0, len(after) - len(before)))).sum() / 2) > CONFIG.changed_light
+    return (
+        float(np.abs(after - np.pad(before, (0, len(after) - len(before)))).sum() / 2) > CONFIG.changed_light
+    )
 
 
 def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> PixelEstimate:
