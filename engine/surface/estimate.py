@@ -64,9 +64,7 @@ class Estimate:
     light_parameters: LightParameters | None = None
     first_light_parameters: LightParameters | None = None  # that of the distance search
     probe_distance: float = 0.0  # distance that the probes were put around; 0: around no depth yet
-    searched_shares: Float[np.ndarray, " g"] | None = (
-        None  # of the light by groups, under which normals were sought
-    )
+    searched_shares: tuple[float, ...] = ()  # of the light by groups, under which normals were sought
     calibration_pixels: tuple[PixelSample, PixelEstimate] | None = None  # pixels that calibrated the light
     light_variance: LightVariance | None = None  # what they leave open of it
     # The light as it is settled, in the views that are fitted and those that are not.

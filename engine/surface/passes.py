@@ -50,9 +50,7 @@ class PassesConfig:
     depth_percentiles: tuple[float, float] = (0.5, 99.5)  # beyond which the rim may say anything
     moved: float = 1.04  # an object that has moved so many times nearer or farther gets others
     wide_probes: int = 2  # along each image axis; the tight lattice has as many as the fine phase
-    changed_light: float = (
-        0.1  # share of the light in other groups than normals were sought under, from which on they are again
-    )
+    changed_light: float = 0.1  # share of it in other groups since normals were sought: they are again
     unseen_iterations: int = 3  # coarse ones more, at most, where light comes from where no photograph looked
     calibration_pixels: int = 600  # that calibrate the light
 
@@ -111,18 +109,11 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
 def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """Normals from nothing, or from the maps that were given; again where the light has turned out otherwise."""
     shares = known(now.grouped_light).shares(known(now.light_parameters).gain)
-    if now.state is not None and not _light_changed(now.searched_shares, shares):
+    new = len(shares) - len(now.searched_shares)  # groups that have been split off since
+    before = np.pad(now.searched_shares, (0, new))
+    if now.state is not None and np.abs(shares - before).sum() / 2 <= CONFIG.changed_light:
         return now
-    return replace(now, state=_initial_state(scene, now, progress), searched_shares=shares)
-
-
-def _light_changed(before: Float[np.ndarray, " g"] | None, after: Float[np.ndarray, " h"]) -> bool:
-    """Whether more of the light than is usual has gone to other groups, some of which may be new."""
-    if before is None:
-        return True
-    return (
-        float(np.abs(after - np.pad(before, (0, len(after) - len(before)))).sum() / 2) > CONFIG.changed_light
-    )
+    return replace(now, state=_initial_state(scene, now, progress), searched_shares=tuple(shares))
 
 
 def _initial_state(scene: Scene, now: Estimate, progress: Progress) -> PixelEstimate:
