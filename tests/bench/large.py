@@ -19,6 +19,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,8 +34,8 @@ from app.bench.stored import Stored
 from engine.errors import RoomlightError
 from engine.io.ground_truth import Truth
 from engine.results import metrics
+from engine.surface.data.scene import Picture, window
 from engine.surface.solve import solve
-from engine.surface.tiled_solve import Picture, window
 from engine.types import Frames, Masks
 from hardware.errors import StudioError
 from tests.bench.inputs import Clock, machine, told
@@ -128,7 +129,7 @@ def enlarged(given: Stored, truth: Truth, by: int, scratch: Path) -> tuple[Store
     frames = Frames(part.frames.names, radiance, clipped, dark, part.frames.noise)
     camera = replace(k, width=width, height=height, fx=k.fx * by, fy=k.fy * by, cx=k.cx * by, cy=k.cy * by)
     masks = Masks(whether(part.mask), np.zeros((count, height, width), bool))
-    told_maps = {}
+    told_maps: dict[str, Any] = {}
     for name in ("normal", "albedo", "roughness", "depth"):
         told_maps[name] = larger(getattr(truth, name)[rows, columns], cv2.INTER_LINEAR)
     normal = told_maps["normal"]

@@ -22,7 +22,7 @@ from engine.hdr.merge import HdrReport
 from engine.io.ground_truth import read_truth
 from engine.io.images import read_radiance
 from engine.light.fitting.lamp_model import without_lamps
-from engine.light.incident.coverage import coverage_of
+from engine.light.incident.coverage import coverage_of, covered
 from engine.light.incident.probes import gather_probes
 from engine.pipeline import artifacts
 from engine.surface.rendering.area_lights import area_lights_of
@@ -180,9 +180,9 @@ def energy_at(
 def photographed(s: Set) -> Float[np.ndarray, "n e"]:
     """Per view and coarse cell, the share of the light there that some view photographed."""
     cells, shown = fibonacci_sphere(COARSE_CELLS), coverage_of(s.masks, s.poses)
-    return gather_probes(
-        s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False, coverage=shown
-    ).seen[:, 0]
+    found = gather_probes(s.gaussians, s.cam_from_world, _point(s), cells, COARSE_FACE, False)
+    places = found.places[:, 0].astype(np.float64)
+    return found.seen[:, 0] * covered(shown, places.reshape(-1, 3)).reshape(places.shape[:2])
 
 
 def _point(s: Set) -> Float[np.ndarray, "1 3"]:

@@ -38,11 +38,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def compose(export: Path) -> np.ndarray:
     """Four maps in a row, cropped to the object, and the panorama of the light below."""
     mask = read(export / "mask.png")[..., 0] > 0
-    rough = cv2.imread(str(export / "roughness_16.png"), cv2.IMREAD_UNCHANGED) / 65535
+    rough = np.asarray(cv2.imread(str(export / "roughness_16.png"), cv2.IMREAD_UNCHANGED)) / 65535
     maps = [
         read(export / "normal.png"),
         read(export / "albedo.png"),
-        to_8_bit(colormaps["viridis"](rough)[..., :3]),
+        to_8_bit(np.asarray(colormaps["viridis"](rough))[..., :3]),
     ]
     rows, columns = np.nonzero(mask.any(1))[0], np.nonzero(mask.any(0))[0]
     pad = int(0.08 * max(np.ptp(rows), np.ptp(columns))) + 1

@@ -61,7 +61,8 @@ class Processing:
     """`roomlight process` on copies of the bundled session, one after the other."""
 
     def __init__(self, folder: Path):
-        self._folder, self._child = folder, None
+        self._folder = folder
+        self._child: subprocess.Popen[bytes] | None = None
         self.runs = 0
 
     def must_be_under_way(self) -> None:

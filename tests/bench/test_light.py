@@ -292,7 +292,7 @@ def test_the_light_of_a_set_of_the_benchmark_lies_where_poses_were_given(tmp_pat
 
 
 def scored(refined: bool, clipped: bool, irradiance: float, deg: float = 0.5) -> light.Row:
-    scores = {
+    scores: dict[str, float | None] = {
         "irradiance_mean": irradiance,
         "irradiance_p95": 9.0,
         "brightest_off": 6.0,
