@@ -107,11 +107,12 @@ def place_probes(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
 
 
 def search_normals(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
-    """Normals from nothing, or from the maps that were given; again where the light has turned out otherwise."""
+    """Normals from nothing, or from the maps that were given; again where the light has turned out
+    otherwise: divided into more groups, or shared out among them differently."""
     shares = known(now.grouped_light).shares(known(now.light_parameters).gain)
-    new = len(shares) - len(now.searched_shares)  # groups that have been split off since
-    before = np.pad(now.searched_shares, (0, new))
-    if now.state is not None and np.abs(shares - before).sum() / 2 <= CONFIG.changed_light:
+    before = now.searched_shares
+    alike = len(before) == len(shares) and np.abs(shares - before).sum() / 2 <= CONFIG.changed_light
+    if now.state is not None and alike:
         return now
     return replace(now, state=_initial_state(scene, now, progress), searched_shares=tuple(shares))
 

@@ -53,6 +53,18 @@ def off_deg(now: Estimate) -> float:
     return float(np.degrees(angle_between(known(now.state).normals, BALL.normals)).mean())
 
 
+def test_search_normals_runs_again_where_the_light_has_gone_to_other_groups(saved):
+    seen, now = saved
+    shares = known(now.grouped_light).shares(known(now.light_parameters).gain)
+    moved = shares.copy()
+    moved[[0, -1]] += [-0.2, 0.2]
+    for before, again in ((shares, False), (moved, True), (shares[:-1], True), ((), True)):
+        given = replace(now, searched_shares=tuple(before))
+        found = passes.search_normals(seen, given, Progress())
+        assert (found is not given) == again
+        assert found.searched_shares == tuple(shares)
+
+
 def test_solve_pixels_finds_normals_that_were_lost(saved):
     lost = turned(known(saved[1].state).normals, 5)
     assert np.degrees(angle_between(lost, BALL.normals)).mean() > 5
