@@ -70,7 +70,7 @@ def hdr(work: Work) -> Records:
 def segment(work: Work) -> Records:
     """masks, report."""
     from engine.io.images import read_mask
-    from engine.segmentation.segment import from_object, reported, segment
+    from engine.segmentation.segment import from_object, report_on, segment
 
     frames = work.load("hdr", "frames", Frames)
     views = np.array(left_out.kept(work.session, frames.names))
@@ -85,7 +85,7 @@ def segment(work: Work) -> Records:
     if painted is not None:
         mask = (mask | painted.add) & ~painted.remove
     masks = from_object(frames, mask, work.params)
-    return {"masks": masks, "report": reported(frames, mask, work.params, views)}
+    return {"masks": masks, "report": report_on(frames, mask, work.params, views)}
 
 
 def read_strokes(path: Path, height: int, width: int, grid: tuple[int, ...]) -> "Strokes":

@@ -23,7 +23,7 @@ from engine.segmentation.params import SegmentParams
 from engine.segmentation.temporal_stability import (
     FEATURES,
     TemporalStability,
-    alike_across,
+    border_alike,
     measure,
     unexplained,
 )
@@ -80,7 +80,7 @@ def segment(
             f" {params.fewest_views}); add views or give a mask"
         )
     rng = np.random.default_rng(0)
-    chosen, by = _looked_at(frames, params, views)
+    chosen, by = _sample(frames, params, views)
     progress.step(0.0, "measuring what changes")
     small = measure(frames, chosen, by)
     best, best_score, begun = None, -np.inf, 0
@@ -124,12 +124,12 @@ def segment(
         _check(found, full, params)
     if strokes is not None:
         found = (found | strokes.add) & ~strokes.remove
-    return from_object(frames, found, params), reported(
+    return from_object(frames, found, params), report_on(
         frames, found, params, views, _score(found, full, params)
     )
 
 
-def reported(
+def report_on(
     frames: Frames,
     object_mask: Bool[np.ndarray, "h w"],
     params: SegmentParams,
@@ -137,12 +137,12 @@ def reported(
     stands_out: float = math.nan,
 ) -> SegmentReport:
     """What the photographs say of a mask, whoever it is from."""
-    chosen, by = _looked_at(frames, params, np.arange(len(frames.names)) if views is None else views)
+    chosen, by = _sample(frames, params, np.arange(len(frames.names)) if views is None else views)
     enough = len(chosen) >= params.fewest_views
-    return SegmentReport(stands_out, alike_across(frames, chosen, object_mask, by) if enough else math.nan)
+    return SegmentReport(stands_out, border_alike(frames, chosen, object_mask, by) if enough else math.nan)
 
 
-def _looked_at(
+def _sample(
     frames: Frames, params: SegmentParams, views: Int[np.ndarray, " k"]
 ) -> tuple[Int[np.ndarray, " n"], int]:
     """Of `views` those that are looked at, and the factor to the images of the search."""

@@ -89,7 +89,7 @@ def measure(frames: Frames, views: Int[np.ndarray, " n"], by: int) -> TemporalSt
     return TemporalStability(features.astype(np.float32), link_x, link_y, relative)
 
 
-def alike_across(
+def border_alike(
     frames: Frames, views: Int[np.ndarray, " n"], mask: Bool[np.ndarray, "h w"], by: int
 ) -> float:
     """Share of the mask's border across which two pixels change alike from view to view; NaN without such pixels.

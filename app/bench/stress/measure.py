@@ -30,7 +30,7 @@ from engine.progress import Progress
 from engine.results import metrics
 from engine.results.quality import quality
 from engine.segmentation.params import SegmentParams
-from engine.segmentation.segment import reported
+from engine.segmentation.segment import report_on
 from engine.surface.solve import solve
 from engine.types import CapturedScene
 
@@ -105,7 +105,7 @@ def _solved(call: Call, on: Set, dial: str, step: int, amount: float, progress: 
     surface, report = solved.surface, solved.report
     seconds = time.perf_counter() - begun
     scored = metrics.evaluate(surface, on.truth)
-    border = reported(frames, masks.object, SegmentParams())
+    border = report_on(frames, masks.object, SegmentParams())
     told = {
         stage: artifacts.plain(facts)
         for stage, facts in (("segment", border), ("light", light), ("surface", report))

@@ -157,9 +157,9 @@ def sweep(
     """Depth of every background pixel (NaN elsewhere), and how sure it is (0 prior only .. 1)."""
     near, far = depth_range(camera_centres(photographs), points)
     depths = np.geomspace(near, far, count)
-    views = _Matching.of(photographs, depths)
-    middle = float(np.sqrt(near * far)) if len(points) >= FEW_POINTS else views.typical_depth(run)
-    return views.regularized_depth(_prior(photographs, points, middle), run)
+    matching = _Matching.of(photographs, depths)
+    middle = float(np.sqrt(near * far)) if len(points) >= FEW_POINTS else matching.typical_depth(run)
+    return matching.regularized_depth(_prior(photographs, points, middle), run)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,10 +184,17 @@ class _Matching:
 
     def cost(self, i: int) -> Float[np.ndarray, "h w d"]:
         """Of every pixel of a view at every depth."""
-        found, poses = self.photographs, self.photographs.cam_from_world
-        cost = np.zeros((*found.weight.shape[1:], len(self.depths)), np.float32)
+        photographs = self.photographs
+        cost = np.zeros((*photographs.weight.shape[1:], len(self.depths)), np.float32)
         _photo_consistency(
-            poses, found.lens, self.pictures, found.weight, self.depths, i, self.close[i], cost
+            photographs.cam_from_world,
+            photographs.lens,
+            self.pictures,
+            photographs.weight,
+            self.depths,
+            i,
+            self.close[i],
+            cost,
         )
         return cost
 
@@ -206,8 +213,8 @@ class _Matching:
         self, prior: Float[np.ndarray, "n h w"], run: ThreadPool
     ) -> tuple[Float[np.ndarray, "n h w"], Float[np.ndarray, "n h w"]]:
         """`sweep`, given what is expected of each pixel."""
-        found, depths = self.photographs, self.depths
-        n, height, width = found.weight.shape
+        photographs, depths = self.photographs, self.depths
+        n, height, width = photographs.weight.shape
         bend = np.float32(_BEND * np.log(depths[1] / depths[0]))
         depth, contrast, agreed = (np.zeros((n, height, width)) for _ in range(3))
 
@@ -222,10 +229,10 @@ class _Matching:
 
         def compare(part: int, parts: int) -> None:
             for i in range(part, n, parts):
-                _agreement(found.cam_from_world, found.lens, depth, i, self.close[i], agreed[i])
+                _agreement(photographs.cam_from_world, photographs.lens, depth, i, self.close[i], agreed[i])
 
         run(settle, ())
-        depth[found.weight <= 0] = np.nan
+        depth[photographs.weight <= 0] = np.nan
         run(compare, ())
         return depth, agreed * np.clip(contrast / _TELLING, 0, 1)
 

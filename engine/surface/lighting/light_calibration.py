@@ -101,13 +101,12 @@ def split_groups(
     tell more parts apart."""
     if grouped_light.patches is None or grouped_light.patch is None:
         return None
-    light = luminance(grouped_light.levels() * light_parameters.gain)
-    total = light.sum()
+    light = grouped_light.shares(light_parameters.gain)
     most = CONFIG.unseen_per_view * grouped_light.incident.energy.shape[2] // 3
     more = max(0, most - int(grouped_light.unseen.sum())) // (EmitterGroupsConfig().parts - 1)
     light = light * grouped_light.unseen
     ranked = np.argsort(-light, kind="stable")[:more]
-    group = grouped_light.patches.split(ranked[light[ranked] > CONFIG.split_share * total])
+    group = grouped_light.patches.split(ranked[light[ranked] > CONFIG.split_share])
     end = int(grouped_light.patches.group.max()) + 1
     added = int(group.max()) + 1 - end
     if not added:

@@ -11,7 +11,7 @@ from engine.results.report.report import PLAIN
 from engine.segmentation import segment as segmenting
 from engine.segmentation import temporal_stability
 from engine.segmentation.params import SegmentParams
-from engine.segmentation.segment import Strokes, from_object, reported, segment
+from engine.segmentation.segment import Strokes, from_object, report_on, segment
 from engine.types import Frames
 from tests.engine import turning
 
@@ -95,7 +95,7 @@ def test_background_keeps_clear_of_the_object_by_the_margin(capture):
 
 def test_both_sides_of_a_wrong_border_change_alike_and_of_a_right_one_do_not(capture):
     def alike(mask: np.ndarray, frames: Frames = capture.frames) -> float:
-        return reported(frames, mask, PARAMS).border_alike
+        return report_on(frames, mask, PARAMS).border_alike
 
     thick = ndimage.binary_opening(capture.mask, iterations=4)  # without its handle
     cut = thick & (np.arange(W) < W // 2)
@@ -105,7 +105,7 @@ def test_both_sides_of_a_wrong_border_change_alike_and_of_a_right_one_do_not(cap
     assert alike(ndimage.binary_erosion(thick, iterations=5)) > 0.2
     assert 0.1 < alike(cut) < 0.6
     assert alike(capture.mask, replace(capture.frames, radiance=blurred)) > 0.4
-    assert math.isnan(reported(capture.frames, capture.mask, PARAMS, np.arange(7)).border_alike)
+    assert math.isnan(report_on(capture.frames, capture.mask, PARAMS, np.arange(7)).border_alike)
     assert math.isnan(alike(np.eye(H, W, dtype=bool)))  # nowhere two pixels deep
 
 
