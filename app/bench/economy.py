@@ -20,6 +20,7 @@ from app.bench.markdown import markdown
 from app.bench.measured import Row
 from app.bench.record import Metric
 from engine.results import metrics
+from engine.results.quality import is_needed
 
 PLACE, HIDDEN, BOUNCED, GLOSS, ROUGH = PARTS = (
     "light by place", "visibility", "interreflection", "gloss", "roughness by pixel",
@@ -90,7 +91,7 @@ def choice(rungs: Sequence[Row]) -> int:
 def needed(row: Row, part: str) -> tuple[float, float, bool]:
     """What a part is worth, its standard error, and whether that says it is needed; a part that the answer does without is worth 0."""
     gain, stderr = next(((one.gain, one.stderr) for one in row.worths if one.part == part), (0.0, 0.0))
-    return gain, stderr, gain > stderr
+    return gain, stderr, is_needed(gain, stderr, float(np.mean(row.by_view)))
 
 
 def right(found: Sequence[Found]) -> list[bool]:

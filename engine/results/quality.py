@@ -17,6 +17,9 @@ GOOD, DOUBTFUL, BAD = "good", "doubtful", "not to be trusted"
 BAD_FROM = 2.0
 """So many times its limit a sign says that the result is wrong; once, that it may be."""
 
+LEAST_SHARE = 0.01
+"""Of the error of the views kept out: a part of the model that buys less is not needed, however certain that little is."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sign:
@@ -50,6 +53,12 @@ class Quality:
 
     def __str__(self) -> str:
         return f"{self.grade}: {self.reason}" + (f" {self.remedy}" if self.remedy else "")
+
+
+def is_needed(gain: float, stderr: float, error: float) -> bool:
+    """Whether a scene asks for a part of the model that lowers the relative `error` of the views kept out by so much, give or
+    take its standard error."""
+    return gain > max(stderr, LEAST_SHARE * error)
 
 
 def quality(facts: Facts) -> Quality | None:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from engine.geometry import rays
 from engine.hdr.merge import HdrReport
 from engine.io.ground_truth import Truth
-from engine.results.quality import quality
+from engine.results.quality import is_needed, quality
 from engine.results.report import distance, embedded_images, html_page, maps, path_drawing
 from engine.types import Gaussians, LightProvenance, Panorama, Poses, Surface, ValidationRenders
 
@@ -353,14 +353,18 @@ def _model_parts(c: Contents) -> str:
     worths, probes = facts.get("part_worths"), facts.get("probes")
     if not (isinstance(worths, list) and worths and isinstance(probes, list)):
         return ""
+    error = facts["held_out_error"]
     rows = [
-        (one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}", "no" if one["gain"] > one["stderr"] else "yes")
+        (
+            one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}",
+            "no" if is_needed(one["gain"], one["stderr"], error) else "yes",
+        )
         for one in worths
     ]  # fmt: skip
     heads = ("part of the model", "validation views without it, error", "standard error", "may be left out")
     text = (
         f"<p>How much larger the error of the validation views is without each part, all else left as it is: the most that it can be"
-        f" worth. A part that is worth no more than its standard error over the views may be left out. The light was taken at"
+        f" worth. A part that is worth no more than its standard error over the views, or a hundredth of their error ({error:.2%}), may be left out. The light was taken at"
         f" {' x '.join(map(str, probes))} probes in {facts.get('directions')} directions.</p>"
     )
     return html_page.section(

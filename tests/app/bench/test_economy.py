@@ -23,6 +23,7 @@ def rung(key: str, seconds: float, by_view: tuple[float, ...], *worths: PartWort
 DRAFT = rung(
     "draft", 10, (0.050, 0.060, 0.050),
     PartWorth("light by place", 0.02, 0.001), PartWorth("visibility", 0.001, 0.002),
+    PartWorth("interreflection", 0.0004, 0.0001),
 )  # fmt: skip
 BETTER = rung("standard", 30, (0.049, 0.063, 0.046))  # by less than what that differs by from view to view
 CHEAP = rung("far_light", 5, (0.070, 0.081, 0.070))
@@ -39,9 +40,14 @@ def test_the_quickest_rung_within_a_standard_error_of_the_best_is_chosen():
     assert choice([DRAFT, BETTER, replace(CHEAP, by_view=DRAFT.by_view)]) == 2
 
 
-def test_a_part_is_needed_where_it_is_worth_more_than_its_standard_error():
+def test_a_part_is_needed_where_it_is_worth_more_than_its_standard_error_and_something():
     assert economy.needed(DRAFT, "light by place") == (0.02, 0.001, True)
     assert economy.needed(DRAFT, "visibility") == (0.001, 0.002, False)
+    assert economy.needed(DRAFT, "interreflection") == (
+        0.0004,
+        0.0001,
+        False,
+    )  # a hundredth of the error that is left
     assert economy.needed(DRAFT, "gloss") == (0.0, 0.0, False)  # the answer has none
     assert economy.right([found("near_lamp", DRAFT)]) == [True] * 5
     assert economy.right([found("far_room", DRAFT)]) == [False, True, True, True, True]

@@ -236,13 +236,15 @@ def test_the_parts_of_the_model_are_told_with_what_they_are_worth():
     worths = [
         {"part": "gloss", "gain": 0.034, "stderr": 0.01},
         {"part": "visibility", "gain": 0.001, "stderr": 0.002},
+        {"part": "interreflection", "gain": 0.0004, "stderr": 0.0001},  # sure, but next to nothing
     ]
-    facts = {"part_worths": worths, "probes": [2, 3, 1], "directions": 512}
+    facts = {"held_out_error": 0.05, "part_worths": worths, "probes": [2, 3, 1], "directions": 512}
     text = " ".join(
         read(report.html(replace(full(), stages=(StageRun("surface", 9.0, "cpu", {}, facts),)))).text
     )
     assert "gloss +3.40% 1.00% no" in text
     assert "visibility +0.10% 0.20% yes" in text
+    assert "interreflection +0.04% 0.01% yes" in text
     assert "2 x 3 x 1 probes in 512 directions" in text
 
 
