@@ -1,8 +1,9 @@
 """`process --preset auto`: the least preset that the photographs ask for, within a budget.
 
-Presets are climbed from draft on. The next is tried as long as its predicted time fits what is left of the budget and the error asked
-for is not reached. It is taken where it renders the validation views better by more than the standard error of the gain over the
-views (the one-standard-error rule); else the one before stays, and nothing above it is tried.
+Presets are climbed from draft on, or, where nothing but a budget is given, from the richest on that is expected to fit it. The
+next is tried as long as its predicted time fits what is left of the budget and the error asked for is not reached. It is taken where it
+renders the validation views better by more than the standard error of the gain over the views (the one-standard-error rule);
+else the one before stays, and nothing above it is tried.
 """
 
 import math
@@ -84,10 +85,13 @@ def climb(
         predict: seconds that a preset will take, NaN where nobody knows.
         tell: is given a sentence for every choice.
     """
-    begun = now()
-    rung = reach(presets[0])
+    begun, first = now(), 0
+    if math.isfinite(goal.budget_s) and not goal.error_deg:
+        # What a climb spends on the way is lost.
+        first = max((k for k, preset in enumerate(presets) if predict(preset) <= goal.budget_s), default=0)
+    rung = reach(presets[first])
     tell(_told(rung))
-    for above in presets[1:]:
+    for above in presets[first + 1 :]:
         if rung.stderr_normal_deg <= goal.error_deg:
             tell(f"{rung.preset} stays: the error asked for, {goal.error_deg:g} deg, is reached")
             break

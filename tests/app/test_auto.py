@@ -43,8 +43,10 @@ def climbed(goal: Goal) -> tuple[str, list[str], float]:
     ("goal", "stays", "took", "words"),
     [
         (Goal(), "standard", 130.0, "no more than its standard error"),
-        (Goal(budget_s=35), "draft", 10.0, "25 s of the budget are left"),
-        (Goal(budget_s=45), "standard", 40.0, "5 s of the budget are left"),
+        (Goal(budget_s=35), "standard", 30.0, "5 s of the budget are left"),
+        (Goal(budget_s=95), "fine", 90.0, "fine: surface in 90 s"),
+        (Goal(budget_s=35, error_deg=0.5), "draft", 10.0, "25 s of the budget are left"),
+        (Goal(budget_s=45, error_deg=0.5), "standard", 40.0, "5 s of the budget are left"),
         (Goal(budget_s=1), "draft", 10.0, "0 s of the budget are left"),
         (Goal(error_deg=2.0), "draft", 10.0, "2 deg, is reached"),
         (Goal(error_deg=1.5), "standard", 40.0, "1.5 deg, is reached"),
