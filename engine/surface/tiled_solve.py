@@ -95,7 +95,7 @@ def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
     turned = angle_between(known(found.coarse_state).normals, known(found.state).normals).mean()
     if np.degrees(turned) <= MOVING_DEG:
         return None
-    return grid_refinement_error(known(found.halved_state), known(found.state))
+    return grid_refinement_error(known(found.halved_state), known(found.state), found.object_pixels.mask)
 
 
 def solve_tiles(

@@ -364,8 +364,8 @@ def _model_parts(c: Contents) -> str:
     heads = ("part of the model", "validation views without it, error", "standard error", "may be left out")
     text = (
         f"<p>How much larger the error of the validation views is without each part, all else left as it is: the most that it can be"
-        f" worth. A part that is worth no more than its standard error over the views, or a hundredth of their error ({error:.2%}), may be left out. The light was taken at"
-        f" {' x '.join(map(str, probes))} probes in {facts.get('directions')} directions.</p>"
+        f" worth. A part that is worth no more than its standard error over the views, or a hundredth of their error ({error:.2%}),"
+        f" may be left out. The light was taken at {' x '.join(map(str, probes))} probes in {facts.get('directions')} directions.</p>"
     )
     return html_page.section(
         "What this scene asks of the model", text, (), html_page.table(heads, rows, numbers=range(1, 3))
