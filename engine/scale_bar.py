@@ -100,7 +100,10 @@ def scaled(record: Record, by: float) -> Record:
             placed[..., 3] *= by
             made = replace(record, cam_from_world=placed, points=by * record.points, scale="scale bar")
         case Surface():
-            made = replace(record, depth=record.depth * np.float32(by))
+            depth, parts = (
+                x if x is None else x * np.float32(by) for x in (record.depth, record.stderr_part)
+            )
+            made = replace(record, depth=depth, stderr_part=parts)
         case Gaussians():
             made = replace(record, means=by * record.means, scales=by * record.scales)
         case Lamps():

@@ -192,8 +192,11 @@ class Surface:
         None  # Disney's specular level, metalness; None: 0.5, 0 everywhere
     )
     # 1: the largest part of the depth that no jump divides, 2: the next, ...; 0: a part too small to be told, or off the mask.
-    # How far parts stand behind one another is not determined. None: not known.
+    # None: not known.
     part: Int16[np.ndarray, "h w"] | None = None
+    stderr_part: Float[np.ndarray, "h w"] | None = (
+        None  # scene units: of where a pixel's part stands beside the others
+    )
 
 
 def material_of(surface: Surface) -> Float[np.ndarray, "h w 2"]:

@@ -301,7 +301,7 @@ def _light(maps: Maps, look: Look) -> Picture | None:
     return Picture(falsecolour.halves(drawn), None, note)
 
 
-PARTS_NOTE = QT_TRANSLATE_NOOP("maps", "how far parts stand behind one another is not determined")
+PARTS_NOTE = QT_TRANSLATE_NOOP("maps", "how far parts stand behind one another is known only roughly")
 FRAME_NOTES: Mapping[str, str] = {
     "opengl": QT_TRANSLATE_NOOP("maps", "OpenGL: red right, green up, blue to the viewer"),
     "directx": QT_TRANSLATE_NOOP("maps", "DirectX: red right, green down, blue to the viewer"),

@@ -62,7 +62,9 @@ def _depth_unit(maps: Maps, x: int, y: int) -> str:
     part = part_of(maps.surface)
     if part.max() < 2:
         return maps.unit
-    return f"{maps.unit}, " + (f"part {part[y, x]} of {part.max()}" if part[y, x] else "a small part")
+    stderr = maps.surface.stderr_part
+    known = "" if stderr is None else f" ± {float(stderr[y, x]):.2g}"
+    return f"{maps.unit}, " + (f"part {part[y, x]} of {part.max()}{known}" if part[y, x] else "a small part")
 
 
 def _material(s: Surface, x: int, y: int) -> str:

@@ -264,14 +264,15 @@ def _write_maps(path: Path, surface: Surface, camera: Camera, unit: str) -> None
         "stderr.normal_deg": np.degrees(surface.stderr_normal),
         "stderr.albedo": surface.stderr_albedo,
         "stderr.roughness": surface.stderr_roughness,
+        "stderr.part": np.zeros_like(surface.depth) if surface.stderr_part is None else surface.stderr_part,
         "residual.Y": surface.residual,
         "flags.Y": surface.flags,
     }
     attributes = {
         "frame": FRAME,
         "unit.depth": unit,
-        "part": "1 the largest part of the depth that no jump divides, 2 the next, ..., 0 too small to be told; how far parts stand"
-        " behind one another is not determined",
+        "part": "1 the largest part of the depth that no jump divides, 2 the next, ..., 0 too small to be told",
+        "stderr.part": "in unit.depth; of how far a pixel's part stands before or behind the others, 0 where there is one part",
         "unit.stderr.normal_deg": "degree",
         "colour": "albedo: linear Rec.709, 0..1",
         "roughness": "alpha = roughness^2 (GGX)",

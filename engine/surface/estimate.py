@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from engine.progress import Progress
 from engine.surface.data.observations import parent_index
 from engine.surface.data.scene import Picture, Scene
+from engine.surface.depth.part_offsets import DepthParts
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.lighting.light_calibration import LightParameters
@@ -19,6 +20,7 @@ from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.object_pixels import (
     ObjectPixels,
     depth_from_normals,
+    image,
     light_transport,
     photographed_radiance,
 )
@@ -59,6 +61,7 @@ class Estimate:
     geometry: SurfaceGeometry
     state: PixelEstimate | None = None  # None: nothing is known yet
     depth: Float[np.ndarray, "h w"] | None = None
+    part_offset: Float[np.ndarray, "h w 2"] | None = None  # `DepthParts.told`; None: parts are drawn together
     # The light by groups of emitters, as long as it is calibrated.
     grouped_light: GroupedLight | None = None
     light_parameters: LightParameters | None = None
@@ -107,6 +110,17 @@ class Estimate:
         seen = photographed_radiance(picture.frames, picture.mask, scene.validation.tolist())
         return light_transport(seen, known(self.validation), self.geometry, scene.params, "cpu")
 
+    def depth_parts(self, progress: Progress) -> DepthParts:
+        """The depth that the normals tell, in parts that stand where they did."""
+        pixels, normals = self.object_pixels, known(self.state).normals
+        return DepthParts.of(
+            pixels.camera, pixels.mask, normals, self.distance.value, self.part_offset, progress
+        )
+
+    def with_parts(self, parts: DepthParts) -> "Estimate":
+        """The same with that depth."""
+        return replace(self, depth=parts.placed, part_offset=parts.told)
+
     def with_material(self, material: Float[np.ndarray, "p 2"] | None) -> "Estimate":
         """The same of another material."""
         pixels, geometry = (replace(one, material=material) for one in (self.object_pixels, self.geometry))
@@ -129,9 +143,12 @@ class Estimate:
         state = known(self.state).part(take)
         state = initial_estimate(state.normals, state.albedo, state.roughness)
         depth = depth_from_normals(object_pixels, state, self.distance.value, progress)
+        offset = None
+        if self.part_offset is not None:
+            offset = image(object_pixels.mask, self.part_offset[self.object_pixels.mask][take])
         hidden = self.geometry.visibility and self.geometry.visibility.upsampled(take)
         geometry = replace(object_pixels.geometry_at(depth[object_pixels.mask]), visibility=hidden)
         return replace(
             self, level=self.level - 1, object_pixels=object_pixels, state=state, depth=depth, geometry=geometry,
-            halved_state=state,
+            halved_state=state, part_offset=offset,
         )  # fmt: skip

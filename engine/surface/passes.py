@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.scene import Scene
+from engine.surface.depth import part_offsets
 from engine.surface.estimate import Estimate, known
 from engine.surface.lighting import light_calibration
 from engine.surface.lighting.distance_search import coarse_directions, coarse_distance_search
@@ -168,9 +169,20 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
 
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
-    """The depth that the normals tell."""
+    """The depth that the normals tell; its parts stand behind one another as they did."""
+    if now.part_offset is not None:
+        return now.with_parts(now.depth_parts(progress))
     depth = depth_from_normals(now.object_pixels, known(now.state), now.distance.value, progress)
     return replace(now, depth=depth)
+
+
+def place_parts(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
+    """The depth that the normals tell, and how far its parts stand behind one another by what they hide of the room."""
+    parts, pixels = now.depth_parts(progress.part(0, 0.2)), now.compensated_pixels
+    if len(parts.offset) > 1 and scene.params.models("self_shadowing"):
+        likelihood = part_offsets.likelihood_of(pixels, known(now.state), now.incident, scene.params)
+        parts = part_offsets.place(parts, likelihood, scene.seed, progress.part(0.2, 1))
+    return now.with_parts(parts)
 
 
 def trace_visibility(scene: Scene, now: Estimate, progress: Progress) -> Estimate:

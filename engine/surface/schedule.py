@@ -41,7 +41,9 @@ class Phase:
 def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
     """What a solve does; `unseen`: some of the light comes from where no photograph looked."""
     pixels = passes.solve_pixels, passes.expect_roughness
-    shape = passes.integrate_depth, passes.trace_visibility
+    shape, parts = (
+        (depth, passes.trace_visibility) for depth in (passes.integrate_depth, passes.place_parts)
+    )
     light, variance = (passes.place_probes, passes.search_normals), passes.estimate_light_variance
     unseen_iterations = passes.CONFIG.unseen_iterations * (unseen and params.models("light_gains"))
     coarse = params.coarse_iterations + unseen_iterations
@@ -49,12 +51,12 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
         Phase("initialise", SMALLEST, (passes.search_distance, *light)),
         Phase("coarse", SMALLEST, (*light, *pixels, passes.detect_metal, *shape, passes.split_light, passes.calibrate_light),
               max(coarse - 1, 0), 0.3),
-        Phase("place", HALF, (*light, *pixels, passes.classify_material, *shape, passes.calibrate_light, variance,
+        Phase("place", HALF, (*light, *pixels, passes.classify_material, *parts, passes.calibrate_light, variance,
                               passes.refine_distance), min(coarse, 1)),
-        Phase("full", FULL, (*light, *pixels, *shape, passes.calibrate_light_in_place, variance),
+        Phase("full", FULL, (*light, *pixels, *parts, passes.calibrate_light_in_place, variance),
               int(params.full_phase or not coarse)),
         Phase("relight", FULL, (passes.gather_light, passes.trace_visibility, passes.estimate_exposure)),
-        Phase("fine", FULL, (*pixels, *shape), params.fine_iterations, 1.0),
+        Phase("fine", FULL, (*pixels, *parts), params.fine_iterations, 1.0),
         Phase("finish", FULL, (passes.regularize, *shape)),
     )  # fmt: skip
     kept = [tuple(one for one in phase.passes if one.__name__ not in params.without) for phase in phases]

@@ -15,7 +15,7 @@ from engine.progress import Progress
 from engine.surface.data import initial_maps
 from engine.surface.data.observations import parent_index
 from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
-from engine.surface.depth.normal_integration import integrate_parts
+from engine.surface.depth.part_offsets import DepthParts
 from engine.surface.estimate import Estimate, Iteration, known
 from engine.surface.lighting.distance_search import Distance
 from engine.surface.lighting.emitter_groups import CLIPPED
@@ -57,6 +57,7 @@ class SurfaceReport:
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
     depth_parts: tuple[float, ...]  # shares of the pixels of `Surface.part`s, the largest first
+    part_stderr_px: tuple[float, ...]  # of where each stands beside the others, widths of a pixel
     part_worths: tuple[PartWorth, ...]  # what the parts of the model are worth to the views kept out
 
 
@@ -100,20 +101,22 @@ def solve(
         take = parent_index(known(found.picture).mask, picture.mask)[take]
     span = progress.part(alone, 0.98)
     if found.level == 0 and picture is whole:
-        maps, z = evaluate_solution(scene, found, span), known(found.depth)[picture.mask]
+        maps, parts = evaluate_solution(scene, found, span), found.depth_parts(progress.part(0.98, 1))
     else:
-        maps, depth = solve_tiles(scene, whole, take, found, span)
-        z = depth[whole.mask]
+        maps, parts = solve_tiles(scene, whole, take, found, span)
     edges = unresolved_variance(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]
     maps = replace(maps, stderr_normal=np.minimum(np.sqrt(maps.stderr_normal**2 + edges), np.pi / 2))
     material = of_pixels(found.object_pixels.material, take)
-    distance, span = found.distance.value, progress.part(0.98, 1)
-    integrated = integrate_parts(poses.camera, image(mask, maps.normals), mask, distance, span)
-    surface = replace(surface_of(mask, maps, z, params.model_error, material), part=integrated.part)
+    z = parts.placed[whole.mask]
+    surface = replace(
+        surface_of(mask, maps, z, params.model_error, material),
+        part=image(mask, parts.together.part[whole.mask]).astype(np.int16),
+        stderr_part=image(mask, parts.told[whole.mask][:, 1] * z),
+    )
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
     error = rerendering_error(frames, kept_out, pictures, mask)
-    report = report_of(scene, found, maps, material, integrated.shares, error)
+    report = report_of(scene, found, maps, material, parts, error)
     return SolvedScene(surface, ValidationRenders(kept_out, pictures), emitters_of(found), report)
 
 
@@ -131,7 +134,7 @@ def report_of(
     found: Estimate,
     maps: SolvedMaps,
     material: Float[np.ndarray, "p 2"] | None,
-    depth_parts: tuple[float, ...],
+    parts: DepthParts,
     error: float,
 ) -> SurfaceReport:
     """The facts of a solve; `error` is that of the views kept out."""
@@ -162,7 +165,8 @@ def report_of(
         history=found.history,
         stderr_normal_deg=float(np.degrees(np.median(maps.stderr_normal))),
         flagged={name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},
-        depth_parts=depth_parts,
+        depth_parts=parts.together.shares,
+        part_stderr_px=parts.stderr_px,
         part_worths=part_worths(scene, found),
     )
 

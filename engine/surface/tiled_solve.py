@@ -16,13 +16,13 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import pixel_index
 from engine.surface.data.scene import Picture, Scene
-from engine.surface.depth.normal_integration import integrate_normals
+from engine.surface.depth.part_offsets import DepthParts
 from engine.surface.estimate import Estimate, known
 from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, initial_estimate, minimize
 from engine.surface.optimize.spatial_regularization import RegularizationConfig, regularize_spatially
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.interreflection import hidden_light_fraction
-from engine.surface.rendering.object_pixels import image, render_pixels
+from engine.surface.rendering.object_pixels import render_pixels
 from engine.surface.rendering.transport import BLOCK, LightTransport, TransportModel, pixel_blocks
 from engine.surface.uncertainty.standard_errors import (
     StandardErrors,
@@ -100,7 +100,7 @@ def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
 
 def solve_tiles(
     scene: Scene, picture: Picture, take: Int[np.ndarray, " p"], found: Estimate, progress: Progress
-) -> tuple[SolvedMaps, Float[np.ndarray, "h w"]]:
+) -> tuple[SolvedMaps, DepthParts]:
     """Every pixel of a picture, from what a smaller one of it has `found`; and the depth.
 
     `take` names the smaller one's pixel for each. What throws light at a tile are the smaller picture's pixels, as photographed.
@@ -135,9 +135,11 @@ def solve_tiles(
         for name in SolvedMaps.__slots__:
             getattr(maps, name)[pixels[own]] = getattr(told, name)[own]
     assert maps is not None  # a mask has pixels
-    normals = image(mask, maps.normals)
     distance = float(known(found.depth)[found.object_pixels.mask].mean())
-    return maps, integrate_normals(picture.camera, normals, mask, distance, integrating)
+    small, told = found.object_pixels.mask, found.part_offset
+    if told is not None:
+        told = np.stack([upsample(small, one, mask) for one in np.moveaxis(told, -1, 0)], -1)
+    return maps, DepthParts.of(picture.camera, mask, maps.normals, distance, told, integrating)
 
 
 def _of_tile(

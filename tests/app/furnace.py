@@ -30,7 +30,7 @@ PARAMS = {
 def surface() -> Surface:
     """The ball, matt."""
     made = ball(CAMERA)
-    as_they_are = {name: getattr(made, name) for name in ("mask", "flags", "material", "part")}
+    as_they_are = {name: getattr(made, name) for name in ("mask", "flags", "material", "part", "stderr_part")}
     return Surface(
         **{name: np.asarray(getattr(made, name), np.float32) for name in Surface.__slots__} | as_they_are
     )

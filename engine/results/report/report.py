@@ -173,6 +173,7 @@ without any object 1."""
 DRIFTED = 0.05
 """A view's factor from which on it is told: in rooms whose light is right the largest of 48 is .02 or .03."""
 MOST_PARTS = 4  # of the depth that are told with their shares
+UNKNOWN_PX = 20.0  # standard error, in widths of a pixel, from which on nobody knows where a part stands
 UNSEEN = 0.05
 """Share of the light from where no photograph looked, from which on the normals' errors are more than they say: 0.56 of it
 left 5 degrees where 2.3 were stated."""
@@ -258,9 +259,16 @@ def cautions(c: Contents) -> tuple[str, ...]:
         shares = ", ".join(f"{100 * share:.0f} %" for share in parts[:MOST_PARTS])
         more = len(parts) - MOST_PARTS
         shares += f" and {more} smaller" if more > 0 else ""
+        errors = _facts(c, "surface").get("part_stderr_px")
+        errors = [one for one in errors if one < UNKNOWN_PX] if isinstance(errors, list | tuple) else []
+        known = (
+            f"the photographs tell of {len(errors)}, to {max(errors):.0f} pixel widths or better"
+            if errors
+            else "is not determined"
+        )
         lines.append(
             f"Jumps divide the depth into {len(parts)} parts ({shares} of the pixels). The shape of each is measured; how far"
-            " they stand behind one another is not determined: mesh and depth map draw them together. `maps.exr` holds the parts."
+            f" they stand behind one another {known}. `maps.exr` holds the parts and this standard error."
         )
     drift = _facts(c, "surface").get("exposure_drift")
     if isinstance(drift, list | tuple) and drift and max(map(abs, drift)) > np.log1p(DRIFTED):
@@ -353,7 +361,7 @@ def _model_parts(c: Contents) -> str:
     worths, probes = facts.get("part_worths"), facts.get("probes")
     if not (isinstance(worths, list) and worths and isinstance(probes, list)):
         return ""
-    error = facts["held_out_error"]
+    error = float(str(facts["held_out_error"]))
     rows = [
         (
             one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}",

@@ -110,11 +110,12 @@ def trace_occlusion(
     directions: Float[np.ndarray, "d 3"],
     progress: Progress,
     albedo: Float[np.ndarray, "p 3"] | None = None,
+    some: Int[np.ndarray, " q"] | slice = slice(None),
 ) -> SparseVisibility:
     """Cast every pixel's rays at the depth mesh.
 
     With the pixels' `albedo` given, the walls that no pixel shows are sources of their own, and pixels are where they look;
-    without, the nearest pixel stands for all that hides, whichever way it looks.
+    without, the nearest pixel stands for all that hides, whichever way it looks, and `some` pixels may be asked alone.
     """
     mesh = depth_mesh(points, mask)
     vertices = points[mask]
@@ -123,7 +124,7 @@ def trace_occlusion(
     cut = none_of(len(mesh.triangles)) if albedo is None else patches(mesh, flat_normals, albedo, mask)
     cast = _Mesh(mesh, None if albedo is None else flat_normals, cut.of, len(vertices))
     origins = vertices + clearance(vertices, flat_normals, footprint, mask)
-    found = cast.hidden(origins, flat_normals, directions, -CONFIG.below_sine, progress)
+    found = cast.hidden(origins[some], flat_normals[some], directions, -CONFIG.below_sine, progress)
     if albedo is None:
         return found
     struck = BACKFACE - np.unique(found.occluder[found.occluder <= BACKFACE])

@@ -127,7 +127,8 @@ def test_maps_come_back_with_the_named_channels_frame_units_and_camera(exported)
     assert channels["stderr.normal_deg"] == pytest.approx(np.degrees(surface.stderr_normal), abs=1e-5)
     assert (channels["flags.Y"] == surface.flags).all()
     assert not channels["part.Y"].any()  # of a run that did not tell them
-    assert "not determined" in header["part"]
+    assert "0 too small to be told" in header["part"]
+    assert not channels["stderr.part"].any()
     assert "z forward" in header["frame"]
     assert header["unit.depth"] == "metre"
     assert json.loads(header["camera"])["cx"] == 31.0

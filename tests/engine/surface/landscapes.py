@@ -18,11 +18,13 @@ def blob(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x**2 + y**2 < 0.3**2, _normals(x, y, z, zx, zy), z
 
 
-def plate(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def plate(camera: Camera, lean: float = 0.3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same with a tilted plate in front of its middle: a tear all around it, of a height that changes along it."""
     x, y = _plane(camera)
     inside = on_plate(camera)
-    z, zx, zy = (np.where(inside, *both) for both in zip((0.93 + 0.3 * x, 0.3, 0), _dome(x, y), strict=True))
+    z, zx, zy = (
+        np.where(inside, *both) for both in zip((0.93 + lean * x, lean, 0), _dome(x, y), strict=True)
+    )
     return x**2 + y**2 < 0.3**2, _normals(x, y, z, zx, zy), z
 
 

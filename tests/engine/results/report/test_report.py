@@ -177,6 +177,12 @@ def test_parts_of_the_depth_that_no_shading_joins_are_told(parts: tuple[float, .
     assert told is None or told in lines
 
 
+def test_how_far_parts_stand_behind_one_another_is_told_as_well_as_it_is_known():
+    facts = {"depth_parts": (0.6, 0.2, 0.1), "part_stderr_px": (2.0, 64.0, 6.2)}
+    lines = " ".join(cautions(replace(full(), stages=(StageRun("surface", 9.0, "cpu", {}, facts),))))
+    assert "the photographs tell of 2, to 6 pixel widths or better" in lines
+
+
 @pytest.mark.parametrize("share", [0.56, 0.01])
 def test_light_that_only_the_shading_told_is_warned_of(share: float):
     stage = StageRun("surface", 9.0, "cpu", {}, {"unseen_light": share})
