@@ -26,7 +26,6 @@ from engine.surface.optimize.material import classify, kind, same
 from engine.surface.optimize.roughness_prior import apply_roughness_prior
 from engine.surface.optimize.spatial_regularization import regularize_spatially
 from engine.surface.rendering.object_pixels import (
-    depth_from_normals,
     geometry_with_visibility,
     search_initial_normals,
 )  # fmt: skip
@@ -170,10 +169,7 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The depth that the normals tell; its parts stand behind one another as they did."""
-    if now.part_offset is not None:
-        return now.with_parts(now.depth_parts(progress))
-    depth = depth_from_normals(now.object_pixels, known(now.state), now.distance.value, progress)
-    return replace(now, depth=depth)
+    return now.with_parts(now.depth_parts(progress))
 
 
 def place_parts(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
@@ -301,7 +297,7 @@ def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     return replace(
         now, picture=picture, object_pixels=replace(object_pixels, material=now.object_pixels.material), views=scene.fitted, exposure_offset=offset,
         light=light.views(np.arange(count)), validation=light.views(np.arange(count, len(views))),
-        coarse_state=known(now.state), halved_state=now.halved_state or known(now.state),
+        halved_state=now.halved_state or known(now.state),
     )  # fmt: skip
 
 

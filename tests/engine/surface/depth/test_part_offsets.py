@@ -65,7 +65,7 @@ def test_parts_go_where_what_they_hide_says():
     assert placed.placed[MASK].mean() == pytest.approx(z[MASK].mean())
     assert max(together.stderr_px) == pytest.approx(64)
     assert max(placed.stderr_px) <= 12.5
-    # They stay there, and begin there when the normals are integrated again.
+    # They stay there, also when nothing is known of how well they stand, and begin there when the normals are integrated again.
     np.testing.assert_array_equal(place(placed, likelihood, 0, Progress()).offset, placed.offset)
     again = DepthParts.of(CAMERA, MASK, state.normals, float(z[MASK].mean()), placed.told, Progress())
     np.testing.assert_allclose(again.placed, placed.placed)
