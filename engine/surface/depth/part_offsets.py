@@ -34,9 +34,7 @@ class PartOffsetsConfig:
     beside_px: float = 20.0  # of a border: pixels that say where a part stands,
     pixels: int = 200  # so many of them at most
     gauss_newton_steps: int = 2
-    loudest: float = (
-        1.0  # that a pixel says for or against an offset at most: log likelihood per view and channel
-    )
+    loudest: float = 1.0  # log likelihood, per view and channel, that one pixel has at most
     sigmas: float = 2.0  # standard errors by which a place must be likelier than another to be told from it
 
 
