@@ -75,6 +75,7 @@ class Estimate:
     validation: IncidentLight | None = None
     exposure_offset: Float[np.ndarray, " n"] | None = None
     halved_state: PixelEstimate | None = None  # as the last smaller size left it, for the pixels of `state`
+    coarse_state: PixelEstimate | None = None  # as the coarse phases left it, for the same
     regularized: bool = False
     history: tuple["Iteration", ...] = ()
 

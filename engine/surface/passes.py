@@ -297,7 +297,7 @@ def gather_light(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     return replace(
         now, picture=picture, object_pixels=replace(object_pixels, material=now.object_pixels.material), views=scene.fitted, exposure_offset=offset,
         light=light.views(np.arange(count)), validation=light.views(np.arange(count, len(views))),
-        halved_state=now.halved_state or known(now.state),
+        coarse_state=known(now.state), halved_state=now.halved_state or known(now.state),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
+from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import pixel_index
 from engine.surface.data.scene import Picture, Scene
@@ -34,6 +35,8 @@ TILE = 8 * BLOCK
 """Pixels along a tile's side: its photographs in 150 views take 60 MB."""
 HALO = RegularizationConfig().sweeps + 2
 """Pixels around a tile that are solved with it and then left to its neighbours: so far does a neighbour's word carry."""
+MOVING_DEG = 1.0
+"""Mean turn of the normals in the fine phases from which on an answer counts as one that still moves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,24 +75,27 @@ def _evaluate(
     problem: PixelProblem,
     state: PixelEstimate,
     there: LightTransport,
-    unsure: Float[np.ndarray, "p 6"],
+    unsure: Float[np.ndarray, "p 6"] | None,
     progress: Progress,
 ) -> SolvedMaps:
     """Errors, flags and pictures of pixels that have their answer; `unsure` are variances besides what the photographs and the
     light's variance tell."""
     state, variance = jackknife(state, problem, progress)
-    variance = variance + unsure
     if found.light_variance is not None:
         variance = variance + found.light_variance.of(state.normals)
+    if unsure is not None:
+        variance = variance + unsure
     guessed, geometry = hidden_light_fraction(state, problem), problem.geometry
     certainty = standard_errors(state, variance, problem.observations, geometry, guessed)
     return maps_of(state, certainty, render_pixels(there, geometry, problem.blocks, state))
 
 
-def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"]:
-    """Variances of the unknowns of a surface that may not have come to rest."""
-    mask = found.object_pixels.mask
-    return grid_refinement_error(known(found.halved_state), known(found.state), mask)
+def still_moving(found: Estimate) -> Float[np.ndarray, "p 6"] | None:
+    """Variances of the unknowns of a surface that the fine phase still turned; None where it stands still."""
+    turned = angle_between(known(found.coarse_state).normals, known(found.state).normals).mean()
+    if np.degrees(turned) <= MOVING_DEG:
+        return None
+    return grid_refinement_error(known(found.halved_state), known(found.state))
 
 
 def solve_tiles(
@@ -116,7 +122,8 @@ def solve_tiles(
         pixels = index[wide][part.mask]
         problem = _of_tile(scene, part, found, take[pixels], here, ranges[wide])
         state = _solve_tile(scene, part.mask, problem, found, take[pixels], span.part(0, 0.75))
-        told = _evaluate(found, problem, state, there, moving[take[pixels]], span.part(0.8, 1))
+        unsure = None if moving is None else moving[take[pixels]]
+        told = _evaluate(found, problem, state, there, unsure, span.part(0.8, 1))
         inside = np.zeros(mask.shape, bool)
         inside[core] = mask[core]
         own = inside[wide][part.mask]
@@ -129,10 +136,10 @@ def solve_tiles(
             getattr(maps, name)[pixels[own]] = getattr(told, name)[own]
     assert maps is not None  # a mask has pixels
     distance = float(known(found.depth)[found.object_pixels.mask].mean())
-    small, told = found.object_pixels.mask, found.part_offset
-    if told is not None:
-        told = np.stack([upsample(small, one, mask) for one in np.moveaxis(told, -1, 0)], -1)
-    return maps, DepthParts.of(picture.camera, mask, maps.normals, distance, told, integrating)
+    small, offset = found.object_pixels.mask, found.part_offset
+    if offset is not None:
+        offset = np.stack([upsample(small, one, mask) for one in np.moveaxis(offset, -1, 0)], -1)
+    return maps, DepthParts.of(picture.camera, mask, maps.normals, distance, offset, integrating)
 
 
 def _of_tile(

@@ -63,13 +63,6 @@ class Answers:
             rotate_normals(self.normals, by[:, :2]), self.albedo + by[:, 2:5], self.roughness + by[:, 5]
         )
 
-    def means(self, group: Int[np.ndarray, " p"]) -> "Answers":
-        """The mean answer of every group of pixels."""
-        every = np.column_stack([self.normals, self.albedo, self.roughness])
-        sums = np.stack([np.bincount(group, x) for x in every.T], 1) / np.bincount(group)[:, None]
-        length = np.maximum(np.linalg.norm(sums[:, :3], axis=1, keepdims=True), 1e-9)
-        return Answers(sums[:, :3] / length, sums[:, 3:6], sums[:, 6])
-
     def halfway(self, pair: Int[np.ndarray, "p 2"]) -> "Answers":
         """For every pixel the middle of the two that `pair` names."""
         one, other = pair.T

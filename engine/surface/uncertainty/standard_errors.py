@@ -95,18 +95,16 @@ def jackknife(
 
 
 def grid_refinement_error(
-    coarse: gauss_newton.PixelEstimate, state: gauss_newton.PixelEstimate, mask: Bool[np.ndarray, "h w"]
+    coarse: gauss_newton.PixelEstimate, state: gauss_newton.PixelEstimate
 ) -> Float[np.ndarray, "p 6"]:
     """Variances of the unknowns of an object that has not come to rest: the squares of how far they have come since the `coarse`
-    answer, in the mean over 2 x 2 pixels: detail that half the pixels do not hold is no way to go.
+    answer.
 
     What separates an answer from that on half the pixels, some rounds before, is about what still separates it from the one that
     it is on its way to (Roache, "Perspective: A Method for Uniform Reporting of Grid Refinement Studies", 1994).
     """
-    v, u = np.nonzero(mask)
-    _, square = np.unique(v // 2 * mask.shape[1] + u // 2, return_inverse=True)
-    before, now = (Answers.of(x).means(square) for x in (coarse, state))
-    return (now.offsets(before) ** 2)[square]
+    before, now = (Answers.of(x) for x in (coarse, state))
+    return now.offsets(before) ** 2
 
 
 def standard_errors(

@@ -92,9 +92,11 @@ def test_what_has_not_come_to_rest_is_known_of_every_pixel_though_turns_had_a_qu
 ):
     monkeypatch.setattr(scenes, "HALVED_FROM", 100)
     params = replace(BARE, full_phase=False)
-    moving = solve(ball.captured, params, "cpu", 0, Progress()).surface
-    monkeypatch.setattr(tiled_solve, "still_moving", lambda found: np.zeros((len(found.state.cost), 6)))
-    at_rest = solve(ball.captured, params, "cpu", 0, Progress()).surface
+    found = []
+    for still in (500.0, 0.0):
+        monkeypatch.setattr(tiled_solve, "MOVING_DEG", still)
+        found.append(solve(ball.captured, params, "cpu", 0, Progress()).surface)
+    at_rest, moving = found
     mask = moving.mask
     assert (moving.normal == at_rest.normal).all()
     assert np.median(moving.stderr_normal[mask]) > np.median(at_rest.stderr_normal[mask])
