@@ -261,14 +261,12 @@ def cautions(c: Contents) -> tuple[str, ...]:
         shares += f" and {more} smaller" if more > 0 else ""
         errors = _facts(c, "surface").get("part_stderr_px")
         errors = [one for one in errors if one < UNKNOWN_PX] if isinstance(errors, list | tuple) else []
-        known = (
-            f"the photographs tell of {len(errors)}, to {max(errors):.0f} pixel widths or better"
-            if errors
-            else "is not determined"
-        )
+        known = "How far they stand behind one another is not determined."
+        if errors:
+            known = f"How far {len(errors)} of them stand behind one another is known to {max(errors):.0f} pixel widths or better."
         lines.append(
-            f"Jumps divide the depth into {len(parts)} parts ({shares} of the pixels). The shape of each is measured; how far"
-            f" they stand behind one another {known}. `maps.exr` holds the parts and this standard error."
+            f"Jumps divide the depth into {len(parts)} parts ({shares} of the pixels). The shape of each is measured. {known}"
+            " `maps.exr` holds the parts and this standard error."
         )
     drift = _facts(c, "surface").get("exposure_drift")
     if isinstance(drift, list | tuple) and drift and max(map(abs, drift)) > np.log1p(DRIFTED):

@@ -173,14 +173,14 @@ def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
 def test_parts_of_the_depth_that_no_shading_joins_are_told(parts: tuple[float, ...], told: str | None):
     stage = StageRun("surface", 9.0, "cpu", {}, {"depth_parts": parts})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("how far they stand behind one another is not determined" in lines) == (told is not None)
+    assert ("How far they stand behind one another is not determined." in lines) == (told is not None)
     assert told is None or told in lines
 
 
 def test_how_far_parts_stand_behind_one_another_is_told_as_well_as_it_is_known():
     facts = {"depth_parts": (0.6, 0.2, 0.1), "part_stderr_px": (2.0, 64.0, 6.2)}
     lines = " ".join(cautions(replace(full(), stages=(StageRun("surface", 9.0, "cpu", {}, facts),))))
-    assert "the photographs tell of 2, to 6 pixel widths or better" in lines
+    assert "How far 2 of them stand behind one another is known to 6 pixel widths or better." in lines
 
 
 @pytest.mark.parametrize("share", [0.56, 0.01])
