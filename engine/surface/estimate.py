@@ -19,6 +19,7 @@ from engine.surface.optimize.pixel_sample import PixelSample
 from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.object_pixels import (
     ObjectPixels,
+    depth_from_normals,
     image,
     light_transport,
     photographed_radiance,
@@ -141,14 +142,13 @@ class Estimate:
         object_pixels = replace(object_pixels, material=of_pixels(self.object_pixels.material, take))
         state = known(self.state).part(take)
         state = initial_estimate(state.normals, state.albedo, state.roughness)
-        told = self.part_offset
-        if told is not None:
-            told = image(object_pixels.mask, told[self.object_pixels.mask][take])
-        finer = replace(
-            self, level=self.level - 1, object_pixels=object_pixels, state=state, halved_state=state, part_offset=told,
-            depth=None,
-        )  # fmt: skip
-        finer = finer.with_parts(finer.depth_parts(progress))
+        depth = depth_from_normals(object_pixels, state, self.distance.value, progress)
+        offset = None
+        if self.part_offset is not None:
+            offset = image(object_pixels.mask, self.part_offset[self.object_pixels.mask][take])
         hidden = self.geometry.visibility and self.geometry.visibility.upsampled(take)
-        there = object_pixels.geometry_at(known(finer.depth)[object_pixels.mask])
-        return replace(finer, geometry=replace(there, visibility=hidden))
+        geometry = replace(object_pixels.geometry_at(depth[object_pixels.mask]), visibility=hidden)
+        return replace(
+            self, level=self.level - 1, object_pixels=object_pixels, state=state, depth=depth, geometry=geometry,
+            halved_state=state, part_offset=offset,
+        )  # fmt: skip

@@ -26,6 +26,7 @@ from engine.surface.optimize.material import classify, kind, same
 from engine.surface.optimize.roughness_prior import apply_roughness_prior
 from engine.surface.optimize.spatial_regularization import regularize_spatially
 from engine.surface.rendering.object_pixels import (
+    depth_from_normals,
     geometry_with_visibility,
     search_initial_normals,
 )  # fmt: skip
@@ -169,7 +170,10 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     """The depth that the normals tell; its parts stand behind one another as they did."""
-    return now.with_parts(now.depth_parts(progress))
+    if now.part_offset is not None:
+        return now.with_parts(now.depth_parts(progress))
+    depth = depth_from_normals(now.object_pixels, known(now.state), now.distance.value, progress)
+    return replace(now, depth=depth)
 
 
 def place_parts(scene: Scene, now: Estimate, progress: Progress) -> Estimate:

@@ -30,7 +30,6 @@ class PartOffsetsConfig:
 
     first_step_px: float = 4.0  # of a part, either way; doubled
     farthest_px: float = 64.0  # up to this
-    known_px: float = 2.5  # standard error of a place up to which a part stays there
     beside_px: float = 20.0  # of a border: pixels that say where a part stands,
     pixels: int = 200  # so many of them at most
     gauss_newton_steps: int = 2
@@ -107,7 +106,7 @@ def place(parts: DepthParts, likelihood: Likelihood, seed: int, progress: Progre
     for k, _ in enumerate(parts.offset):
         progress.step(k / len(parts.offset), "placing the parts of the depth")
         inside = parts.part == k
-        if (mask == inside).all() or parts.focal * parts.stderr[k] < CONFIG.known_px:
+        if (mask == inside).all():
             continue
         to_part, to_others = (np.asarray(distance_transform_edt(~some)) for some in (inside, mask & ~inside))
         near = mask & (np.where(inside, to_others, to_part) <= CONFIG.beside_px)
