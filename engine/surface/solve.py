@@ -111,7 +111,7 @@ def solve(
     surface = replace(
         surface_of(mask, maps, z, params.model_error, material),
         part=image(mask, parts.together.part[whole.mask]).astype(np.int16),
-        stderr_part=image(mask, parts.told[whole.mask][:, 1] * z),
+        stderr_part=image(mask, parts.told[whole.mask][:, 1] * z * (len(parts.offset) > 1)),
     )
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)

@@ -356,10 +356,11 @@ def _iterations(c: Contents) -> str:
 def _model_parts(c: Contents) -> str:
     """What the parts of the surface's model are worth to the views kept out; of other solvers nothing is known."""
     facts = _facts(c, "surface")
-    worths, probes = facts.get("part_worths"), facts.get("probes")
-    if not (isinstance(worths, list) and worths and isinstance(probes, list)):
+    worths, probes, error = (facts.get(name) for name in ("part_worths", "probes", "held_out_error"))
+    if not (
+        isinstance(worths, list) and worths and isinstance(probes, list) and isinstance(error, int | float)
+    ):
         return ""
-    error = float(str(facts["held_out_error"]))
     rows = [
         (
             one["part"], f"{one['gain']:+.2%}", f"{one['stderr']:.2%}",

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from engine.progress import Progress
+from engine.surface.data.observations import pixel_index
 from engine.surface.depth.normal_integration import IntegratedDepth, integrate_parts
 from engine.surface.optimize.gauss_newton import PixelEstimate, minimize
 from engine.surface.optimize.pixel_sample import random_subset, sample_pixels
@@ -70,7 +71,7 @@ class DepthParts:
         nearest = distance_transform_edt(~numbered, return_distances=False, return_indices=True)
         part = np.where(mask, np.maximum(found.part[tuple(nearest)].astype(int) - 1, 0), -1)  # pyrefly: ignore[bad-argument-type]
         focal = float(np.sqrt(camera.fx * camera.fy))
-        unknown = CONFIG.farthest_px / focal if part.max() else 0.0
+        unknown = CONFIG.farthest_px / focal
         before = np.tile([0.0, unknown], (mask.sum(), 1)) if told is None else told[mask]
         offset, stderr = (np.bincount(part[mask], one) / np.bincount(part[mask]) for one in before.T)
         return cls(found, part, offset, stderr, focal)
@@ -101,8 +102,6 @@ class DepthParts:
 def place(parts: DepthParts, likelihood: Likelihood, seed: int, progress: Progress) -> DepthParts:
     """The parts where the photographs say that they stand; those of which they say nothing plainly stay."""
     mask = parts.part >= 0
-    number = np.full(mask.shape, -1)
-    number[mask] = np.arange(np.count_nonzero(mask))
     for k, _ in enumerate(parts.offset):
         progress.step(k / len(parts.offset), "placing the parts of the depth")
         inside = parts.part == k
@@ -110,7 +109,7 @@ def place(parts: DepthParts, likelihood: Likelihood, seed: int, progress: Progre
             continue
         to_part, to_others = (np.asarray(distance_transform_edt(~some)) for some in (inside, mask & ~inside))
         near = mask & (np.where(inside, to_others, to_part) <= CONFIG.beside_px)
-        parts = _best(parts, k, likelihood, random_subset(number[near], CONFIG.pixels, seed))
+        parts = _best(parts, k, likelihood, random_subset(pixel_index(mask)[near], CONFIG.pixels, seed))
     return parts
 
 
@@ -143,10 +142,11 @@ def likelihood_of(
 ) -> Likelihood:
     """How well pixels explain their photographs under a depth, solved again from a state; up to what is alike for all depths."""
     mask, data = object_pixels.mask, object_pixels.observations.radiance.shape[1]
+    normals = image(mask, state.normals)
 
     def of(depth: Float[np.ndarray, "h w"], pixels: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         geometry = object_pixels.geometry_at(depth[mask])
-        points, normals = image(mask, geometry.points), image(mask, state.normals)
+        points = image(mask, geometry.points)
         hidden = trace_occlusion(points, normals, mask, light.directions, Progress(), some=pixels)
         sample = sample_pixels(object_pixels, geometry, 1.0, pixels, params)
         problem = replace(sample, geometry=replace(sample.geometry, visibility=hidden)).problem(light)

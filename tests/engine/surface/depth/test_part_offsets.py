@@ -71,6 +71,14 @@ def test_parts_go_where_what_they_hide_says():
     np.testing.assert_allclose(again.placed, placed.placed)
 
 
+def test_where_one_part_turns_out_to_be_two_nobody_knows_yet_how_far_they_stand_apart():
+    mask, normals, z = landscapes.blob(CAMERA)
+    one = DepthParts.of(CAMERA, mask, normals[mask], float(z[mask].mean()), None, Progress())
+    assert len(one.offset) == 1
+    two = DepthParts.of(CAMERA, MASK, NORMALS[MASK], float(Z[MASK].mean()), one.told, Progress())
+    assert two.stderr_px == pytest.approx((64, 64))
+
+
 def liking(best: float, noise: float):
     """Pixels that like a gap of so many pixel widths between the halves of `TWO`, each in its own way."""
     own = noise * np.random.default_rng(0).normal(size=12)
