@@ -106,7 +106,7 @@ def climb(
         gain, stderr = gained(rung.validation_error, higher.validation_error)
         if gain <= stderr:
             tell(
-                f"{rung.preset} stays: {above} renders the views that are kept out better by {100 * gain:.2f} %, which is"
+                f"{rung.preset} stays: {above} renders the validation views better by {100 * gain:.2f} %, which is"
                 f" no more than its standard error of {100 * stderr:.2f} %"
             )
             break
@@ -136,5 +136,5 @@ def _told(rung: Rung) -> str:
     error = np.median(rung.validation_error) if len(rung.validation_error) else math.nan
     return (
         f"{rung.preset}: surface in {rung.seconds:.0f} s, normals within {rung.stderr_normal_deg:.2f} deg by their standard"
-        f" error, views that are kept out {100 * error:.1f} % off"
+        f" error, validation views {100 * error:.1f} % off"
     )

@@ -407,7 +407,7 @@ def _add_pipeline(order: argparse.ArgumentParser) -> None:
         default=(),
         metavar="colmap|PROGRAM",
         help="COLMAP's exhaustive and sequential routes on the same photographs too; or another roomlight's `process`, such as "
-        "that of the last release",
+        "that of an earlier version",
     )
 
 

@@ -22,6 +22,7 @@ from engine.io import session as sessions
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
 from engine.pipeline.stage_functions import on_grid
+from engine.sampling import evenly_spaced
 from engine.types import Frames, Masks
 
 STROKES, WAITING = "strokes.png", ".strokes.waiting.png"
@@ -97,7 +98,7 @@ def object_box(mask: Bool[np.ndarray, "h w"]) -> tuple[int, int, int, int] | Non
 def mean(developed: Developed) -> Float32[np.ndarray, "h w 3"]:
     """Over evenly chosen views: the room blurs, the object stays. Lamps count as white, or they would outshine all."""
     frames = developed.frames
-    chosen = np.unique(np.linspace(0, len(frames.names) - 1, MEAN_VIEWS).round().astype(int))
+    chosen = evenly_spaced(np.arange(len(frames.names)), MEAN_VIEWS)
     total = np.zeros(frames.radiance.shape[1:], np.float32)
     for view in chosen:
         total += np.minimum(frames.radiance[view], np.float32(developed.white))
@@ -235,7 +236,7 @@ def _camera(session: sessions.Session) -> tuple[int, int]:
 
 def _white(frames: Frames, mask: Bool[np.ndarray, "h w"] | None) -> float:
     """The 99th percentile of the object's brightest channel over some views, or the 90th of everything."""
-    views = np.unique(np.linspace(0, len(frames.names) - 1, WHITE_VIEWS).astype(int))
+    views = evenly_spaced(np.arange(len(frames.names)), WHITE_VIEWS)
     known = mask is not None and bool(mask.any())
     seen: list[Float[np.ndarray, " m"]] = []
     for view in views:

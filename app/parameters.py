@@ -66,7 +66,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         0, 200, advanced=False)),
     ("segment.smoothness", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Smooth outline"), "",
-        QT_TRANSLATE_NOOP("parameters", "Most that a link between like neighbours may cost, in pixel weights: higher gives a smoother outline."),
+        QT_TRANSLATE_NOOP("parameters", "Smoothness term of the graph cut: largest cost of separating like neighbours. Higher is smoother."),
         0, 100, advanced=False)),
     ("segment.fewest_views", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Fewest views"), VIEWS,
@@ -90,15 +90,15 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         0, 50)),
     ("segment.rank", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Patterns of light"), "",
-        QT_TRANSLATE_NOOP("parameters", "Patterns of light that explain the object's shading."),
+        QT_TRANSLATE_NOOP("parameters", "Rank of the low-rank model of the object's shading over the views."),
         1, 64)),
     ("segment.unary_limit", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Weight of one pixel"), "",
-        QT_TRANSLATE_NOOP("parameters", "Most that one pixel's own evidence weighs."),
+        QT_TRANSLATE_NOOP("parameters", "Upper limit of one pixel's data term in the graph cut."),
         0, 100)),
     ("segment.unary_weight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Evidence that counts"), SHARE,
-        QT_TRANSLATE_NOOP("parameters", "Share of a pixel's log odds that counts; neighbours' odds are not independent."),
+        QT_TRANSLATE_NOOP("parameters", "Weight of a pixel's log odds; below 1, for neighbouring pixels are not independent."),
         0, 1)),
     ("segment.border_penalty", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Penalty at the border"), "",
@@ -228,7 +228,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         0, 1e6, nothing=QT_TRANSLATE_NOOP("parameters", "automatic"))),
     ("light.opacity_weight", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Weight of gaps"), QT_TRANSLATE_NOOP("parameters", "log radiance"),
-        QT_TRANSLATE_NOOP("parameters", "Weight of what passes through all Gaussians: higher closes gaps in the walls."),
+        QT_TRANSLATE_NOOP("parameters", "Penalty on light that passes through all Gaussians: higher closes gaps in the walls."),
         0, 100)),
 
     ("surface.directions", Meaning(
@@ -253,7 +253,7 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         8, 100000)),
     ("surface.full_phase", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Calibrate at full size"), "",
-        QT_TRANSLATE_NOOP("parameters", "Calibrate the light once more with all pixels: steep walls and recesses gain by it."))),
+        QT_TRANSLATE_NOOP("parameters", "Calibrate the light once more at full resolution; it helps steep walls and recesses."))),
     ("surface.views", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Views of fine iterations"), VIEWS,
         QT_TRANSLATE_NOOP("parameters", "Views, spread evenly, that serve on all pixels. 0: all."),
@@ -280,11 +280,11 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         1, 1000)),
     ("surface.light_gain_sigma", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Uncertainty of the light"), QT_TRANSLATE_NOOP("parameters", "log brightness"),
-        QT_TRANSLATE_NOOP("parameters", "How far a group's log brightness may be off before the photographs have to argue it."),
+        QT_TRANSLATE_NOOP("parameters", "Prior standard deviation of a group's log brightness: larger lets shading correct more."),
         0.001, 10)),
     ("surface.model_error", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Misfit of a good model"), SHARE,
-        QT_TRANSLATE_NOOP("parameters", "Relative misfit expected even where everything is right; it bounds how sharply a pixel is judged."),
+        QT_TRANSLATE_NOOP("parameters", "Relative residual expected of a right model; no pixel's noise counts as less."),
         0.001, 1)),
     ("surface.probe_grid_xy", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Probe grid, across"), "",

@@ -34,8 +34,8 @@ def factor(bar: ScaleBar, surface: Surface, camera: Camera) -> float:
     )
     if part != other_part or (surface.part is not None and part == 0):
         raise SurfaceError(
-            f"the scale's points lie on different parts of the depth, and how far these stand behind one another is not"
-            f" determined; {REMEDY}"
+            "the scale's points lie on different parts of the depth, whose offset is less certain than the shape of one;"
+            f" {REMEDY}"
         )
     apart = float(np.linalg.norm(other_end - end))
     if not apart > 0:

@@ -101,7 +101,7 @@ def right(found: Sequence[Found]) -> list[bool]:
 
 def table(found: Sequence[Found]) -> str:
     """Scenes as rows, parts as columns: what draft says that each is worth, and whether it is needed."""
-    lines = [["worth to views kept out, %", *PARTS]]
+    lines = [["worth to validation views, %", *PARTS]]
     for one in found:
         cells = []
         for part in PARTS:
@@ -117,7 +117,7 @@ def table(found: Sequence[Found]) -> str:
 def ladder(one: Found) -> str:
     """A scene's rungs, the one to choose marked."""
     best = choice(one.rungs)
-    lines = [[one.scene.title, "seconds", "kept-out views", "normals", ""]]
+    lines = [[one.scene.title, "seconds", "validation views", "normals", ""]]
     for k, (row, off) in enumerate(zip(one.rungs, one.normal_deg, strict=True)):
         error = f"{100 * np.mean(row.by_view):.2f} %"
         lines.append(
@@ -187,6 +187,6 @@ def draw(found: Sequence[Found], caption: str):
     figure.suptitle(
         "blue: presets, red: draft without a part, or less of it; ringed: the choice", fontsize=6.5
     )
-    figure.supylabel("views kept out: error and its standard error, %", fontsize=6)
+    figure.supylabel("validation views: error and its standard error, %", fontsize=6)
     figure.supxlabel(f"seconds\n{caption}", fontsize=5.5, color="0.35")
     return figure

@@ -69,7 +69,7 @@ def by_switch(scored: Sequence[Scored]) -> str:
     over sets and its standard error), seconds, and how many times as long as ours."""
     averages = means(scored)
     usual = yardstick(averages)
-    heads = ["In band", "Kept-out views ↓", "x bound ↓", f"Normal more than {usual.method}", "seconds"]
+    heads = ["In band", "Validation views ↓", "x bound ↓", f"Normal more than {usual.method}", "seconds"]
     heads.append(f"x {usual.method}")
     lines = [["method", *(s.title for s in SCORES), *heads]]
     for one in averages:

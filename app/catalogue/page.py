@@ -80,7 +80,7 @@ function card(row) {
     row.photographed && `photographed ${row.photographed}`, row.processed && `processed ${row.processed}`,
     row.version && `Roomlight ${row.version}`,
     row.stderr_normal_deg !== null && `stated error of the normals ${row.stderr_normal_deg.toPrecision(2)} deg`,
-    row.held_out_error !== null && `kept-out views ${(100 * row.held_out_error).toPrecision(2)} % off`];
+    row.held_out_error !== null && `validation views ${(100 * row.held_out_error).toPrecision(2)} % off`];
   made.append(element("p", facts.filter(Boolean).join(" · "), "soft"));
   const place = element("p", "", "soft");
   if (row.report_link) {

@@ -78,7 +78,7 @@ TITLES = {
 
 ERRORS = {
     "held_out_error": (
-        QT_TRANSLATE_NOOP("maps", "Error of views kept out of the fit, median"), "% of the radiance", 100.0,
+        QT_TRANSLATE_NOOP("maps", "Error of validation views, median"), "% of the radiance", 100.0,
     ),
     "residual": (QT_TRANSLATE_NOOP("maps", "Residual of the fit, median"), "times the expected noise", 1.0),
     "stderr_normal_deg": (QT_TRANSLATE_NOOP("maps", "Standard error of the normal, median"), "degrees", 1.0),
@@ -160,7 +160,7 @@ def view_residuals(shown: Maps) -> Chart:
     series = []
     for held, name, colour in (
         (False, QT_TRANSLATE_NOOP("maps", "views of the fit"), 0),
-        (True, QT_TRANSLATE_NOOP("maps", "kept out of the fit"), 1),
+        (True, QT_TRANSLATE_NOOP("maps", "validation views"), 1),
     ):
         if rows[held]:
             view, y, upper = zip(*rows[held], strict=True)
@@ -206,7 +206,7 @@ def settling(run: Run) -> Chart:
             "Median spread of the residuals after each iteration; 1 is what noise and the model's error explain.",
         ),
         ticks={at: f"{at:.0f}" for at in x},
-        missing="" if turns else QT_TRANSLATE_NOOP("maps", "this run reported no turns"),
+        missing="" if turns else QT_TRANSLATE_NOOP("maps", "this run reported no iterations"),
     )
 
 

@@ -25,6 +25,7 @@ from engine.io.scale_edit import ScaleBar
 from engine.orientation import back, turn_picture, turned
 from engine.pipeline import artifacts
 from engine.results.quality import Quality
+from engine.sampling import evenly_spaced
 from engine.types import METRIC, Camera, Frames, Poses, Surface, ValidationRenders, material_of, part_of
 
 WHITE_VIEWS = 8  # that decide the one exposure of all views
@@ -301,7 +302,10 @@ def _light(maps: Maps, look: Look) -> Picture | None:
     return Picture(falsecolour.halves(drawn), None, note)
 
 
-PARTS_NOTE = QT_TRANSLATE_NOOP("maps", "how far parts stand behind one another is known only roughly")
+PARTS_NOTE = QT_TRANSLATE_NOOP(
+    "maps",
+    "offsets between parts are less certain than the shape of one: see the standard error under the pointer",
+)
 FRAME_NOTES: Mapping[str, str] = {
     "opengl": QT_TRANSLATE_NOOP("maps", "OpenGL: red right, green up, blue to the viewer"),
     "directx": QT_TRANSLATE_NOOP("maps", "DirectX: red right, green down, blue to the viewer"),
@@ -320,6 +324,6 @@ def _there(run: Run, stage: str, record: str, kind: type):
 
 def _white(frames: Frames, mask: Bool[np.ndarray, "h w"]) -> float:
     """The 99th percentile of the object's brightest channel over some views."""
-    views = np.unique(np.linspace(0, len(frames.names) - 1, WHITE_VIEWS).astype(int))
+    views = evenly_spaced(np.arange(len(frames.names)), WHITE_VIEWS)
     inside = [frames.radiance[view][mask].max(axis=-1) for view in views] if mask.any() else []
     return float(np.percentile(np.concatenate(inside), 99)) or 1.0 if inside else 1.0

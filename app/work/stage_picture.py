@@ -23,6 +23,7 @@ from engine.pipeline import artifacts
 from engine.pipeline.stage_functions import middle_view
 from engine.pipeline.stages import Step
 from engine.results.report import path_drawing
+from engine.sampling import evenly_spaced
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses, Surface
 
 Picture = UInt8[np.ndarray, "h w 4"]  # blue, green, red, alpha
@@ -89,7 +90,7 @@ def _small(picture: np.ndarray, edge_px: int = EDGE_PX) -> np.ndarray:
 
 def _hdr(step: Step, frames: Frames) -> Made:
     across, down = SHEET
-    chosen = np.unique(np.linspace(0, len(frames.names) - 1, across * down).astype(int))
+    chosen = evenly_spaced(np.arange(len(frames.names)), across * down)
     small = [_small(np.asarray(frames.radiance[i], np.float32), EDGE_PX // across) for i in chosen]
     white = float(np.percentile(np.stack(small), 90)) or 1.0
     tiles = [falsecolour.radiance(picture, white, 0.0, "srgb") for picture in small]

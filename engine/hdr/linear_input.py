@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float32
 
 from engine.color import REC709, luminance, xyz_from
 from engine.errors import HdrError
+from engine.sampling import evenly_spaced
 
 # Blind to planes and edges along an axis; unit response to independent noise after division by 6.
 NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
@@ -67,9 +68,8 @@ def noise(radiance: Float32[np.ndarray, "n h w 3"]) -> tuple[float, float]:
 
     Fine texture looks like noise and is counted in: an upper bound.
     """
-    chosen = np.unique(np.linspace(0, len(radiance) - 1, NOISE_VIEWS).round().astype(int))
     levels, errors = [], []
-    for view in radiance[chosen]:
+    for view in radiance[evenly_spaced(np.arange(len(radiance)), NOISE_VIEWS)]:
         levels.append(cv2.blur(luminance(view), (3, 3)).ravel())
         errors.append(np.abs(cv2.filter2D(view, cv2.CV_32F, NOISE_KERNEL)).mean(axis=-1).ravel())
     level, error = np.concatenate(levels), np.concatenate(errors)

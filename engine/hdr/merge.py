@@ -28,6 +28,7 @@ from engine.io.images import read_radiance
 from engine.io.raw import Bracket, Facts, Mosaic, read_facts, read_mosaic
 from engine.parallel import abreast
 from engine.progress import Progress
+from engine.sampling import evenly_spaced
 from engine.types import Frames
 
 HALF_MAX = 65504.0  # the largest half float: where an EXR writer itself clips
@@ -94,7 +95,7 @@ def merge(
     width, height = facts[0][0].width, facts[0][0].height
     at_once = max(1, SITES_AT_ONCE // (stated.shape[1] * width * height))  # brackets
 
-    chosen = np.unique(np.linspace(0, len(shots) - 1, params.learning_views).round().astype(int)).tolist()
+    chosen = evenly_spaced(np.arange(len(shots)), params.learning_views).tolist()
     decoded: dict[int, list[Mosaic]] = {}
     samples, shares = [], []
     for n, mosaics in zip(chosen, abreast(lambda n: _decoded(paths[n]), chosen, at_once), strict=True):

@@ -26,8 +26,8 @@ SOLVERS = ("transport", "reference")
 REMOVED = {
     "light.degree": "the room's light is the same from every side",
     "surface.horizons": "the depth says what hides the room",
-    "surface.steps": "the depth is what the normals tell",
-    "surface.deepen": "the depth is what the normals tell",
+    "surface.steps": "the pass place_parts places the parts of the depth",
+    "surface.deepen": "the pass place_parts places the parts of the depth",
     "surface.ask": "every pixel is solved by its own photographs",
     "surface.follow_depth": "light reaches points where the depth has them",
     "surface.accord": "the schedule's pass regularize always runs",
@@ -50,7 +50,7 @@ RENAMED = {
         "start_roughness": "initial_roughness", "start_frame": "normals_frame",
     },
 }  # fmt: skip
-"""Parameters of each stage by their names of the last release, which are taken for one more."""
+"""Parameters of each stage by earlier names, which are still taken, with a note."""
 SWITCHES = {
     "visibility": ("self_shadowing",), "bounce": ("interreflections",), "walls": ("hidden_surfaces",),
     "rim": ("mixed_pixels",), "robust": ("robust_loss",), "relight": ("light_gains",),

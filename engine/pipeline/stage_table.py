@@ -35,7 +35,7 @@ def stages(solver: str = "transport") -> tuple[Stage, ...]:
             given_params=("seed", "features", "mapping"), presets=presets.of_stage("poses"),
         ),
         Stage(
-            "light", 14, LightParams(), ("hdr", "segment", "poses"), _produce("light"), seeded=True,
+            "light", 15, LightParams(), ("hdr", "segment", "poses"), _produce("light"), seeded=True,
             presets=presets.of_stage("light"),
         ),
         _reference() if solver == "reference" else _transport(),

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from engine.io import initial_maps
 from engine.progress import Progress
 from engine.reference.params import ReferenceParams
+from engine.sampling import evenly_spaced
 from engine.surface import passes
-from engine.surface.data.observations import evenly_spaced
 from engine.surface.lighting.distance_search import CONFIG, Distance, coarse_distance_search
 from engine.surface.lighting.emitter_groups import UNSEEN
 from engine.surface.lighting.room_light import RoomLight, gather_incident_light

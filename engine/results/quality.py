@@ -69,7 +69,7 @@ def quality(facts: Facts) -> Quality | None:
     doubt = max(doubts)
     sign = SIGNS[doubts.index(doubt)]
     if doubt < 1:
-        return Quality(GOOD, doubt, "nothing that the stages measured of themselves speaks against it.", "")
+        return Quality(GOOD, doubt, "no check of the stages found a fault.", "")
     reason = sign.reason.format(sign.told(sign.measure(facts)))
     return Quality(BAD if doubt >= BAD_FROM else DOUBTFUL, doubt, reason, sign.remedy)
 
@@ -101,32 +101,32 @@ SIGNS = (
         _number("surface", "stderr_normal_deg"), 5.5,
     ),
     Sign(
-        "views that were kept out, rendered again, are {} off.",
+        "validation views differ from their renderings by {} (median).",
         "Look at the mask, whether the object moved on its mount, and at the exposures; add views.",
         _number("surface", "held_out_error"), 0.11, _share,
     ),
     Sign(
-        "no one surface and light explains the object's pixels: they differ by {} times the expected error.",
+        "the residuals of the object's pixels are {} times the expected error (median).",
         "Look at the mask, whether the object moved on its mount, and at the poses.",
         _number("surface", "residual"), 5.0,
     ),
     Sign(
-        "across {} of the mask's border photographs change alike on both sides, as they do within the object or the room.",
+        "along {} of the mask's border, pixels just inside and just outside change alike from view to view.",
         "Look whether the mask is too large, too small or lacks a piece; if not, the photographs are out of focus: take them again.",
         _number("segment", "border_alike"), 0.25, _share,
     ),
     Sign(
-        "backgrounds that were kept out of the light's fit, rendered, are {} off.",
+        "backgrounds of validation views differ from the fitted light by {}.",
         "Check poses and focal length, and whether lamps or people moved while the photographs were taken; add views.",
         _number("light", "heldout_log_l1"), 0.35, lambda logarithm: _share(math.expm1(logarithm)),
     ),
     Sign(
-        "the light of the views differs by {} from view to view.",
+        "the brightness of the light varies by {} from view to view (standard deviation).",
         "Fix exposure and white balance, and keep lamps and curtains as they are.",
         _exposure_drift, 0.2, _share,
     ),
     Sign(
-        "{} of the light comes from where no photograph looked.",
+        "{} of the light on the object comes from directions that no photograph shows.",
         "Turn camera and object about a second axis as well, or add views that look up and down.",
         _number("surface", "unseen_light"), 0.25, _share,
     ),

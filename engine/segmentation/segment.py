@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float32, Int
 
 from engine.errors import MaskError
 from engine.progress import Progress
+from engine.sampling import evenly_spaced
 from engine.segmentation import gmm_graph_cut, scribbles
 from engine.segmentation.params import SegmentParams
 from engine.segmentation.temporal_stability import (
@@ -146,7 +147,7 @@ def _sample(
     frames: Frames, params: SegmentParams, views: Int[np.ndarray, " k"]
 ) -> tuple[Int[np.ndarray, " n"], int]:
     """Of `views` those that are looked at, and the factor to the images of the search."""
-    chosen = views[np.unique(np.linspace(0, len(views) - 1, params.most_views).round().astype(int))]
+    chosen = evenly_spaced(views, params.most_views)
     return chosen, max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
 
 

@@ -137,7 +137,7 @@ class MapsBar(QFrame):
         self.view_box.blockSignals(True)
         self.view_box.clear()
         for i, name in enumerate(maps.names):
-            mark = " · kept out" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
+            mark = " · validation" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
             self.view_box.addItem(name + mark)
         first = self.view_box.findText(before) if before else -1
         if first < 0:

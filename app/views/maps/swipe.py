@@ -158,7 +158,7 @@ def _said(showing: Showing) -> str:
         return translate("maps", "This view has no pose, so it cannot be re-rendered")
     photographed, made = maps.photograph(shown, view), maps.rendering(shown, view)
     kind = (
-        translate("maps", "kept out of the fit")
+        translate("maps", "validation view")
         if view in shown.held_out
         else translate("maps", "part of the fit")
     )

@@ -38,7 +38,7 @@ def openings(
     config: FarLightConfig = FarLightConfig(),
 ) -> Float[np.ndarray, "n h w"]:
     """The depth (z) of far light at the pixels that show some, NaN at all others; `knee` as of `plane_sweep.knee_of`."""
-    light = luminance(photographs.radiance.astype(np.float64))
+    light = np.stack([luminance(view.astype(np.float64)) for view in photographs.radiance])
     shown = (photographs.weight > 0) & np.isfinite(depth)
     found = np.full(depth.shape, np.nan)
     if not shown.any():

@@ -27,6 +27,7 @@ from engine.light.gaussians.gaussians import Y00, radiance_towards
 from engine.light.gaussians.rasterize import ThreadPool, backward, render, shapes, thread_pool
 from engine.light.gaussians.rasterize_kernels import DARKEST
 from engine.progress import Progress
+from engine.sampling import evenly_spaced
 from engine.types import Frames, Gaussians, Lamps, Masks, Poses
 
 
@@ -62,7 +63,9 @@ def fit(
     rng = np.random.default_rng(seed)
     with thread_pool() as run:
         progress.step(0.0, "depth of the room")
-        sightings, lamps = _lamps(frames, masks, poses, used, 4 * params.max_image_width)
+        # Many views tell no more of lamps and colours than some of them do, and take more memory.
+        some = evenly_spaced(np.arange(len(used)), params.epoch_views)
+        sightings, lamps = _lamps(frames, masks, poses, used[some], 4 * params.max_image_width)
 
         def room(width: int) -> Photographs:
             return mask_lamps(resample(frames, masks, poses, used, width), lamps)
@@ -93,8 +96,9 @@ def fit(
                 loss = _epoch(optimizer, photographs, surface, params, knee, rate, rng, run)
                 done, count = done + width * width, count + 1
                 optimizer = _relocate(optimizer, photographs, params, free_space, count / everything)
+        photographs = photographs.of_views(some)
         gaussians = solve_bright_colours(gaussians_of(optimizer), photographs, progress.part(0.9, 0.96), run)
-        gaussians = insert_lamps(gaussians, lamps, sightings, small)
+        gaussians = insert_lamps(gaussians, lamps, sightings, small.of_views(some))
         progress.step(0.98, "light, held-out views")
         judged = resample(frames, masks, poses, held if len(held) else used, widest)
         heldout = evaluate(gaussians, judged, knee, run)

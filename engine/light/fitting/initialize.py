@@ -148,7 +148,7 @@ def initial_gaussians(
     if len(world) < 50:
         raise LightError(
             f"only {len(world)} points of the room lie beyond what is kept free around the cameras "
-            f"({float(np.median(free_space.radii)):.3g} scene units); ask for a smaller keep_out, or leave it out to have it found"
+            f"({float(np.median(free_space.radii)):.3g} scene units); lower `light.camera_clearance`, or leave it out to have it found"
         )
     offset = world - np.median(free_space.centres, axis=0)
     distance = np.linalg.norm(offset, axis=1)

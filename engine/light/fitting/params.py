@@ -25,7 +25,7 @@ class LightParams:
     )
     max_image_width: int = 256  # widest picture trained on, pixels
     epochs: tuple[int, ...] = (6, 8, 6)  # over the views, per picture size, each twice as wide as the last
-    epoch_views: int = 96  # in each, at most, drawn anew
+    epoch_views: int = 96  # in each, at most, drawn anew; lamps and bright colours are told by as many
     validation_every: int = 8  # every so many-th view only judges; 0: none
     # Radius around each camera centre without Gaussians, scene units; None: derived.
     camera_clearance: float | None = None

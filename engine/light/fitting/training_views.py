@@ -10,7 +10,7 @@ from typing import no_type_check
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from engine.geometry import distort, unproject
@@ -34,6 +34,11 @@ class Photographs:
         """The camera of one view."""
         _, height, width = self.weight.shape
         return Pinhole(self.cam_from_world[view], self.lens, width, height)
+
+    def of_views(self, views: Int[np.ndarray, " k"]) -> "Photographs":
+        """Some of the views."""
+        some = (x[views] for x in (self.radiance, self.weight, self.clipped))
+        return Photographs(self.cam_from_world[views], self.lens, *some)
 
     def image_of(
         self, point: Float[np.ndarray, " 3"]

@@ -127,7 +127,7 @@ def renders(
 ) -> str:
     """Views kept out of the fit: photographed, re-rendered, and how far apart."""
     if made is None or held_out is None or surface is None or len(made.views) == 0:
-        why = "The surface is not solved yet" if surface is None else "No view was kept out of the fit"
+        why = "The surface is not solved yet" if surface is None else "No view was kept for validation"
         return html_page.section("Re-rendered views", html_page.missing(why, "process"))
     mask = surface.mask
     cut = embedded_images.crop(mask)
@@ -152,7 +152,7 @@ def renders(
             ),
         ]
         rows.append(f"<div class=triple>{''.join(figures)}</div>")
-    text = "<p>These views took no part in the fit. The difference is that of luminance, relative to the"
+    text = "<p>These validation views took no part in the fit. The difference is that of luminance, relative to the"
     text += " photograph; red is where the re-rendering is too bright.</p>"
     return html_page.section("Re-rendered views", text + "".join(rows))
 

@@ -199,7 +199,7 @@ def cautions(c: Contents) -> tuple[str, ...]:
     outline = _facts(c, "segment").get("stands_out")
     if isinstance(outline, float) and outline < PLAIN:
         lines.append(
-            f"The object's outline hardly stands out from the room ({outline:.1f}; {PLAIN:.0f} is plain): look at the mask, and"
+            f"The object's outline hardly stands out from the room (contrast {outline:.1f}; {PLAIN:.0f} or more is clear): look at the mask, and"
             " paint what is wrong in it."
         )
     if c.poses is not None:
@@ -250,8 +250,8 @@ def cautions(c: Contents) -> tuple[str, ...]:
     unseen = _facts(c, "surface").get("unseen_light")
     if isinstance(unseen, float) and unseen > UNSEEN:
         lines.append(
-            f"{100 * unseen:.0f} % of the light that the surface was solved under comes from where no photograph looked:"
-            " as bright as the object's shading made it. Normals are less certain than they say. Turn camera and object"
+            f"{100 * unseen:.0f} % of the light on the object comes from directions that no photograph shows; its brightness was"
+            " inferred from the object's shading. The stated errors of the normals are too small here. Turn camera and object"
             " about a second axis as well, or add views that look up and down."
         )
     parts = _facts(c, "surface").get("depth_parts")
@@ -261,18 +261,20 @@ def cautions(c: Contents) -> tuple[str, ...]:
         shares += f" and {more} smaller" if more > 0 else ""
         errors = _facts(c, "surface").get("part_stderr_px")
         errors = [one for one in errors if one < UNKNOWN_PX] if isinstance(errors, list | tuple) else []
-        known = "How far they stand behind one another is not determined."
+        known = "The offsets between them are not determined."
         if errors:
-            known = f"How far {len(errors)} of them stand behind one another is known to {max(errors):.0f} pixel widths or better."
+            known = (
+                f"The offsets of {len(errors)} of them are known to {max(errors):.0f} pixel widths or better."
+            )
         lines.append(
-            f"Jumps divide the depth into {len(parts)} parts ({shares} of the pixels). The shape of each is measured. {known}"
+            f"Jumps divide the depth into {len(parts)} parts ({shares} of the pixels). Within a part it follows from the normals. {known}"
             " `maps.exr` holds the parts and this standard error."
         )
     drift = _facts(c, "surface").get("exposure_drift")
     if isinstance(drift, list | tuple) and drift and max(map(abs, drift)) > np.log1p(DRIFTED):
         lines.append(
-            f"In one view the object is lit {100 * np.expm1(max(map(abs, drift))):.1f} % otherwise than the background tells. The"
-            " surface was solved without this difference. Where most light is sky through windows some percent are usual;"
+            f"In one view the light on the object is {100 * np.expm1(max(map(abs, drift))):.1f} % brighter or darker than the background"
+            " says. The surface was solved without this difference. Where most light is sky through windows some percent are usual;"
             " else fix shutter, aperture and ISO, and let lamps and camera warm up."
         )
     unknown = [

@@ -148,10 +148,3 @@ def beside_rim(
         found |= fresh
     row = np.where(found, np.cumsum(found) - 1, -1)
     return row, (place[0, found], place[1, found])
-
-
-def evenly_spaced(views: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    """At most so many of the views, evenly spread, the first and the last among them."""
-    if len(views) <= most:
-        return views
-    return views[np.linspace(0, len(views) - 1, most).round().astype(int)]

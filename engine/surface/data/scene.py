@@ -7,7 +7,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from engine.geometry import cropped, resized
 from engine.io.initial_maps import InitialMaps
-from engine.surface.data.observations import evenly_spaced, parent_index
+from engine.sampling import evenly_spaced
+from engine.surface.data.observations import parent_index
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels, observe_object
 from engine.surface.rendering.transport import BLOCK

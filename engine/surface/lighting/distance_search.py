@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Int
 
 from engine.progress import Progress
-from engine.surface.data.observations import evenly_spaced
+from engine.sampling import evenly_spaced
 from engine.surface.lighting.grouped_light import GroupedLight
 from engine.surface.lighting.light_calibration import (
     CalibrationConfig,

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from engine.light.incident.probes import gather_probes
 from engine.progress import Progress
-from engine.surface.data.observations import evenly_spaced
+from engine.sampling import evenly_spaced
 from engine.surface.lighting.room_light import ball, gather_incident_light
 from engine.surface.optimize.gauss_newton import PixelEstimate
 from engine.surface.params import SurfaceParams

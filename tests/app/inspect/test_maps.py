@@ -108,7 +108,7 @@ def test_a_depth_of_several_parts_says_in_which_one_a_pixel_is(shown: Maps) -> N
     assert under(small, MIDDLE)["Depth"].unit == "scene units, a small part"
     picture = maps.picture(split, Look("part", 0))
     assert picture is not None
-    assert "known only roughly" in picture.note
+    assert "less certain" in picture.note
     colours = picture.levels[0][shown.surface.mask]
     assert len(np.unique(colours, axis=0)) == 2
 

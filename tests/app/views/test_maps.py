@@ -80,7 +80,7 @@ def test_a_run_is_drawn_in_every_panel_with_its_legend(page: MapsPage, qtbot: Qt
     assert "OpenGL" in legends["normal"]
     assert page.bar.run_box.count() == 2
     assert "directions of light 2048" in page.bar.run_box.currentText()
-    assert "kept out" in page.bar.view_box.currentText()
+    assert "validation" in page.bar.view_box.currentText()
 
 
 def test_results_that_arrive_later_appear(page: MapsPage, qtbot: QtBot, tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_a_held_out_view_is_swiped_at_once(page: MapsPage, qtbot: QtBot, two_run
     page.set_mode(1)
     until(qtbot, lambda: page.swipe.view.swipes)
     # The re-rendering was written ten percent too bright.
-    assert "kept out of the fit" in page.swipe.said.text()
+    assert "validation view" in page.swipe.said.text()
     assert "median 10.0 %" in page.swipe.said.text()
     assert page.swipe.difference.legend.accessibleDescription().startswith("\u221230 … 30 %")
 
@@ -390,7 +390,7 @@ def test_the_verdict_of_the_run_stands_over_its_maps(page: MapsPage, qtbot: QtBo
     shown(page, session, qtbot)
     assert page.verdict.isVisible()
     assert "not to be trusted" in page.verdict.text()
-    assert "50 % off" in page.verdict.text()
+    assert "by 50 %" in page.verdict.text()
     page.show_session(None)
     assert page.verdict.isHidden()
 

@@ -35,19 +35,19 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
     found = judged(FINE)
     assert (found.grade, found.good) == (GOOD, True)
     assert 0 < found.doubt < 1
-    assert str(found).startswith("good: nothing that the stages measured")
+    assert str(found).startswith("good: no check of the stages found a fault")
 
 
 @pytest.mark.parametrize(
     ("name", "doubted", "wrong", "words"),
     [
         ("stderr_normal_deg", 8.0, 12.0, "a standard error of 8 degrees"),
-        ("held_out_error", 0.15, 0.4, "rendered again, are 15 % off"),
-        ("residual", 7.0, 12.0, "differ by 7 times the expected error"),
+        ("held_out_error", 0.15, 0.4, "differ from their renderings by 15 %"),
+        ("residual", 7.0, 12.0, "are 7 times the expected error"),
         ("border_alike", 0.3, 0.9, "30 % of the mask's border"),
-        ("heldout_log_l1", 0.5, 0.9, "rendered, are 65 % off"),
-        ("exposure_drift", [0.3, -0.3], [0.5, -0.5], "differs by 30 % from view to view"),
-        ("unseen_light", 0.3, 0.6, "30 % of the light comes from where no photograph looked"),
+        ("heldout_log_l1", 0.5, 0.9, "differ from the fitted light by 65 %"),
+        ("exposure_drift", [0.3, -0.3], [0.5, -0.5], "varies by 30 % from view to view"),
+        ("unseen_light", 0.3, 0.6, "30 % of the light on the object comes from directions that no photograph shows"),
     ],
 )
 def test_each_sign_is_told_with_its_number_and_what_to_do(name, doubted, wrong, words):
@@ -61,7 +61,7 @@ def test_each_sign_is_told_with_its_number_and_what_to_do(name, doubted, wrong, 
 
 def test_the_worst_sign_speaks():
     assert "standard error" in judged(facts(stderr_normal_deg=30.0, residual=6.0)).reason
-    assert "one surface and light" in judged(facts(stderr_normal_deg=9.0, residual=30.0)).reason
+    assert "residuals of the object's pixels" in judged(facts(stderr_normal_deg=9.0, residual=30.0)).reason
 
 
 def test_a_solver_that_knows_no_errors_is_not_judged():

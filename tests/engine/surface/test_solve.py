@@ -9,7 +9,6 @@ from engine.errors import SurfaceError
 from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface import solve as solving
-from engine.surface.data.observations import evenly_spaced
 from engine.surface.data.scene import Picture, build_scene
 from engine.surface.estimate import known
 from engine.surface.lighting.room_light import build_room_light, gather_incident_light
@@ -20,11 +19,6 @@ from engine.surface.solve import held_out, initial_state, solve
 from tests.engine.reference.lit_room import DISTANCE, lambert, metal, scene
 
 METAL = ("detect_metal", "classify_material")
-
-
-def test_fewer_views_are_spread_evenly_over_all():
-    assert evenly_spaced(np.arange(10, 20), 4).tolist() == [10, 13, 16, 19]
-    assert evenly_spaced(np.arange(5), 8).tolist() == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(("views", "expected"), [(48, 4), (31, 3), (12, 1), (9, 1), (8, 0)])

@@ -58,7 +58,7 @@ def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path,
     assert (found.in_50, found.in_95) == (0, 0)  # four degrees off, and less than one stated
     assert found.solved == 1
     assert (found.refused, found.grade) == ("", "not to be trusted")
-    assert "50 % off" in found.reason
+    assert "by 50 %" in found.reason
     assert found.facts["segment.border_alike"] == 1  # its photographs are of one colour each
     assert measure(a_call(tmp_path), a_set(), CLEAN, 0) == found
     assert fits == [12]

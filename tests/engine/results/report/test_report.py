@@ -156,7 +156,7 @@ def test_right_poses_are_not_warned_of_nor_what_an_older_version_doubted(facts: 
 def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
     stage = StageRun("segment", 9.0, "cpu", {}, {"stands_out": score})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("outline hardly stands out from the room (3.2; 4 is plain)" in lines) == (score < 4)
+    assert ("outline hardly stands out from the room (contrast 3.2; 4 or more is clear)" in lines) == (score < 4)
 
 
 @pytest.mark.parametrize(
@@ -173,21 +173,21 @@ def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
 def test_parts_of_the_depth_that_no_shading_joins_are_told(parts: tuple[float, ...], told: str | None):
     stage = StageRun("surface", 9.0, "cpu", {}, {"depth_parts": parts})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("How far they stand behind one another is not determined." in lines) == (told is not None)
+    assert ("The offsets between them are not determined." in lines) == (told is not None)
     assert told is None or told in lines
 
 
 def test_how_far_parts_stand_behind_one_another_is_told_as_well_as_it_is_known():
     facts = {"depth_parts": (0.6, 0.2, 0.1), "part_stderr_px": (2.0, 64.0, 6.2)}
     lines = " ".join(cautions(replace(full(), stages=(StageRun("surface", 9.0, "cpu", {}, facts),))))
-    assert "How far 2 of them stand behind one another is known to 6 pixel widths or better." in lines
+    assert "The offsets of 2 of them are known to 6 pixel widths or better." in lines
 
 
 @pytest.mark.parametrize("share", [0.56, 0.01])
 def test_light_that_only_the_shading_told_is_warned_of(share: float):
     stage = StageRun("surface", 9.0, "cpu", {}, {"unseen_light": share})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("56 % of the light that the surface was solved under" in lines) == (share > 0.5)
+    assert ("56 % of the light on the object comes from directions that no photograph shows" in lines) == (share > 0.5)
     assert ("Turn camera and object about a second axis" in lines) == (share > 0.5)
 
 
@@ -221,7 +221,7 @@ def test_no_distance_is_told_before_a_surface_has_found_it():
 def test_light_that_differs_from_the_backgrounds_is_warned_of(drift: float):
     stage = StageRun("surface", 9.0, "cpu", {}, {"exposure_drift": [0.0, drift, 0.01]})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("lit 7.8 % otherwise" in lines) == (drift < -0.05)
+    assert ("7.8 % brighter or darker than the background" in lines) == (drift < -0.05)
 
 
 def test_the_iterations_of_the_surface_are_told_with_what_they_gained():
