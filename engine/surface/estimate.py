@@ -62,6 +62,7 @@ class Estimate:
     state: PixelEstimate | None = None  # None: nothing is known yet
     depth: Float[np.ndarray, "h w"] | None = None
     part_offset: Float[np.ndarray, "h w 2"] | None = None  # `DepthParts.told`; None: parts are drawn together
+    parts: DepthParts | None = None  # of the depth, as they were placed last
     # The light by groups of emitters, as long as it is calibrated.
     grouped_light: GroupedLight | None = None
     light_parameters: LightParameters | None = None
@@ -119,7 +120,7 @@ class Estimate:
 
     def with_parts(self, parts: DepthParts) -> "Estimate":
         """The same with that depth."""
-        return replace(self, depth=parts.placed, part_offset=parts.told)
+        return replace(self, depth=parts.placed, parts=parts, part_offset=parts.told)
 
     def with_material(self, material: Float[np.ndarray, "p 2"] | None) -> "Estimate":
         """The same of another material."""

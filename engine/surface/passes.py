@@ -169,9 +169,7 @@ def _update_material(scene: Scene, now: Estimate, settled: bool, progress: Progr
 
 
 def integrate_depth(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
-    """The depth that the normals tell; its parts stand behind one another as they did."""
-    if now.part_offset is not None:
-        return now.with_parts(now.depth_parts(progress))
+    """The depth that the normals tell, its parts drawn together."""
     depth = depth_from_normals(now.object_pixels, known(now.state), now.distance.value, progress)
     return replace(now, depth=depth)
 

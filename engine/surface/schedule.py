@@ -41,9 +41,7 @@ class Phase:
 def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
     """What a solve does; `unseen`: some of the light comes from where no photograph looked."""
     pixels = passes.solve_pixels, passes.expect_roughness
-    shape, parts = (
-        (depth, passes.trace_visibility) for depth in (passes.integrate_depth, passes.place_parts)
-    )
+    shape, parts = ((one, passes.trace_visibility) for one in (passes.integrate_depth, passes.place_parts))
     light, variance = (passes.place_probes, passes.search_normals), passes.estimate_light_variance
     unseen_iterations = passes.CONFIG.unseen_iterations * (unseen and params.models("light_gains"))
     coarse = params.coarse_iterations + unseen_iterations
@@ -57,7 +55,7 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
               int(params.full_phase or not coarse)),
         Phase("relight", FULL, (passes.gather_light, passes.trace_visibility, passes.estimate_exposure)),
         Phase("fine", FULL, (*pixels, *parts), params.fine_iterations, 1.0),
-        Phase("finish", FULL, (passes.regularize, *shape)),
+        Phase("finish", FULL, (passes.regularize,)),
     )  # fmt: skip
     kept = [tuple(one for one in phase.passes if one.__name__ not in params.without) for phase in phases]
     return tuple(replace(phase, passes=some) for phase, some in zip(phases, kept, strict=True))
@@ -66,18 +64,18 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
 def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress) -> Estimate:
     """All phases, one after the other; a viewer sees the normals of each.
 
-    An iteration that renders the validation views worse is undone, and ends its phase; a phase of one iteration is not judged
-    so, for what smoothing gains they cannot tell (decision 70).
+    An iteration that renders the validation views worse than the one before is undone, and ends its phase. The first of a phase is
+    not judged so: what more pixels and smoothing gain they cannot tell (decision 70).
     """
     weights = [phase.repeat * 0.5 ** min(phase.level, scene.smallest) for phase in phases]
     ends = np.concatenate([[0], np.cumsum(weights)]) / sum(weights)
     error = validation_error(scene, now)
     for phase, begin, end in zip(phases, ends[:-1], ends[1:], strict=True):
-        for span in progress.part(begin, end).parts(phase.repeat):
+        for turn, span in enumerate(progress.part(begin, end).parts(phase.repeat)):
             before, error_before = now, error
             now = _iteration(scene, now, phase, span)
             error, turned = validation_error(scene, now), _turned_deg(before, now)
-            kept = phase.repeat == 1 or not is_worse(error_before, error)
+            kept = turn == 0 or not is_worse(error_before, error)
             made = Iteration(
                 phase.name, tuple(one.__name__ for one in phase.passes), int(now.object_pixels.mask.sum()),
                 float(np.median(known(now.state).residual_scale)) if passes.solve_pixels in phase.passes else None,

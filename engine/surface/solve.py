@@ -101,7 +101,7 @@ def solve(
         take = parent_index(known(found.picture).mask, picture.mask)[take]
     span = progress.part(alone, 0.98)
     if found.level == 0 and picture is whole:
-        maps, parts = evaluate_solution(scene, found, span), found.depth_parts(progress.part(0.98, 1))
+        maps, parts = evaluate_solution(scene, found, span), known(found.parts)
     else:
         maps, parts = solve_tiles(scene, whole, take, found, span)
     edges = unresolved_variance(image(mask, maps.normals), mask, image(mask, maps.stderr_normal))[mask]

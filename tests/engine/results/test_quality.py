@@ -47,7 +47,12 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
         ("border_alike", 0.3, 0.9, "30 % of the mask's border"),
         ("heldout_log_l1", 0.5, 0.9, "differ from the fitted light by 65 %"),
         ("exposure_drift", [0.3, -0.3], [0.5, -0.5], "varies by 30 % from view to view"),
-        ("unseen_light", 0.3, 0.6, "30 % of the light on the object comes from directions that no photograph shows"),
+        (
+            "unseen_light",
+            0.3,
+            0.6,
+            "30 % of the light on the object comes from directions that no photograph shows",
+        ),
     ],
 )
 def test_each_sign_is_told_with_its_number_and_what_to_do(name, doubted, wrong, words):

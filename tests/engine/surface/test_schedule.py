@@ -15,16 +15,19 @@ from engine.surface.schedule import Phase, is_worse, run
 from engine.surface.solve import initial_state
 from tests.engine.reference import lit_room
 
-ERRORS = {0: 0.10, 1: 0.08, 2: 0.12}  # of the validation views, by how often the pass below has run
-
 
 def deepen(scene: Scene, now: Estimate, progress: Progress) -> Estimate:
     return replace(now, probe_distance=now.probe_distance + 1)
 
 
-def test_what_renders_the_validation_views_worse_is_undone(monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("errors", [(0.10, 0.08, 0.12), (0.10, 0.11, 0.12)])
+def test_what_renders_the_validation_views_worse_is_undone_but_for_the_first(
+    monkeypatch: pytest.MonkeyPatch, errors: tuple[float, ...]
+):
+    """By how often the pass below has run. Under noise the first iteration of all pixels was undone for half as many: 9.5 -> 12.9 deg."""
+
     def error(scene: Scene, now: Estimate) -> np.ndarray:
-        return np.linspace(0.99, 1.01, 4)[:, None] * np.full((4, 9), ERRORS[int(now.probe_distance)])
+        return np.linspace(0.99, 1.01, 4)[:, None] * np.full((4, 9), errors[int(now.probe_distance)])
 
     monkeypatch.setattr(schedule, "validation_error", error)
     lit = lit_room.scene(views=9)
@@ -38,7 +41,7 @@ def test_what_renders_the_validation_views_worse_is_undone(monkeypatch: pytest.M
     assert [(one.phase, one.passes, one.kept) for one in found.history] == [
         ("fine", ("deepen",), True), ("fine", ("deepen",), False), ("finish", (), True),
     ]  # fmt: skip
-    assert [one.validation_error for one in found.history] == pytest.approx([0.08, 0.12, 0.08])
+    assert [one.validation_error for one in found.history] == pytest.approx([errors[1], errors[2], errors[1]])
     assert found.residuals == ()
 
 

@@ -156,7 +156,9 @@ def test_right_poses_are_not_warned_of_nor_what_an_older_version_doubted(facts: 
 def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
     stage = StageRun("segment", 9.0, "cpu", {}, {"stands_out": score})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("outline hardly stands out from the room (contrast 3.2; 4 or more is clear)" in lines) == (score < 4)
+    assert ("outline hardly stands out from the room (contrast 3.2; 4 or more is clear)" in lines) == (
+        score < 4
+    )
 
 
 @pytest.mark.parametrize(
@@ -187,7 +189,9 @@ def test_how_far_parts_stand_behind_one_another_is_told_as_well_as_it_is_known()
 def test_light_that_only_the_shading_told_is_warned_of(share: float):
     stage = StageRun("surface", 9.0, "cpu", {}, {"unseen_light": share})
     lines = " ".join(cautions(replace(full(), stages=(stage,))))
-    assert ("56 % of the light on the object comes from directions that no photograph shows" in lines) == (share > 0.5)
+    assert ("56 % of the light on the object comes from directions that no photograph shows" in lines) == (
+        share > 0.5
+    )
     assert ("Turn camera and object about a second axis" in lines) == (share > 0.5)
 
 
