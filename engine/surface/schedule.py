@@ -55,7 +55,7 @@ def schedule(params: SurfaceParams, unseen: bool) -> tuple[Phase, ...]:
               int(params.full_phase or not coarse)),
         Phase("relight", FULL, (passes.gather_light, passes.trace_visibility, passes.estimate_exposure)),
         Phase("fine", FULL, (*pixels, *parts), params.fine_iterations, 1.0),
-        Phase("finish", FULL, (passes.regularize,)),
+        Phase("finish", FULL, (passes.regularize, passes.trace_visibility)),
     )  # fmt: skip
     kept = [tuple(one for one in phase.passes if one.__name__ not in params.without) for phase in phases]
     return tuple(replace(phase, passes=some) for phase, some in zip(phases, kept, strict=True))

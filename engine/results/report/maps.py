@@ -113,9 +113,8 @@ def confidence(surface: Surface | None) -> str:
             "<b>Flagged pixels</b> (dark): to be taken with care. Shares in the table",
         )
     )
-    text = "<p>One standard error, from what each pixel's answer changes by when parts of the views are left out, and"
-    text += " no less than noise and misfit make it. What is wrong alike in all views, such as the light's level or"
-    text += " the distance, it does not know of.</p>"
+    text = "<p>One standard error per pixel, from leaving out groups of views (jackknife), and no less than noise and"
+    text += " residuals imply. Errors common to all views, such as the light's level or the distance, are not included.</p>"
     return html_page.section("How sure", text, figures, html_page.table(("flag", "share"), rows))
 
 

@@ -162,6 +162,8 @@ def _path(c: Contents) -> str:
 
 def _lamps(plan: path_drawing.Plan) -> str:
     """What the drawing's lamps are."""
+    if not len(plan.lamps):
+        return f"the {plan.lamps_beyond} strongest Gaussians lie beyond"
     share = f"{100 * plan.lamp_shares.sum():.0f} % of the light's emission"
     beyond = f"; {plan.lamps_beyond} more lie beyond" if plan.lamps_beyond else ""
     return f"the {len(plan.lamps)} strongest Gaussians, {share}{beyond}"
@@ -172,6 +174,7 @@ PLAIN = 4.0
 without any object 1."""
 DRIFTED = 0.05
 """A view's factor from which on it is told: in rooms whose light is right the largest of 48 is .02 or .03."""
+DARK = 0.0005  # share of the pixels below noise from which on they are told
 MOST_PARTS = 4  # of the depth that are told with their shares
 UNKNOWN_PX = 20.0  # standard error, in widths of a pixel, from which on nobody knows where a part stands
 UNSEEN = 0.05
@@ -192,7 +195,7 @@ def cautions(c: Contents) -> tuple[str, ...]:
                 f" {c.hdr.most_clipped}: {100 * c.hdr.most_clipped_share:.2g} %); their radiance is a"
                 " lower bound."
             )
-        if c.hdr.share_dark > 0:
+        if c.hdr.share_dark >= DARK:
             lines.append(f"{100 * c.hdr.share_dark:.2g} % of all pixels are below noise in every exposure.")
         if c.hdr.suspect:
             lines.append(f"EXIF contradicts the pixels in {_some(c.hdr.suspect)}; the pixels were believed.")
@@ -347,8 +350,8 @@ def _iterations(c: Contents) -> str:
         "kept",
     )
     text = (
-        "<p>Residual: median spread, in units of the expected noise. Validation views are never fitted. Of a phase that"
-        " iterates, an iteration that renders them worse, by more than the standard error over the views, is undone.</p>"
+        "<p>Residual: median spread, in units of the expected noise. Validation views are never fitted. From the second"
+        " iteration of a phase on, one that renders them worse, by more than the standard error over the views, is undone.</p>"
     )
     return html_page.section(
         "Iterations of the surface", text, (), html_page.table(heads, rows, numbers=range(2, 6))

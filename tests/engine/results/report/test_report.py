@@ -152,6 +152,15 @@ def test_right_poses_are_not_warned_of_nor_what_an_older_version_doubted(facts: 
     assert "photographs show" not in text
 
 
+@pytest.mark.parametrize("share", [2.5e-7, 0.02])
+def test_pixels_below_noise_are_told_where_they_are_more_than_a_handful(share: float):
+    whole = full()
+    assert whole.hdr is not None
+    lines = " ".join(cautions(replace(whole, hdr=replace(whole.hdr, share_dark=share))))
+    assert ("2 % of all pixels are below noise" in lines) == (share > 0.01)
+    assert ("below noise" in lines) == (share > 0.01)
+
+
 @pytest.mark.parametrize("score", [3.16, 7.2])
 def test_an_outline_that_hardly_stands_out_is_warned_of(score: float):
     stage = StageRun("segment", 9.0, "cpu", {}, {"stands_out": score})
