@@ -13,6 +13,7 @@ from app import results
 from app.bench.record import BenchError
 from engine.light.gaussians.gaussians import part
 from engine.pipeline import run
+from engine.sampling import evenly_spaced
 from engine.types import CapturedScene, Frames, Gaussians, Lamps, Masks, Poses
 
 
@@ -66,7 +67,7 @@ def evenly(count: int, of: int) -> list[int]:
     """
     if not 1 <= count <= of:
         raise BenchError(f"{count} views of a set of {of} were asked for; make larger sets, or ask for fewer")
-    return [int(i) for i in np.round(np.linspace(0, of - 1, count))]
+    return evenly_spaced(np.arange(of), count).tolist()
 
 
 def fewer_views(stored: Stored, count: int) -> Stored:

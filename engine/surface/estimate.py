@@ -62,7 +62,7 @@ class Estimate:
     state: PixelEstimate | None = None  # None: nothing is known yet
     depth: Float[np.ndarray, "h w"] | None = None
     part_offset: Float[np.ndarray, "h w 2"] | None = None  # `DepthParts.told`; None: parts are drawn together
-    parts: DepthParts | None = None  # of the depth, as they were placed last
+    parts: DepthParts | None = None  # of the depth at this size, once they are placed
     # The light by groups of emitters, as long as it is calibrated.
     grouped_light: GroupedLight | None = None
     light_parameters: LightParameters | None = None
@@ -151,5 +151,5 @@ class Estimate:
         geometry = replace(object_pixels.geometry_at(depth[object_pixels.mask]), visibility=hidden)
         return replace(
             self, level=self.level - 1, object_pixels=object_pixels, state=state, depth=depth, geometry=geometry,
-            halved_state=state, part_offset=offset,
+            halved_state=state, part_offset=offset, parts=None,
         )  # fmt: skip

@@ -71,11 +71,11 @@ def run(scene: Scene, now: Estimate, phases: Sequence[Phase], progress: Progress
     ends = np.concatenate([[0], np.cumsum(weights)]) / sum(weights)
     error = validation_error(scene, now)
     for phase, begin, end in zip(phases, ends[:-1], ends[1:], strict=True):
-        for turn, span in enumerate(progress.part(begin, end).parts(phase.repeat)):
+        for iteration, span in enumerate(progress.part(begin, end).parts(phase.repeat)):
             before, error_before = now, error
             now = _iteration(scene, now, phase, span)
             error, turned = validation_error(scene, now), _turned_deg(before, now)
-            kept = turn == 0 or not is_worse(error_before, error)
+            kept = iteration == 0 or not is_worse(error_before, error)
             made = Iteration(
                 phase.name, tuple(one.__name__ for one in phase.passes), int(now.object_pixels.mask.sum()),
                 float(np.median(known(now.state).residual_scale)) if passes.solve_pixels in phase.passes else None,

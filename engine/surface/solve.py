@@ -99,7 +99,7 @@ def solve(
     found = run(scene, initial_state(scene, room), phases, progress.part(0, alone))
     if found.level:
         take = parent_index(known(found.picture).mask, picture.mask)[take]
-    span = progress.part(alone, 0.98)
+    span = progress.part(alone, 1)
     if found.level == 0 and picture is whole:
         maps, parts = evaluate_solution(scene, found, span), known(found.parts)
     else:

@@ -149,7 +149,7 @@ def _path(c: Contents) -> str:
         ("lamp", _lamps(plan)),
     )
     key = "".join(
-        f'<span class=key style="background:var(--{colour})"></span>{what}' for colour, what in keys
+        f'<span class=key style="background:var(--{colour})"></span>{what}' for colour, what in keys if what
     )
     figures = "".join(
         f"<figure>{path_drawing.draw(plan, above, unit)}<figcaption><b>{title}</b></figcaption></figure>"
@@ -161,9 +161,9 @@ def _path(c: Contents) -> str:
 
 
 def _lamps(plan: path_drawing.Plan) -> str:
-    """What the drawing's lamps are."""
+    """What the drawing's lamps are; nothing where there is no light yet."""
     if not len(plan.lamps):
-        return f"the {plan.lamps_beyond} strongest Gaussians lie beyond"
+        return f"the {plan.lamps_beyond} strongest Gaussians lie beyond" if plan.lamps_beyond else ""
     share = f"{100 * plan.lamp_shares.sum():.0f} % of the light's emission"
     beyond = f"; {plan.lamps_beyond} more lie beyond" if plan.lamps_beyond else ""
     return f"the {len(plan.lamps)} strongest Gaussians, {share}{beyond}"

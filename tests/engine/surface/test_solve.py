@@ -154,7 +154,7 @@ def test_the_fewest_views_that_are_allowed_are_solved():
 
 
 def test_smoothing_of_the_normals_moves_no_depth(monkeypatch: pytest.MonkeyPatch):
-    """Depth and parts are those that the fine phase judged: integrated once more, a recess's parts came out 19 pixel widths off."""
+    """Depth and parts are those that the fine phase judged: integrated once more, those of thin tubes were 19.6 pixel widths off, not 13.5."""
     params = replace(
         SurfaceParams(), object_distance=DISTANCE, coarse_iterations=1, directions=400, fine_iterations=1, probe_grid_xy=1,
         probe_grid_z=1, probe_resolution=32, without=("self_shadowing", "light_gains", *METAL),

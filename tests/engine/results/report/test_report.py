@@ -152,6 +152,14 @@ def test_right_poses_are_not_warned_of_nor_what_an_older_version_doubted(facts: 
     assert "photographs show" not in text
 
 
+def test_the_drawing_of_the_path_tells_of_light_that_is_beyond_it_and_of_none_before_there_is_any():
+    whole = full()
+    assert whole.gaussians is not None
+    away = replace(whole.gaussians, means=whole.gaussians.means + 1e4)
+    assert "strongest Gaussians lie beyond" in report.html(replace(whole, gaussians=away))
+    assert "strongest Gaussians" not in report.html(replace(whole, gaussians=None))
+
+
 @pytest.mark.parametrize("share", [2.5e-7, 0.02])
 def test_pixels_below_noise_are_told_where_they_are_more_than_a_handful(share: float):
     whole = full()
