@@ -73,7 +73,7 @@ class MapsBar(QFrame):
         row.addSpacing(8)
         self.run_box = box_of(self.tr("Run"), 20)
         self.run_box.activated.connect(self.run_picked)
-        self.view_box = box_of(self.tr("View"), 13)
+        self.view_box = box_of(self.tr("View"), 16)
         self.view_box.setMaxVisibleItems(24)
         self.view_box.currentIndexChanged.connect(lambda index: self.changed.emit())
         self._labelled(row, self.tr("&View"), self.view_box)
@@ -137,7 +137,7 @@ class MapsBar(QFrame):
         self.view_box.blockSignals(True)
         self.view_box.clear()
         for i, name in enumerate(maps.names):
-            mark = " · validation" if i in maps.held_out else "" if maps.registered[i] else " · no pose"
+            mark = ", validation" if i in maps.held_out else "" if maps.registered[i] else ", no pose"
             self.view_box.addItem(name + mark)
         first = self.view_box.findText(before) if before else -1
         if first < 0:
