@@ -1,4 +1,4 @@
-"""`process --preset auto`: the least preset that the photographs ask for, within a budget.
+"""`process --budget TIME` and `--until DEG`: the least preset that the photographs ask for, within a budget.
 
 Presets are climbed from draft on, or, where nothing but a budget is given, from the richest on that is expected to fit it. The
 next is tried as long as its predicted time fits what is left of the budget and the error asked for is not reached. It is taken where it
@@ -39,6 +39,11 @@ class Rung:
     validation_error: Float[np.ndarray, " k"]  # of every validation view, relative
 
 
+def asks_for_error(until: str | None) -> bool:
+    """Whether `--until` names an error, not a stage."""
+    return until is not None and until[:1].isdecimal()
+
+
 def goal_of(budget: str | None, until: str | None) -> Goal:
     """A goal as it is written on the command line: "90s", "3min", "1h"; "0.5deg".
 
@@ -55,7 +60,7 @@ def goal_of(budget: str | None, until: str | None) -> Goal:
     if until is not None:
         goal = Goal(
             goal.budget_s,
-            _positive(until.removesuffix("deg"), f"--until {until}: with --preset auto write it as 0.5deg"),
+            _positive(until.removesuffix("deg"), f"--until {until}: where a budget or an error chooses the preset, write it as 0.5deg"),
         )
     return goal
 

@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     process.add_argument(
         "--budget",
         metavar="TIME",
-        help="with --preset auto: climb no further than this allows, as in 90s, 3min, 1h",
+        help="the richest preset that is expected to fit, as in 90s, 3min, 1h",
     )
     process.add_argument(
         "--without", type=_words, metavar="VIEW,VIEW",
@@ -84,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     process.add_argument(
         "--until", metavar="STAGE",
-        help="stop after this stage; with --preset auto an error of the normals that suffices, as 0.5deg",
+        help="stop after this stage; or climb the presets until normals are known as well as this, as 0.5deg",
     )  # fmt: skip
     process.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
     process.add_argument(

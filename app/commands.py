@@ -76,16 +76,18 @@ def run_plan(args: Namespace) -> int:
 
 
 def run_process(args: Namespace) -> int:
+    from app import auto
+    from engine.errors import SessionError
+
     if args.without is not None:
         leave_out(args.session, args.without)
     if args.scale is not None:
         set_scale(args.session, args.scale)
-    if args.preset == AUTO:
+    choosing = args.budget is not None or auto.asks_for_error(args.until)
+    if args.preset == AUTO or (choosing and args.preset is None):
         verdict = process_auto(args)
-    elif args.budget is not None:
-        from engine.errors import SessionError
-
-        raise SessionError("--budget is for --preset auto, which stops climbing when it is spent")
+    elif choosing:
+        raise SessionError(f"--budget and --until DEG choose the preset; leave out --preset {args.preset}")
     else:
         verdict = process(args.session, changes_of(args), args.until, args.device)
     doubted = args.strict and verdict is not None and not verdict.good
@@ -143,7 +145,7 @@ def process_auto(args: Namespace) -> "Quality | None":
     asked, cores = changes_of(args), len(os.sched_getaffinity(0))
     if (solver := open_changed(args.session, replace(asked, preset=None)).settings.solver) != SOLVERS[0]:
         raise SessionError(
-            f"--preset auto climbs the presets of solver {SOLVERS[0]}; add --solver {SOLVERS[0]}, or name a preset of {solver}"
+            f"only presets of solver {SOLVERS[0]} are chosen so; add --solver {SOLVERS[0]}, or name a preset of {solver}"
         )
 
     def predict(preset: str) -> float:

@@ -107,7 +107,16 @@ def test_the_command_climbs_and_leaves_the_session_at_what_stays(
     assert re.match(r"auto: draft in about \d+ s, standard in about \d+ s, fine in about \d+ s\n", said)
     assert "standard stays: fine renders" in said
     assert "write it as 90s" in refused(capsys, "process", session, "--preset", "auto", "--budget", "soon")
-    assert "--preset auto" in refused(capsys, "process", session, "--budget", "90s")
+    refusal = "leave out --preset draft"
+    assert refusal in refused(capsys, "process", session, "--preset", "draft", "--budget", "90s")
+    assert refusal in refused(capsys, "process", session, "--preset", "draft", "--until", "0.5deg")
+    assert "0.5deg" in refused(capsys, "process", session, "--budget", "90s", "--until", "light")
+    ran.clear()
+    assert main(["process", str(session), "--until", "1.5deg"]) == 0
+    assert ran == [("draft", "surface"), ("standard", "surface"), ("standard", None)]
+    ran.clear()
+    assert main(["process", str(session), "--budget", "9h"]) == 0
+    assert ran == [("fine", "surface"), ("fine", None)]
 
 
 def test_only_presets_of_our_solver_are_climbed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
