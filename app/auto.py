@@ -60,7 +60,10 @@ def goal_of(budget: str | None, until: str | None) -> Goal:
     if until is not None:
         goal = Goal(
             goal.budget_s,
-            _positive(until.removesuffix("deg"), f"--until {until}: where a budget or an error chooses the preset, write it as 0.5deg"),
+            _positive(
+                until.removesuffix("deg"),
+                f"--until {until}: where a budget or an error chooses the preset, write it as 0.5deg",
+            ),
         )
     return goal
 

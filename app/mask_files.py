@@ -98,7 +98,7 @@ def object_box(mask: Bool[np.ndarray, "h w"]) -> tuple[int, int, int, int] | Non
 def mean(developed: Developed) -> Float32[np.ndarray, "h w 3"]:
     """Over evenly chosen views: the room blurs, the object stays. Lamps count as white, or they would outshine all."""
     frames = developed.frames
-    chosen = evenly_spaced(np.arange(len(frames.names)), MEAN_VIEWS)
+    chosen = evenly_spaced(len(frames.names), MEAN_VIEWS)
     total = np.zeros(frames.radiance.shape[1:], np.float32)
     for view in chosen:
         total += np.minimum(frames.radiance[view], np.float32(developed.white))
@@ -236,7 +236,7 @@ def _camera(session: sessions.Session) -> tuple[int, int]:
 
 def _white(frames: Frames, mask: Bool[np.ndarray, "h w"] | None) -> float:
     """The 99th percentile of the object's brightest channel over some views, or the 90th of everything."""
-    views = evenly_spaced(np.arange(len(frames.names)), WHITE_VIEWS)
+    views = evenly_spaced(len(frames.names), WHITE_VIEWS)
     known = mask is not None and bool(mask.any())
     seen: list[Float[np.ndarray, " m"]] = []
     for view in views:

@@ -67,7 +67,7 @@ def evenly(count: int, of: int) -> list[int]:
     """
     if not 1 <= count <= of:
         raise BenchError(f"{count} views of a set of {of} were asked for; make larger sets, or ask for fewer")
-    return evenly_spaced(np.arange(of), count).tolist()
+    return evenly_spaced(of, count).tolist()
 
 
 def fewer_views(stored: Stored, count: int) -> Stored:

@@ -324,6 +324,6 @@ def _there(run: Run, stage: str, record: str, kind: type):
 
 def _white(frames: Frames, mask: Bool[np.ndarray, "h w"]) -> float:
     """The 99th percentile of the object's brightest channel over some views."""
-    views = evenly_spaced(np.arange(len(frames.names)), WHITE_VIEWS)
+    views = evenly_spaced(len(frames.names), WHITE_VIEWS)
     inside = [frames.radiance[view][mask].max(axis=-1) for view in views] if mask.any() else []
     return float(np.percentile(np.concatenate(inside), 99)) or 1.0 if inside else 1.0

@@ -90,7 +90,7 @@ def _small(picture: np.ndarray, edge_px: int = EDGE_PX) -> np.ndarray:
 
 def _hdr(step: Step, frames: Frames) -> Made:
     across, down = SHEET
-    chosen = evenly_spaced(np.arange(len(frames.names)), across * down)
+    chosen = evenly_spaced(len(frames.names), across * down)
     small = [_small(np.asarray(frames.radiance[i], np.float32), EDGE_PX // across) for i in chosen]
     white = float(np.percentile(np.stack(small), 90)) or 1.0
     tiles = [falsecolour.radiance(picture, white, 0.0, "srgb") for picture in small]

@@ -69,7 +69,7 @@ def noise(radiance: Float32[np.ndarray, "n h w 3"]) -> tuple[float, float]:
     Fine texture looks like noise and is counted in: an upper bound.
     """
     levels, errors = [], []
-    for view in radiance[evenly_spaced(np.arange(len(radiance)), NOISE_VIEWS)]:
+    for view in radiance[evenly_spaced(len(radiance), NOISE_VIEWS)]:
         levels.append(cv2.blur(luminance(view), (3, 3)).ravel())
         errors.append(np.abs(cv2.filter2D(view, cv2.CV_32F, NOISE_KERNEL)).mean(axis=-1).ravel())
     level, error = np.concatenate(levels), np.concatenate(errors)

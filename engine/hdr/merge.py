@@ -95,7 +95,7 @@ def merge(
     width, height = facts[0][0].width, facts[0][0].height
     at_once = max(1, SITES_AT_ONCE // (stated.shape[1] * width * height))  # brackets
 
-    chosen = evenly_spaced(np.arange(len(shots)), params.learning_views).tolist()
+    chosen = evenly_spaced(len(shots), params.learning_views).tolist()
     decoded: dict[int, list[Mosaic]] = {}
     samples, shares = [], []
     for n, mosaics in zip(chosen, abreast(lambda n: _decoded(paths[n]), chosen, at_once), strict=True):

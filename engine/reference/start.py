@@ -57,7 +57,7 @@ def begin(
         SurfaceError: the user's maps cannot be read or do not fit the photographs.
     """
     ours = SurfaceParams(diffuse=params.diffuse)
-    views = evenly_spaced(fitted, ours.coarse_views)
+    views = fitted[evenly_spaced(len(fitted), ours.coarse_views)]
     few = frames.views(views)
     who = observe_object(few, mask, room.poses.camera, np.arange(len(views)), ours)
     distance, begun = Distance(params.object_distance, 0.0, "given"), None

@@ -147,7 +147,7 @@ def _sample(
     frames: Frames, params: SegmentParams, views: Int[np.ndarray, " k"]
 ) -> tuple[Int[np.ndarray, " n"], int]:
     """Of `views` those that are looked at, and the factor to the images of the search."""
-    chosen = evenly_spaced(views, params.most_views)
+    chosen = views[evenly_spaced(len(views), params.most_views)]
     return chosen, max(1, round(max(frames.dark.shape[1:]) / params.search_edge_px))
 
 

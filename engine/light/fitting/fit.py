@@ -64,7 +64,7 @@ def fit(
     with thread_pool() as run:
         progress.step(0.0, "depth of the room")
         # Many views tell no more of lamps and colours than some of them do, and take more memory.
-        some = evenly_spaced(np.arange(len(used)), params.epoch_views)
+        some = evenly_spaced(len(used), params.epoch_views)
         sightings, lamps = _lamps(frames, masks, poses, used[some], 4 * params.max_image_width)
 
         def room(width: int) -> Photographs:

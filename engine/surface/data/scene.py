@@ -135,9 +135,9 @@ def build_scene(
     seed: int,
 ) -> Scene:
     """A scene whose coarse phases have `params.coarse_views` of the views that are fitted, the fine ones `params.views`."""
-    views = evenly_spaced(fitted, params.coarse_views)
+    views = fitted[evenly_spaced(len(fitted), params.coarse_views)]
     sizes = [picture.of_views(views)]
     while sizes[-1].mask.sum() > HALVED_FROM and len(sizes) < 3:
         sizes.append(sizes[-1].downsampled())
-    fine = evenly_spaced(fitted, params.views or len(fitted))
+    fine = fitted[evenly_spaced(len(fitted), params.views or len(fitted))]
     return Scene(picture, tuple(sizes), poses, views, fine, np.array(validation, int), params, device, seed)

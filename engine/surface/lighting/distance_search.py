@@ -93,7 +93,7 @@ def coarse_distance_search(
     progress: Progress,
 ) -> FoundDistance:
     """The object's distance to a fifth or so unless it is given, with the light that suits it."""
-    every = evenly_spaced(np.arange(len(views)), min(CONFIG.views, len(views) // 2))
+    every = evenly_spaced(len(views), min(CONFIG.views, len(views) // 2))
     size, layers = room.size(), CONFIG.layers
     near_far = CONFIG.nearest * size, CONFIG.farthest * size
     if params.object_distance > 0:

@@ -61,7 +61,7 @@ def choose_probe_grid(
     asked = params.probe_grid_xy, params.probe_grid_xy, params.probe_grid_z
     box = probe_grid_around(camera, mask, near_far, (3, 3, 3))
     if not all(asked):
-        few = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), CONFIG.views)]
+        few = cam_from_world[evenly_spaced(len(cam_from_world), CONFIG.views)]
         measured = probe_counts(box, emitters, few, params, progress)
         across, down, deep = (a or m for a, m in zip(asked, measured, strict=True))
         asked = across, down, deep
@@ -115,8 +115,8 @@ def choose_direction_count(
 
     The RMS of the logarithms of what some pixels send may be `directions_share` of `params.model_error`.
     """
-    few = evenly_spaced(np.arange(len(state.normals)), CONFIG.pixels)
-    there = cam_from_world[evenly_spaced(np.arange(len(cam_from_world)), CONFIG.views)]
+    few = evenly_spaced(len(state.normals), CONFIG.pixels)
+    there = cam_from_world[evenly_spaced(len(cam_from_world), CONFIG.views)]
     x, y, z = geometry.points[few].mean(0)
     middle = np.array([x / z, y / z, z])
     alone, some = replace(geometry, visibility=None).part(few), state.part(few)
