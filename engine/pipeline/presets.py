@@ -11,7 +11,7 @@ def draft() -> Preset:
     """A first look: fewer views, and no second thoughts."""
     fewer = {
         "coarse_iterations": 3,
-        "coarse_views": 16,
+        "coarse_views": 24,
         "full_phase": False,
         "views": 32,
         "fine_iterations": 1,

@@ -61,7 +61,7 @@ def _transport() -> Stage:
     from engine.surface.params import SurfaceParams
 
     return Stage(
-        "surface", 54, SurfaceParams(), ("hdr", "segment", "poses", "light"), _produce("surface"), seeded=True,
+        "surface", 55, SurfaceParams(), ("hdr", "segment", "poses", "light"), _produce("surface"), seeded=True,
         reads=_orientation, presets=presets.of_stage("surface"), files=("initial_normals", "initial_roughness"),
     )  # fmt: skip
 

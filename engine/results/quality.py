@@ -111,6 +111,11 @@ SIGNS = (
         _number("surface", "residual"), 5.0,
     ),
     Sign(
+        "in some photographs the object stands {} px or more beside where it stands in others.",
+        "It moved on its mount: fix it and take them again, or leave out those before or after it moved.",
+        _number("surface", "object_shift_px"), 0.5,
+    ),
+    Sign(
         "along {} of the mask's border, pixels just inside and just outside change alike from view to view.",
         "Look whether the mask is too large, too small or lacks a piece; if not, the photographs are out of focus: take them again.",
         _number("segment", "border_alike"), 0.25, _share,

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
+from engine.rerendering import object_shift, rerendering_error
 from engine.surface.data import initial_maps
 from engine.surface.data.observations import parent_index
 from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
@@ -28,7 +29,7 @@ from engine.surface.schedule import run, schedule
 from engine.surface.tiled_solve import SolvedMaps, evaluate_solution, solve_tiles
 from engine.surface.uncertainty.model_parts import PartWorth, part_worths
 from engine.surface.uncertainty.standard_errors import FLAGS, unresolved_variance
-from engine.types import CapturedScene, Frames, SolvedScene, Surface, ValidationRenders
+from engine.types import CapturedScene, SolvedScene, Surface, ValidationRenders
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,7 @@ class SurfaceReport:
     fitted_views: int
     held_out_views: tuple[int, ...]
     held_out_error: float  # median relative error of the re-rendered radiance
+    object_shift_px: float  # that the object stands apart in two views kept out, at least
     residual: float  # median weighted residual spread
     distance: Distance
     probe_reach: tuple[float, float]  # z of the nearest and the farthest layer of probes
@@ -115,8 +117,10 @@ def solve(
     )
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
-    error = rerendering_error(frames, kept_out, pictures, mask)
-    report = report_of(scene, found, maps, material, parts, error)
+    rendered = frames, kept_out, pictures, mask
+    report = report_of(
+        scene, found, maps, material, parts, rerendering_error(*rendered), object_shift(*rendered)
+    )
     return SolvedScene(surface, ValidationRenders(kept_out, pictures), emitters_of(found), report)
 
 
@@ -136,8 +140,9 @@ def report_of(
     material: Float[np.ndarray, "p 2"] | None,
     parts: DepthParts,
     error: float,
+    shift: float,
 ) -> SurfaceReport:
-    """The facts of a solve; `error` is that of the views kept out."""
+    """The facts of a solve; `error` and `shift` are those of the views kept out."""
     lattice, drift = found.incident.probe_grid, np.zeros(len(scene.picture.frames.names))
     drift[scene.fitted] = known(found.exposure_offset)
     metal = np.zeros(1, bool) if material is None else material[:, 1] > 0
@@ -150,6 +155,7 @@ def report_of(
         fitted_views=len(scene.fitted),
         held_out_views=tuple(map(int, scene.validation)),
         held_out_error=error,
+        object_shift_px=shift,
         residual=float(np.median(maps.residual_scale)),
         distance=found.distance,
         probe_reach=(float(lattice.low[2]), float(lattice.high[2])),
@@ -169,19 +175,6 @@ def report_of(
         part_stderr_px=parts.stderr_px,
         part_worths=part_worths(scene, found),
     )
-
-
-def rerendering_error(
-    frames: Frames,
-    views: tuple[int, ...],
-    pictures: Float[np.ndarray, "k h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-) -> float:
-    """Median relative error of pictures of some views; 0 without pictures."""
-    if not views:
-        return 0.0
-    truth, answer = frames.radiance[list(views)][:, mask], pictures[:, mask]
-    return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
 def surface_of(

@@ -11,7 +11,7 @@ FINE = {
     "segment": {"stands_out": 7.0, "border_alike": 0.01},
     "light": {"heldout_log_l1": 0.1},
     "surface": {
-        "stderr_normal_deg": 2.0, "held_out_error": 0.05, "residual": 2.0, "unseen_light": 0.02,
+        "stderr_normal_deg": 2.0, "held_out_error": 0.05, "residual": 2.0, "unseen_light": 0.02, "object_shift_px": 0.0,
         "exposure_drift": [0.01, -0.01, 0.02, 0.0],
     },
 }  # fmt: skip
@@ -44,6 +44,7 @@ def test_a_session_that_measures_nothing_wrong_of_itself_is_good():
         ("stderr_normal_deg", 8.0, 12.0, "a standard error of 8 degrees"),
         ("held_out_error", 0.15, 0.4, "differ from their renderings by 15 %"),
         ("residual", 7.0, 12.0, "are 7 times the expected error"),
+        ("object_shift_px", 0.6, 1.2, "the object stands 0.6 px or more beside"),
         ("border_alike", 0.3, 0.9, "30 % of the mask's border"),
         ("heldout_log_l1", 0.5, 0.9, "differ from the fitted light by 65 %"),
         ("exposure_drift", [0.3, -0.3], [0.5, -0.5], "varies by 30 % from view to view"),
