@@ -41,7 +41,7 @@ class Rung:
 
 def asks_for_error(until: str | None) -> bool:
     """Whether `--until` names an error, not a stage."""
-    return until is not None and until[:1].isdecimal()
+    return until is not None and not until.isalpha()
 
 
 def goal_of(budget: str | None, until: str | None) -> Goal:

@@ -80,7 +80,7 @@ def test_goals_are_read_as_they_are_written(budget: str | None, until: str | Non
 
 @pytest.mark.parametrize(
     ("budget", "until", "words"),
-    [("soon", None, "write it as 90s"), ("-3s", None, "write it as 90s"), (None, "surface", "write it as 0.5deg"), (None, "nan", "0.5deg")],
+    [("soon", None, "write it as 90s"), ("-3s", None, "write it as 90s"), (None, "surface", "write it as 0.5deg"), (None, "nan", "0.5deg"), (None, "-1deg", "0.5deg")],
 )  # fmt: skip
 def test_what_is_no_goal_is_refused(budget: str | None, until: str | None, words: str):
     with pytest.raises(SessionError, match=words):
@@ -112,7 +112,7 @@ def test_the_command_climbs_and_leaves_the_session_at_what_stays(
     assert refusal in refused(capsys, "process", session, "--preset", "draft", "--until", "0.5deg")
     assert "0.5deg" in refused(capsys, "process", session, "--budget", "90s", "--until", "light")
     ran.clear()
-    assert main(["process", str(session), "--until", "1.5deg"]) == 0
+    assert main(["process", str(session), "--until", "1.5"]) == 0
     assert ran == [("draft", "surface"), ("standard", "surface"), ("standard", None)]
     ran.clear()
     assert main(["process", str(session), "--budget", "9h"]) == 0
