@@ -46,10 +46,9 @@ def object_shift(
 ) -> float:
     """Pixels that the object stands apart in two of the views, at least: two standard errors less than measured, the
     largest of all pairs. NaN with fewer than two views, or nothing to tell it by."""
-    spans = [slice(at.min(), at.max() + 1) for at in np.nonzero(mask)]
-    window = (*spans, slice(None))
+    window = tuple(slice(at.min(), at.max() + 1) for at in np.nonzero(mask))
     told = [
-        displacement(picture[window], frames.radiance[view][window], mask[*spans])
+        displacement(picture[window], frames.radiance[view][window], (mask & ~frames.clipped[view])[window])
         for view, picture in zip(views, pictures, strict=True)
     ]
     apart = [

@@ -80,8 +80,14 @@ def test_goals_are_read_as_they_are_written(budget: str | None, until: str | Non
 
 @pytest.mark.parametrize(
     ("budget", "until", "words"),
-    [("soon", None, "write it as 90s"), ("-3s", None, "write it as 90s"), (None, "surface", "write it as 0.5deg"), (None, "nan", "0.5deg"), (None, "-1deg", "0.5deg")],
-)  # fmt: skip
+    [
+        ("soon", None, "write it as 90s"),
+        ("-3s", None, "write it as 90s"),
+        (None, "surface", "write it as 0.5deg"),
+        (None, "nan", "0.5deg"),
+        (None, "-1deg", "0.5deg"),
+    ],
+)
 def test_what_is_no_goal_is_refused(budget: str | None, until: str | None, words: str):
     with pytest.raises(SessionError, match=words):
         goal_of(budget, until)

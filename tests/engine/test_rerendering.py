@@ -52,3 +52,13 @@ def test_the_shift_is_that_of_the_two_views_farthest_apart():
     assert object_shift(frames, views, pictures, MASK) == pytest.approx(0.8, abs=0.1)
     assert object_shift(frames, views[:2], pictures[:2], MASK) < 0.05
     assert np.isnan(object_shift(frames, views[:1], pictures[:1], MASK))
+
+
+def test_what_is_clipped_moves_nothing():
+    pictures = np.stack([rendered(seed) for seed in range(2)])
+    most = np.quantile(pictures[..., 1], 0.7)
+    clipped = pictures[..., 1] > most
+    clipped[1] = False
+    radiance = np.where(clipped[..., None], most, pictures)
+    frames = Frames(tuple("ab"), radiance, clipped, np.zeros_like(clipped), (0.0, 0.01))
+    assert object_shift(frames, (0, 1), pictures, MASK) < 0.02
