@@ -28,7 +28,7 @@ PER_MEGAPIXEL = {
 }
 READ_S = 0.12
 """More of hdr, per million pixels of the files: it reads them before it averages them down."""
-PRESETS = {"draft": 0.6, "standard": 1.0, "fine": 1.6}
+PRESETS = {"draft": 0.6, "standard": 1.0, "fine": 3.0}
 """How much of standard's time the surface takes."""
 SECOND_CORE = 1.7
 """How much sooner a stage ends on two cores and more."""

@@ -266,6 +266,10 @@ _TABLE: tuple[tuple[str, Meaning], ...] = (
         QT_TRANSLATE_NOOP("parameters", "Gauss-Newton steps"), "",
         QT_TRANSLATE_NOOP("parameters", "Evaluations of every pixel in each iteration."),
         1, 100, advanced=False)),
+    ("surface.solves", Meaning(
+        QT_TRANSLATE_NOOP("parameters", "Solves"), "",
+        QT_TRANSLATE_NOOP("parameters", "From three on, each calibrates the light by other pixels, and every pixel takes the answer nearest to all."),
+        1, 9, advanced=False)),
     ("surface.diffuse", Meaning(
         QT_TRANSLATE_NOOP("parameters", "Diffuse lobe"), "",
         QT_TRANSLATE_NOOP("parameters", "disney: with retro-reflection, as renderers have it. lambert: as in the paper."),

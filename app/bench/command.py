@@ -42,7 +42,7 @@ from app.bench.stress import scores as stress_scores
 from app.bench.stress.measure import CLEAN, Stressed, measure, photographed
 from engine.io.session import nearest_existing
 from engine.pipeline import stage_table
-from engine.surface.params import LEAST_VIEWS
+from engine.sampling import LEAST_VIEWS
 
 
 def run(args: Namespace) -> int:

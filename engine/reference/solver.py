@@ -30,11 +30,11 @@ from engine.reference.monte_carlo.shadows import Shadows, shadows_of
 from engine.reference.params import EPOCHS, SAMPLES, ReferenceParams, ReferenceReport, title
 from engine.reference.start import Start, begin
 from engine.rerendering import rerendering_error
+from engine.sampling import held_out
 from engine.surface.data.observations import shifted_neighbours
 from engine.surface.lighting.room_light import build_room_light
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import image
-from engine.surface.solve import held_out
 from engine.types import CapturedScene, Emitters, Frames, Masks, SolvedScene, Surface, ValidationRenders
 
 TILE = 4

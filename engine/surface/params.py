@@ -5,9 +5,9 @@ from typing import Literal, get_args
 
 from engine.conventions import NORMAL_FRAMES
 from engine.errors import SurfaceError
+from engine.sampling import LEAST_VIEWS
 from engine.validation import MORE, check
 
-LEAST_VIEWS = 8
 Diffuse = Literal["disney", "lambert"]
 """Lobes: Disney's with retro-reflection, as renderers have it, and the paper's."""
 PARTS = (
@@ -22,7 +22,7 @@ BOUNDS = {
     "probe_resolution": (8, MORE), "normal_candidates": (10, MORE), "coarse_iterations": (0, MORE),
     "coarse_views": (LEAST_VIEWS, MORE), "fine_iterations": (1, MORE), "gauss_newton_steps": (1, MORE),
     "light_groups": (1, MORE), "light_gain_sigma": (0.001, MORE), "model_error": (0.001, MORE),
-    "validation_views": (0, MORE), "object_distance": (0.0, MORE), "tile_above_pixels": (100, MORE),
+    "solves": (1, MORE), "validation_views": (0, MORE), "object_distance": (0.0, MORE), "tile_above_pixels": (100, MORE),
 }  # fmt: skip
 """What each number that may be asked must lie between."""
 OR_NONE = ("directions", "views")
@@ -48,6 +48,7 @@ class SurfaceParams:
     views: int = 0  # that serve afterwards, spread evenly; 0: all
     fine_iterations: int = 3  # at most, on all pixels until they stand still: solve, integrate, trace
     gauss_newton_steps: int = 4  # evaluations in each iteration
+    solves: int = 1  # from three on their medoid is taken, pixel by pixel
     diffuse: Diffuse = "disney"
     without: tuple[str, ...] = ()  # of `PARTS`: what the model leaves out, for ablations
     light_groups: int = 12  # groups of emitters besides the lamps

@@ -8,22 +8,23 @@ by tile (`tiled_solve`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
 from engine.rerendering import object_shift, rerendering_error
+from engine.sampling import held_out
 from engine.surface.data import initial_maps
 from engine.surface.data.observations import parent_index
 from engine.surface.data.scene import Picture, Scene, build_scene, downsample_to, window
 from engine.surface.depth.part_offsets import DepthParts
 from engine.surface.estimate import Estimate, Iteration, known
 from engine.surface.lighting.distance_search import Distance
-from engine.surface.lighting.emitter_groups import CLIPPED
 from engine.surface.lighting.room_light import RoomLight, build_room_light
-from engine.surface.params import LEAST_VIEWS, SurfaceParams
+from engine.surface.optimize.gauss_newton import medoid
+from engine.surface.params import SurfaceParams
 from engine.surface.passes import emitters_of
-from engine.surface.reflectance.brdf import PAINT, of_pixels
+from engine.surface.reflectance.brdf import of_pixels
 from engine.surface.rendering.object_pixels import image
 from engine.surface.schedule import run, schedule
 from engine.surface.tiled_solve import SolvedMaps, evaluate_solution, solve_tiles
@@ -38,7 +39,6 @@ class SurfaceReport:
 
     pixels: int
     together: int  # pixels of the picture that was solved at once; if fewer, the rest followed in tiles
-    rounds: int  # on all of these
     fitted_views: int
     held_out_views: tuple[int, ...]
     held_out_error: float  # median relative error of the re-rendered radiance
@@ -50,29 +50,14 @@ class SurfaceReport:
     directions: int  # of light
     light_gains: tuple[tuple[float, ...], ...]  # per group and channel; without refinement the belief
     metal: float  # share of the pixels that are taken for metal
-    specular_level: tuple[float, float]  # least and most of the others
     unseen_light: float  # share of the light on the object that no photograph shows, under those gains
-    clipped_groups: tuple[int, ...]  # those whose brightness only the object's shading tells
     exposure_drift: tuple[float, ...]  # of every frame's log exposure; 0 of those that were not fitted
-    lamp_shifts_deg: tuple[float, ...]  # how far every lamp has moved, as seen from amid the cameras
     history: tuple[Iteration, ...]  # what ran, in order, and what it did
     stderr_normal_deg: float  # median
     flagged: dict[str, int]
     depth_parts: tuple[float, ...]  # shares of the pixels of `Surface.part`s, the largest first
     part_stderr_px: tuple[float, ...]  # of where each stands beside the others, widths of a pixel
     part_worths: tuple[PartWorth, ...]  # what the parts of the model are worth to the views kept out
-
-
-def held_out(registered: Bool[np.ndarray, " n"], count: int) -> tuple[Int[np.ndarray, " f"], tuple[int, ...]]:
-    """(fitted, held out) view indices: the held-out ones evenly spread over the registered."""
-    usable = np.nonzero(registered)[0]
-    if len(usable) < LEAST_VIEWS:
-        raise SurfaceError(
-            f"only {len(usable)} views have a pose and light; at least {LEAST_VIEWS} are needed, add photographs"
-        )
-    count = min(count, len(usable) // 8, len(usable) - LEAST_VIEWS)  # one in eight at most
-    out = usable[np.linspace(0, len(usable) - 1, count + 2).astype(int)[1:-1]]
-    return np.setdiff1d(usable, out), tuple(int(i) for i in out)
 
 
 def solve(
@@ -89,7 +74,6 @@ def solve(
     if not mask.any():
         raise SurfaceError("the object mask is empty; draw the mask or segment again")
     fitted, kept_out = held_out(poses.registered, params.validation_views)
-    room = build_room_light(captured, params, seed)
     start = initial_maps.requested(params, mask, flip)
     whole = Picture(frames, mask, poses.camera, start).part(*window(mask))
     picture, take = downsample_to(whole, params.tile_above_pixels)
@@ -97,8 +81,7 @@ def solve(
         picture, replace(poses, camera=picture.camera), fitted, kept_out, params, device, seed
     )
     alone = 0.9 if picture is whole else 0.3
-    phases = schedule(params, room.emitters.patches > 0)
-    found = run(scene, initial_state(scene, room), phases, progress.part(0, alone))
+    found = settle(scene, captured, progress.part(0, alone))
     if found.level:
         take = parent_index(known(found.picture).mask, picture.mask)[take]
     span = progress.part(alone, 1)
@@ -124,6 +107,23 @@ def solve(
     return SolvedScene(surface, ValidationRenders(kept_out, pictures), emitters_of(found), report)
 
 
+def settle(scene: Scene, captured: CapturedScene, progress: Progress) -> Estimate:
+    """The end of all phases. Of several solves, which calibrate the light by other pixels and end a little elsewhere each, it is
+    the first with the medoid of their states, solved once more."""
+    params, first, states = scene.params, None, []
+    alone = 1.0 if params.solves == 1 else 0.9
+    for seed, span in enumerate(progress.part(0, alone).parts(params.solves), scene.seed):
+        room = build_room_light(captured, params, seed)
+        phases = schedule(params, room.emitters.patches > 0)
+        end = run(replace(scene, seed=seed), initial_state(scene, room), phases, span)
+        first = first or end
+        states += [known(end.state)] if end.level == first.level else []
+    if len(states) > 1:
+        end = replace(first, state=medoid(states))
+        first = run(scene, end, phases[-2:], progress.part(alone, 1))
+    return first
+
+
 def initial_state(scene: Scene, room: RoomLight) -> Estimate:
     """What is known before the first pass: where the object's pixels look."""
     given, views = scene.params.object_distance, scene.coarse_views
@@ -146,12 +146,10 @@ def report_of(
     lattice, drift = found.incident.probe_grid, np.zeros(len(scene.picture.frames.names))
     drift[scene.fitted] = known(found.exposure_offset)
     metal = np.zeros(1, bool) if material is None else material[:, 1] > 0
-    level = PAINT[:1] if material is None or metal.all() else material[~metal, 0]
     placed = known(found.light_parameters)
     return SurfaceReport(
         pixels=len(maps.normals),
         together=int(known(found.picture).mask.sum()),
-        rounds=sum(one.phase == "fine" for one in found.history),
         fitted_views=len(scene.fitted),
         held_out_views=tuple(map(int, scene.validation)),
         held_out_error=error,
@@ -163,11 +161,8 @@ def report_of(
         directions=len(found.incident.directions),
         light_gains=tuple(tuple(map(float, gain)) for gain in placed.gain),
         metal=float(np.mean(metal)),
-        specular_level=(float(np.min(level)), float(np.max(level))),
         unseen_light=known(found.grouped_light).unseen_share(placed.gain),
-        clipped_groups=tuple(int(k) for k in np.nonzero(found.room_light.kind == CLIPPED)[0]),
         exposure_drift=tuple(map(float, drift)),
-        lamp_shifts_deg=tuple(map(float, np.degrees(np.linalg.norm(placed.lamp_offset, axis=1)))),
         history=found.history,
         stderr_normal_deg=float(np.degrees(np.median(maps.stderr_normal))),
         flagged={name: int((maps.flags & bit > 0).sum()) for name, bit in FLAGS.items()},

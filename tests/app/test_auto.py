@@ -144,5 +144,5 @@ def test_a_preset_that_has_not_run_is_told_the_time_of_one_that_has(tmp_path: Pa
     (made / "record.json").write_text(json.dumps(record))
     opened = open_changed(tmp_path / "a.session", Changes()).session
     assert [cost_of(opened, step, 1.0, preset, 1).seconds for preset in PRESETS] == pytest.approx(
-        [10, 10 / 0.6, 16 / 0.6]
+        [10, 10 / 0.6, 30 / 0.6]
     )

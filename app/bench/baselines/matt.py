@@ -11,12 +11,13 @@ from jaxtyping import Float, Int
 
 from engine.errors import SurfaceError
 from engine.progress import Progress
+from engine.sampling import held_out
 from engine.surface.optimize.exhaustive_search import exhaustive_search
 from engine.surface.optimize.gauss_newton import PixelEstimate, PixelProblem, minimize
 from engine.surface.params import SurfaceParams
 from engine.surface.rendering.object_pixels import ObjectPixels, coarse_regions, observe_object
 from engine.surface.rendering.transport import Block, Light, SurfaceGeometry, TransportModel
-from engine.surface.solve import held_out, surface_of
+from engine.surface.solve import surface_of
 from engine.surface.tiled_solve import maps_of
 from engine.surface.uncertainty.standard_errors import formal, standard_errors
 from engine.types import CapturedScene, Surface

@@ -25,7 +25,7 @@ class RunBar(QWidget):
         self.preset.setAccessibleName(self.tr("Preset"))
         self.preset.setToolTip(
             self.tr(
-                "draft: about half of standard's time. standard: the published accuracies. fine: up to twice as long, hardly better"
+                "draft: about half of standard's time. standard: the published accuracies. fine: what three solves agree on, three times as long"
             )
         )
         self.preset.activated.connect(lambda row: self.preset_chosen.emit(PRESETS[row]))

@@ -12,6 +12,7 @@ is taken back. Albedo is solved as its logarithm. Derivatives of D and S by forw
 import itertools
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeGuard, no_type_check
 
@@ -19,7 +20,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from engine.geometry import tangents
+from engine.geometry import angle_between, tangents
 from engine.parallel import abreast, each
 from engine.progress import Progress
 from engine.surface.data.observations import Observations
@@ -94,6 +95,15 @@ def where(first: Bool[np.ndarray, " p"], one: PixelEstimate, other: PixelEstimat
         np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y)
         for x, y in ((getattr(one, name), getattr(other, name)) for name in PixelEstimate.__slots__)
     ))  # fmt: skip
+
+
+def medoid(states: Sequence[PixelEstimate]) -> PixelEstimate:
+    """Of every pixel the state whose normal is nearest to those of all."""
+    away = [sum(angle_between(one.normals, other.normals) for other in states) for one in states]
+    chosen, nearest = states[0], np.argmin(away, axis=0)
+    for k, state in enumerate(states):
+        chosen = where(nearest == k, state, chosen)
+    return chosen
 
 
 def initial_estimate(

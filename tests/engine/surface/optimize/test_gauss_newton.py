@@ -9,7 +9,7 @@ from engine.geometry import angle_between
 from engine.progress import Progress
 from engine.surface.data.observations import PLAIN
 from engine.surface.optimize import gauss_newton
-from engine.surface.optimize.gauss_newton import CONFIG, PixelProblem
+from engine.surface.optimize.gauss_newton import CONFIG, PixelEstimate, PixelProblem, initial_estimate, medoid
 from engine.surface.rendering.transport import TransportModel, predict
 from tests.engine.surface.lighting.test_light_calibration import TRUE_Z, parts_of_lamps, sample_of
 
@@ -174,3 +174,14 @@ def test_without_robust_weights_the_misfit_is_the_sum_of_squares_however_small(t
     expected += (off * found.residual_scale) ** 2
     assert np.median(expected - (off * found.residual_scale) ** 2) < 1
     np.testing.assert_allclose(found.cost, expected, rtol=1e-3)
+
+
+def test_the_medoid_of_states_is_the_one_nearest_to_all_at_every_pixel():
+    def state(tilts_deg: tuple[float, ...], albedo: float) -> PixelEstimate:
+        tilt = np.radians(tilts_deg)
+        normals = np.stack([np.sin(tilt), 0 * tilt, -np.cos(tilt)], axis=1)
+        return initial_estimate(normals, np.full((len(tilt), 3), albedo), np.full(len(tilt), 0.5))
+
+    states = [state((0, 40, 0), 0.1), state((1, 0, 10), 0.2), state((30, 2, 20), 0.3)]
+    assert medoid(states).albedo[:, 0] == pytest.approx([0.2, 0.3, 0.2])
+    assert medoid(states[:1]).albedo[:, 0] == pytest.approx([0.1, 0.1, 0.1])
