@@ -79,7 +79,8 @@ def displacement(
     slopes = np.gradient((photo + made) / 2)
     terms = np.stack([-slopes[0][within], -slopes[1][within], np.ones(within.sum())], axis=1)
     off = (photo - made)[within]
-    found, weight = np.zeros(3), np.ones(len(off))
+    weight, rest, normal = np.ones(len(off)), off, np.zeros((3, 3))
+    found = np.zeros(3)
     for _ in range(CONFIG.steps):
         normal = (terms * weight[:, None]).T @ terms
         found = np.linalg.lstsq(normal, terms.T @ (weight * off), rcond=None)[0]

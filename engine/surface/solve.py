@@ -110,18 +110,19 @@ def solve(
 def settle(scene: Scene, captured: CapturedScene, progress: Progress) -> Estimate:
     """The end of all phases. Of several solves, which calibrate the light by other pixels and end a little elsewhere each, it is
     the first with the medoid of their states, solved once more."""
-    params, first, states = scene.params, None, []
-    alone = 1.0 if params.solves == 1 else 0.9
-    for seed, span in enumerate(progress.part(0, alone).parts(params.solves), scene.seed):
-        room = build_room_light(captured, params, seed)
-        phases = schedule(params, room.emitters.patches > 0)
-        end = run(replace(scene, seed=seed), initial_state(scene, room), phases, span)
-        first = first or end
-        states += [known(end.state)] if end.level == first.level else []
-    if len(states) > 1:
-        end = replace(first, state=medoid(states))
-        first = run(scene, end, phases[-2:], progress.part(alone, 1))
-    return first
+
+    def once(seed: int, span: Progress) -> Estimate:
+        room = build_room_light(captured, scene.params, seed)
+        phases = schedule(scene.params, room.emitters.patches > 0)
+        return run(replace(scene, seed=seed), initial_state(scene, room), phases, span)
+
+    if scene.params.solves == 1:
+        return once(scene.seed, progress)
+    *spans, last = progress.parts(scene.params.solves + 1)
+    first = once(scene.seed, spans[0])
+    others = (once(seed, span) for seed, span in enumerate(spans[1:], scene.seed + 1))
+    states = [known(first.state), *(known(end.state) for end in others if end.level == first.level)]
+    return run(scene, replace(first, state=medoid(states)), schedule(scene.params, False)[-2:], last)
 
 
 def initial_state(scene: Scene, room: RoomLight) -> Estimate:

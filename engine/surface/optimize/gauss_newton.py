@@ -99,8 +99,8 @@ def where(first: Bool[np.ndarray, " p"], one: PixelEstimate, other: PixelEstimat
 
 def medoid(states: Sequence[PixelEstimate]) -> PixelEstimate:
     """Of every pixel the state whose normal is nearest to those of all."""
-    away = [sum(angle_between(one.normals, other.normals) for other in states) for one in states]
-    chosen, nearest = states[0], np.argmin(away, axis=0)
+    apart = np.array([[angle_between(one.normals, other.normals) for other in states] for one in states])
+    chosen, nearest = states[0], apart.sum(axis=1).argmin(axis=0)
     for k, state in enumerate(states):
         chosen = where(nearest == k, state, chosen)
     return chosen
