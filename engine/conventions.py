@@ -19,6 +19,8 @@ WORDS = {
     6: "by 90 degrees to the right",
 }
 EXIF = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}  # the tag's number of each flip
+LEAST_VIEWS = 8
+"""Fewer determine no surface."""
 
 
 def check(flip: int, name: str) -> None:

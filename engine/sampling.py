@@ -3,10 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Int
 
+from engine.conventions import LEAST_VIEWS
 from engine.errors import SurfaceError
-
-LEAST_VIEWS = 8
-"""Fewer determine no surface."""
 
 
 def evenly_spaced(of: int, most: int) -> Int[np.ndarray, " k"]:

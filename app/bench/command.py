@@ -40,9 +40,9 @@ from app.bench.stress import chart as stress_chart
 from app.bench.stress import dials as stress_dials
 from app.bench.stress import scores as stress_scores
 from app.bench.stress.measure import CLEAN, Stressed, measure, photographed
+from engine.conventions import LEAST_VIEWS
 from engine.io.session import nearest_existing
 from engine.pipeline import stage_table
-from engine.sampling import LEAST_VIEWS
 
 
 def run(args: Namespace) -> int:

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from engine.conventions import NORMAL_FRAMES
+from engine.conventions import LEAST_VIEWS, NORMAL_FRAMES
 from engine.errors import SurfaceError
-from engine.sampling import LEAST_VIEWS
 from engine.validation import MORE, check
 
 Diffuse = Literal["disney", "lambert"]
