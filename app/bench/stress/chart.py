@@ -54,14 +54,14 @@ def draw(runs: Sequence[Stressed], caption: str):
     steps = sorted({one.step for one in runs if one.dial != CLEAN})
     height = ROW_IN * len(dials) + AROUND_IN
     figure = Figure(figsize=(drawing.WIDTH_IN, height), dpi=drawing.DPI)
-    axes = figure.add_axes((0.38, 0.45 / height, 0.5, ROW_IN * len(dials) / height))
+    axes = figure.add_axes((0.46, 0.45 / height, 0.42, ROW_IN * len(dials) / height))
     ratio = np.full((len(dials), len(steps)), np.nan)
     for row, dial in enumerate(dials):
         for column, step in enumerate(steps):
             here = [one for one in runs if (one.dial, one.step) == (dial, step)]
             ratio[row, column] = mean_ratio(here, clean)
             text = cell(here, clean)
-            dark = ratio[row, column] > 3
+            dark = ratio[row, column] > 2.4
             axes.text(
                 column, row, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "0.15"
             )
