@@ -83,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
         " upright, from the upper left corner; now and in later runs; none removes it",
     )  # fmt: skip
     process.add_argument(
-        "--until", metavar="STAGE",
+        "--until", metavar="STAGE|DEG",
         help="stop after this stage; or climb the presets until normals are known as well as this, as 0.5deg",
     )  # fmt: skip
     process.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))

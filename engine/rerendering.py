@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from engine.color import luminance
-from engine.types import Frames
+from engine.types import Frames, ValidationRenders
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,31 +25,21 @@ class DisplacementConfig:
 CONFIG = DisplacementConfig()
 
 
-def rerendering_error(
-    frames: Frames,
-    views: tuple[int, ...],
-    pictures: Float[np.ndarray, "k h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-) -> float:
-    """Median relative error of pictures of some views; 0 without pictures."""
-    if not views:
+def rerendering_error(frames: Frames, renders: ValidationRenders, mask: Bool[np.ndarray, "h w"]) -> float:
+    """Median relative error of the views' renderings; 0 without any."""
+    if not renders.views:
         return 0.0
-    truth, answer = frames.radiance[list(views)][:, mask], pictures[:, mask]
+    truth, answer = frames.radiance[list(renders.views)][:, mask], renders.radiance[:, mask]
     return float(np.median(np.abs(answer - truth) / np.maximum(truth, 0.02 * np.median(truth))))
 
 
-def object_shift(
-    frames: Frames,
-    views: tuple[int, ...],
-    pictures: Float[np.ndarray, "k h w 3"],
-    mask: Bool[np.ndarray, "h w"],
-) -> float:
+def object_shift(frames: Frames, renders: ValidationRenders, mask: Bool[np.ndarray, "h w"]) -> float:
     """Pixels that the object stands apart in two of the views, at least: two standard errors less than measured, the
     largest of all pairs. NaN with fewer than two views, or nothing to tell it by."""
     window = tuple(slice(at.min(), at.max() + 1) for at in np.nonzero(mask))
     told = [
         displacement(picture[window], frames.radiance[view][window], (mask & ~frames.clipped[view])[window])
-        for view, picture in zip(views, pictures, strict=True)
+        for view, picture in zip(renders.views, renders.radiance, strict=True)
     ]
     apart = [
         np.linalg.norm(one[0] - other[0]) - 2 * np.sqrt(np.sum(one[1] ** 2 + other[1] ** 2) / 2)

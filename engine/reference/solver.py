@@ -115,14 +115,15 @@ def solve(
             for i, view in enumerate(kept_out):
                 progress.step(0.98 + 0.02 * i / len(kept_out), "rendering views kept out")
                 pictures[i, solved] = _picture(scene, unknowns.look(), shadows, view, draw, run)
+    renders = ValidationRenders(kept_out, pictures)
     report = _report(
         params, first, light, int(solved.sum()), int(mask.sum()), len(fitted), kept_out,
-        rerendering_error(frames, kept_out, pictures, solved),
+        rerendering_error(frames, renders, solved),
         unit, told, begun - clock, seconds,
     )  # fmt: skip
     as_given = Emitters(gaussians, lamps, 0)
     surface = _surface(solved, unknowns, depth, told)
-    return SolvedScene(surface, ValidationRenders(kept_out, pictures), as_given, report)
+    return SolvedScene(surface, renders, as_given, report)
 
 
 def _picture(

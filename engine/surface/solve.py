@@ -100,11 +100,10 @@ def solve(
     )
     pictures = np.zeros((len(kept_out), *mask.shape, 3), np.float32)
     pictures[:, mask] = maps.pictures.transpose(1, 0, 2)
-    rendered = frames, kept_out, pictures, mask
-    report = report_of(
-        scene, found, maps, material, parts, rerendering_error(*rendered), object_shift(*rendered)
-    )
-    return SolvedScene(surface, ValidationRenders(kept_out, pictures), emitters_of(found), report)
+    renders = ValidationRenders(kept_out, pictures)
+    error, shift = rerendering_error(frames, renders, mask), object_shift(frames, renders, mask)
+    report = report_of(scene, found, maps, material, parts, error, shift)
+    return SolvedScene(surface, renders, emitters_of(found), report)
 
 
 def settle(scene: Scene, captured: CapturedScene, progress: Progress) -> Estimate:

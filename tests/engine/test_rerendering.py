@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from engine.rerendering import displacement, object_shift
-from engine.types import Frames
+from engine.types import Frames, ValidationRenders
 
 HEIGHT, WIDTH = 60, 80
 MASK = np.zeros((HEIGHT, WIDTH), bool)
@@ -49,9 +49,9 @@ def test_the_shift_is_that_of_the_two_views_farthest_apart():
     views, flags = (0, 1, 2, 3), np.zeros((4, HEIGHT, WIDTH), bool)
     radiance = np.stack([moved(picture, down, 0) for picture, down in zip(pictures, downs, strict=True)])
     frames = Frames(tuple("abcd"), radiance, flags, flags, (0.0, 0.01))
-    assert object_shift(frames, views, pictures, MASK) == pytest.approx(0.8, abs=0.1)
-    assert object_shift(frames, views[:2], pictures[:2], MASK) < 0.05
-    assert np.isnan(object_shift(frames, views[:1], pictures[:1], MASK))
+    assert object_shift(frames, ValidationRenders(views, pictures), MASK) == pytest.approx(0.8, abs=0.1)
+    assert object_shift(frames, ValidationRenders(views[:2], pictures[:2]), MASK) < 0.05
+    assert np.isnan(object_shift(frames, ValidationRenders(views[:1], pictures[:1]), MASK))
 
 
 def test_what_is_clipped_moves_nothing():
@@ -61,4 +61,4 @@ def test_what_is_clipped_moves_nothing():
     clipped[1] = False
     radiance = np.where(clipped[..., None], most, pictures)
     frames = Frames(tuple("ab"), radiance, clipped, np.zeros_like(clipped), (0.0, 0.01))
-    assert object_shift(frames, (0, 1), pictures, MASK) < 0.02
+    assert object_shift(frames, ValidationRenders((0, 1), pictures), MASK) < 0.02
