@@ -330,13 +330,14 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
         order.add_argument("--fresh", action="store_true", help="measure again what is kept of earlier runs")
         order.add_argument("--seed", type=int, default=0, help="of the sets and the solvers")
         order.add_argument("--device", default="auto", choices=("auto", "cpu", "cuda"))
-        if name not in ("scaling", "stress", "pipeline", "economy"):
+        if name not in ("scaling", "pipeline", "economy"):
+            few = name == "stress"
             order.add_argument(
                 "--methods",
                 type=_names,
-                default=(),
+                default=("far_field",) if few else (),
                 metavar="KEY,KEY",
-                help="only these rows; all if left out",
+                help=f"only these rows{' beside ours; far_field' if few else '; all'} if left out",
             )
             order.add_argument(
                 "--reference-pixels", type=int, metavar="N",

@@ -31,7 +31,7 @@ from app.bench import (
     scores,
     tables,
 )
-from app.bench.call import FEW, WHOLE, Call, Groups, grouped
+from app.bench.call import FEW, TILE, WHOLE, Call, Groups, grouped
 from app.bench.estimated import Estimated
 from app.bench.record import BenchError, Metric, Record
 from app.bench.scores import Scored
@@ -181,18 +181,20 @@ def scale(call: Call) -> list[Metric]:
 
 def stressed(call: Call) -> list[Metric]:
     dials = choices.picked("--dials", call.args.dials, stress_dials.DIALS)
+    others = call.chosen(rows.others(call.size, call.least(TILE)))
     runs: list[Stressed] = []
     for room in call.rooms:
         for thing in call.objects:
             on = call.set(room, thing, None)
-            runs.append(measure(call, on, CLEAN, 0))
+            runs.append(measure(call, on, CLEAN, 0, others))
             for dial in dials:
                 for step in call.args.steps:
                     there = photographed(call, on, room, thing, dial, step)
-                    runs += [] if there is None else [measure(call, there, dial, step)]
+                    runs += [] if there is None else [measure(call, there, dial, step, others)]
     found = stress_scores.score(runs)
     print(
-        f"{stress_scores.table(runs)}\n\nR refused, w warned, S wrong and not warned\n\n{stress_scores.told(runs)}\n"
+        f"{stress_scores.table(runs)}\n\nR refused, w warned, S wrong and not warned\n\n{stress_scores.columns(runs)}\n\n"
+        f"{stress_scores.told(runs)}\n"
     )
     caption = f"{', '.join(dict.fromkeys(one.set for one in runs))}; {call.size.told()}; {call.args.preset}"
     for path in stress_chart.write(runs, call.args.out, caption):

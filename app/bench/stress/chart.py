@@ -1,7 +1,7 @@
 """Stressed runs on one page: a heat map of ways of going wrong by steps, and a chart for each way.
 
 The map's colour is the mean over the sets of the normals' error over that of the clean set; a letter says what was told. The charts
-show the errors themselves, those of light from infinitely far away beside them, and where each set breaks.
+show the errors themselves, those of other methods beside them, and where each set breaks.
 """
 
 import math
@@ -13,12 +13,13 @@ import numpy as np
 
 from app.bench import drawing
 from app.bench.stress.dials import DIALS
-from app.bench.stress.measure import CLEAN, Stressed
-from app.bench.stress.scores import cell, failed, mean_ratio, was_told
+from app.bench.stress.measure import CLEAN, Beside, Stressed
+from app.bench.stress.scores import cell, failed, keys, mean_ratio, was_told
 
 MOST = 8.0  # times the clean error that the darkest colour stands for
 ROW_IN, AROUND_IN = 0.24, 1.0
 ACROSS, PANEL_IN = 4, 1.35
+DASHES = ":", "--", "-."
 SET_COLOURS = drawing.BLUE, drawing.GREEN, drawing.PURPLE, drawing.ORANGE
 
 
@@ -37,10 +38,12 @@ def write(runs: Sequence[Stressed], folder: Path, caption: str) -> list[Path]:
 
 def rows(runs: Sequence[Stressed]) -> str:
     """Every run as CSV."""
-    columns = [name for name in Stressed.__slots__ if name not in ("seconds", "facts")]
-    lines: list[Sequence[object]] = [columns]
+    columns = [name for name in Stressed.__slots__ if name not in ("seconds", "others", "facts")]
+    of_others = [(key, name) for key in keys(runs) for name in Beside.__slots__ if name != "seconds"]
+    lines: list[Sequence[object]] = [[*columns, *(f"{key}.{name}" for key, name in of_others)]]
     for one in runs:
-        lines.append([getattr(one, name) for name in columns])
+        theirs = [getattr(one.others.get(key), name, math.nan) for key, name in of_others]
+        lines.append([*(getattr(one, name) for name in columns), *theirs])
     return drawing.csv_of(lines)
 
 
@@ -89,7 +92,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
 
     clean = {one.set: one for one in runs if one.dial == CLEAN}
     dials = list(dict.fromkeys(one.dial for one in runs if one.dial != CLEAN))
-    down = max(math.ceil(len(dials) / ACROSS), 1)
+    down, named = max(math.ceil(len(dials) / ACROSS), 1), keys(runs)
     figure = Figure(figsize=(drawing.WIDTH_IN, PANEL_IN * down + 0.4), dpi=drawing.DPI, layout="constrained")
     panels = figure.subplots(down, ACROSS, squeeze=False).ravel()
     for dial, axes in zip(dials, panels, strict=False):
@@ -98,7 +101,9 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
             line = [first, *sorted(turned, key=lambda one: one.step)]
             at = [one.step for one in line]
             axes.plot(at, [one.normal_deg for one in line], ".-", color=colour, lw=1, ms=4)
-            axes.plot(at, [one.far_field_deg for one in line], ":", color=colour, lw=0.8)
+            for style, key in zip(DASHES * len(named), named, strict=False):
+                other = [one.others[key].normal_deg if key in one.others else math.nan for one in line]
+                axes.plot(at, other, style, color=colour, lw=0.8)
             broken = next((one for one in line if failed(one, first)), None)
             if broken is not None:
                 mark = "x" if was_told(broken) else "X"
@@ -114,7 +119,12 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
     for axes in panels[len(dials) :]:
         axes.axis("off")
     figure.suptitle(
-        "mean error of the normals, degrees; dotted: light from afar; x: breaks and is told of, filled X: breaks silently",
+        "mean error of the normals, degrees; "
+        + "".join(
+            f"{style} {key.replace('_', ' ')}; "
+            for style, key in zip(DASHES * len(named), named, strict=False)
+        )
+        + "x: breaks and is told of, filled X: breaks silently",
         fontsize=6.5,
     )
     figure.supxlabel(caption, fontsize=5.5, color="0.35")

@@ -32,6 +32,7 @@ class Dial:
     turn: Callable[[Stored, float, Rng], Stored] = lambda stored, amount, rng: stored
     # Of room, object, amount and seed: what is photographed instead; None: nothing, this is no dial for that room.
     scene: Callable[[Choice, Choice, float, int], tuple[Choice, Choice] | None] | None = None
+    half_way: bool = False  # the first half of the photographs stays that of the clean set
 
     def at(self, stored: Stored, step: int, seed: int) -> Stored:
         """`stored` made worse by one of the steps."""
@@ -42,10 +43,31 @@ def _fewer(stored: Stored, count: float, rng: Rng) -> Stored:
     return fewer_views(stored, min(int(count), len(stored.frames.names)))
 
 
+def half_way(first: Stored, second: Stored) -> Stored:
+    """The light changes half-way: photographs from the same poses, the first half of one set and the second of another."""
+    late = np.arange(len(first.frames.names)) >= len(first.frames.names) // 2
+    frames, after = first.frames, second.frames
+    clipped, dark = (
+        np.where(late[:, None, None], b, a)
+        for a, b in ((frames.clipped, after.clipped), (frames.dark, after.dark))
+    )
+    radiance = np.where(late[:, None, None, None], after.radiance, frames.radiance)
+    return replace(second, frames=replace(frames, radiance=radiance, clipped=clipped, dark=dark))
+
+
 def _narrow(stored: Stored, share: float, rng: Rng) -> Stored:
     """The views that are turned least from the middle one."""
     turn = Rotation.from_matrix(stored.poses.cam_from_world[:, :, :3])
-    away = (turn * turn[len(turn) // 2].inv()).magnitude()
+    return _least(stored, share, (turn * turn[len(turn) // 2].inv()).magnitude())
+
+
+def _one_axis(stored: Stored, share: float, rng: Rng) -> Stored:
+    """The views that are tilted least against one upright, as from a turntable."""
+    upright = stored.poses.cam_from_world[:, 1, :3]
+    return _least(stored, share, -upright @ upright.mean(0))
+
+
+def _least(stored: Stored, share: float, away: np.ndarray) -> Stored:
     return stored.views(np.sort(np.argsort(away)[: max(round(share * len(away)), 9)]))
 
 
@@ -159,6 +181,16 @@ def _blurred(stored: Stored, px: float, rng: Rng) -> Stored:
     return _taken(stored, ndimage.gaussian_filter(stored.frames.radiance, (0, px, px, 0), mode="nearest"))
 
 
+def _shaken(stored: Stored, px: float, rng: Rng) -> Stored:
+    """The camera moves while it exposes, and the object with it: the room alone is smeared, along a line in every view."""
+    radiance, ends = stored.frames.radiance.copy(), np.linspace(-0.5, 0.5, 2 * int(np.ceil(px)) + 1)
+    for picture, angle in zip(radiance, rng.uniform(0, np.pi, len(radiance)), strict=True):
+        steps = [(px * at * np.sin(angle), px * at * np.cos(angle), 0) for at in ends]
+        smeared = np.mean([ndimage.shift(picture, step, order=1, mode="nearest") for step in steps], 0)
+        picture[~stored.masks.object] = smeared[~stored.masks.object]
+    return _taken(stored, radiance)
+
+
 def _taken(stored: Stored, radiance: np.ndarray) -> Stored:
     frames = stored.frames
     return replace(stored, frames=Frames(frames.names, radiance, frames.clipped, frames.dark, frames.noise))
@@ -191,6 +223,7 @@ def _bowl(room: Choice, thing: Choice, amount: float, seed: int) -> tuple[Choice
 DIALS: Mapping[str, Dial] = {
     "views": Dial("views", (32, 24, 16, 12, 9), _fewer),
     "narrow": Dial("share of the views, those turned least", (0.6, 0.45, 0.35, 0.25, 0.2), _narrow),
+    "one_axis": Dial("share of the views, those tilted least", (0.6, 0.45, 0.35, 0.25, 0.2), _one_axis),
     "pose_noise": Dial("noise of the poses, deg", (0.1, 0.25, 0.5, 1.0, 2.0), _pose_noise),
     "focal": Dial("focal length, % off", (0.3, 0.8, 1.5, 3.0, 5.0), _focal),
     "mask_grown": Dial("mask too large, px", (1, 2, 3, 4, 6), _mask_grown),
@@ -204,6 +237,7 @@ DIALS: Mapping[str, Dial] = {
     "passer_by": Dial("share of views with somebody in them", (0.06, 0.12, 0.18, 0.24, 0.3), _passer_by),
     "slipped": Dial("slip of the object half-way, px", (0.3, 0.6, 1.0, 2.0, 3.0), _slipped),
     "blurred": Dial("defocus, px", (0.4, 0.8, 1.2, 2.0, 3.0), _blurred),
+    "shaken": Dial("motion blur of the room, px", (1, 2, 4, 7, 12), _shaken),
     "gloss": Dial("paint of this roughness", (0.5, 0.3, 0.2, 0.1, 0.05), scene=_made_of("paint")),
     "metal": Dial("metal of this roughness", (0.6, 0.45, 0.3, 0.2, 0.1), scene=_made_of("metal")),
     "cavity": Dial("a bowl so deep, half widths", (0.25, 0.5, 1.0, 1.6, 2.5), scene=_bowl),
@@ -211,6 +245,12 @@ DIALS: Mapping[str, Dial] = {
         "lamp of the booth, m from the object", (1.2, 0.9, 0.7, 0.55, 0.45), scene=_room("lamp")
     ),
     "bare_walls": Dial("contrast of the booth's walls", (0.5, 0.25, 0.1, 0.03, 0), scene=_room("texture")),
+    "switched_lamp": Dial(
+        "share of its light that the booth's globe has left half-way",
+        (0.9, 0.7, 0.4, 0.2, 0),
+        scene=_room("globe"),
+        half_way=True,
+    ),
     "flat_light": Dial("contrast of all light in the booth", (0.7, 0.4, 0.2, 0.1, 0.05), scene=_room("glow")),
 }
 FITTED = (

@@ -5,23 +5,22 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from app import places
-from app.bench import record
-from app.bench.alike import under
-from app.bench.baselines.known_light import KnownLightParams, far_field
+from app.bench import record, rows
+from app.bench.alike import hand_over
 from app.bench.call import Call
 from app.bench.choices import Choice
-from app.bench.rows import params_of
+from app.bench.rows import Answer, Method
 from app.bench.sets import Set, job
-from app.bench.stress.dials import DIALS
+from app.bench.stress.dials import DIALS, half_way
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
+from engine.io.ground_truth import Truth
 from engine.light.fitting import fit as light_fit
 from engine.light.fitting.params import LightParams
 from engine.pipeline import artifacts
@@ -32,10 +31,22 @@ from engine.results.quality import quality
 from engine.segmentation.params import SegmentParams
 from engine.segmentation.segment import report_on
 from engine.surface.solve import solve
-from engine.types import CapturedScene
+from engine.types import CapturedScene, Surface
 
 CLEAN = "clean"
 """The dial of the set as it is, at step 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Another method on the same capture, under the light and at the distance that ours found."""
+
+    normal_deg: float  # mean error
+    ours_deg: float  # the same of ours, over the same pixels
+    albedo_db: float
+    roughness: float  # mean absolute error
+    solved: float  # share of the true mask that was answered
+    seconds: float  # of the whole object
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +59,6 @@ class Stressed:
     amount: float
     refused: str  # why; empty where it was solved
     normal_deg: float = math.nan  # mean error
-    far_field_deg: float = math.nan  # the same of our solver under light from infinitely far away
     stated_deg: float = math.nan  # mean standard error
     in_50: float = math.nan  # share of normals within their stated 50 %,
     in_68: float = math.nan
@@ -62,6 +72,7 @@ class Stressed:
     grade: str = ""
     doubt: float = math.nan
     reason: str = ""
+    others: Mapping[str, Beside] = field(default_factory=dict)  # methods beside ours, by their rows' keys
     facts: Mapping[str, float] = field(
         default_factory=dict
     )  # the numbers that the stages measured of themselves
@@ -73,35 +84,43 @@ def photographed(call: Call, on: Set, room: Choice, thing: Choice, dial: str, st
     if one.scene is None:
         return on
     scene = one.scene(room, thing, one.amounts[step - 1], call.args.seed)
-    return None if scene is None else replace(call.set(*scene, None), room=on.room, thing=on.thing)
+    if scene is None:
+        return None
+    there = replace(call.set(*scene, None), room=on.room, thing=on.thing)
+    return replace(there, stored=half_way(on.stored, there.stored)) if one.half_way else there
 
 
-def measure(call: Call, on: Set, dial: str, step: int) -> Stressed:
+def measure(call: Call, on: Set, dial: str, step: int, others: Sequence[Method] = ()) -> Stressed:
     """A dial of `DIALS` turned to a step, or `CLEAN` at 0; kept beside the sets for the next call."""
     args = call.args
-    facts = [on.stored.fingerprint, dial, step, args.preset, call.device, args.seed, record.engine_digest()]
+    facts = [
+        on.stored.fingerprint, dial, step, args.preset, call.device, args.seed, record.engine_digest(),
+        [(method.key, dict(method.facts)) for method in others],
+    ]  # fmt: skip
     path = call.folder / "stress" / f"{hashlib.sha256(canonical(facts).encode()).hexdigest()[:16]}.json"
     if path.exists() and not args.fresh:
-        with contextlib.suppress(ValueError, TypeError):  # damaged: measured again
-            return Stressed(**artifacts.revive(json.loads(path.read_text()), dict[str, Any]))
+        with contextlib.suppress(ValueError, TypeError, KeyError):  # damaged: measured again
+            return artifacts.revive(json.loads(path.read_text()), Stressed)
     amount = DIALS[dial].amounts[step - 1] if step else 0.0
     with job(f"{on.name} {dial} {step}") as progress:
         try:
-            found = _solved(call, on, dial, step, amount, progress)
+            found = _solved(call, on, dial, step, others, progress)
         except RoomlightError as refusal:
             found = Stressed(on.name, dial, step, amount, str(refusal))
-    places.keep(path, json.dumps(artifacts.plain(asdict(found))))
+    places.keep(path, json.dumps(artifacts.plain(found)))
     return found
 
 
-def _solved(call: Call, on: Set, dial: str, step: int, amount: float, progress: Progress) -> Stressed:
+def _solved(
+    call: Call, on: Set, dial: str, step: int, others: Sequence[Method], progress: Progress
+) -> Stressed:
     seed, device, fit = call.args.seed, call.device, LightParams(**call.size.settings.get("light", {}))
     given = DIALS[dial].at(on.stored, step, seed) if step else on.stored
     frames, masks, poses = given.frames, given.masks, given.poses
     begun = time.perf_counter()
-    gaussians, lamps, light = light_fit.fit(frames, masks, poses, fit, seed, progress.part(0, 0.5))
+    gaussians, lamps, light = light_fit.fit(frames, masks, poses, fit, seed, progress.part(0, 0.4))
     captured = CapturedScene(frames, masks, poses, gaussians, lamps)
-    solved = solve(captured, params_of(call.args.preset), device, seed, progress.part(0.5, 1))
+    solved = solve(captured, rows.params_of(call.args.preset), device, seed, progress.part(0.4, 0.8))
     surface, report = solved.surface, solved.report
     seconds = time.perf_counter() - begun
     scored = metrics.evaluate(surface, on.truth)
@@ -114,12 +133,14 @@ def _solved(call: Call, on: Set, dial: str, step: int, amount: float, progress: 
     assert verdict is not None  # our solver knows its errors
     answered = surface.mask & on.truth.mask
     error, stated = angle_between(surface.normal, on.truth.normal)[answered], surface.stderr_normal[answered]
-    lit, params = under(given, solved.emitters), KnownLightParams(object_distance=report.distance.value)
-    afar = far_field(lit.captured, params, device, seed, Progress())
+    hand_over(given, device, seed, solved.emitters, report.distance.value)
+    beside = {}
+    for i, method in enumerate(others):
+        span = progress.part(0.8 + 0.2 * i / len(others), 0.8 + 0.2 * (i + 1) / len(others))
+        beside[method.key] = _beside(method.solve(given, device, seed, span), surface, on.truth)
     return Stressed(
-        on.name, dial, step, amount, "",
+        on.name, dial, step, DIALS[dial].amounts[step - 1] if step else 0.0, "",
         normal_deg=scored.normal_mean_deg,
-        far_field_deg=metrics.evaluate(afar, on.truth).normal_mean_deg,
         stated_deg=float(np.degrees(stated.mean())),
         in_50=metrics.normal_coverage(error, stated, 0.5),
         in_68=metrics.normal_coverage(error, stated, 0.68),
@@ -133,9 +154,23 @@ def _solved(call: Call, on: Set, dial: str, step: int, amount: float, progress: 
         grade=verdict.grade,
         doubt=verdict.doubt,
         reason=verdict.reason,
+        others=beside,
         facts={
             f"{stage}.{name}": float(value)
             for stage, values in told.items() for name, value in values.items()
             if isinstance(value, int | float)
         },
+    )  # fmt: skip
+
+
+def _beside(answer: Answer, ours: Surface, truth: Truth) -> Beside:
+    """Errors over the pixels that both answered; NaN where there are none."""
+    both = answer.surface.mask & ours.mask & truth.mask
+    solved = float((answer.surface.mask & truth.mask).sum() / truth.mask.sum())
+    if not both.any():
+        return Beside(math.nan, math.nan, math.nan, math.nan, solved, answer.seconds)
+    there = replace(truth, mask=both)
+    theirs, own = metrics.evaluate(answer.surface, there), metrics.evaluate(ours, there)
+    return Beside(
+        theirs.normal_mean_deg, own.normal_mean_deg, theirs.albedo_psnr_db, theirs.roughness_mae, solved, answer.seconds,
     )  # fmt: skip

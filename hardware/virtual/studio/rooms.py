@@ -418,7 +418,11 @@ def parlour() -> Room:
 
 
 def booth(
-    side: float = 2.8, lamp: float | None = None, texture: float = 1.0, glow: float | None = None
+    side: float = 2.8,
+    lamp: float | None = None,
+    texture: float = 1.0,
+    glow: float | None = None,
+    globe: float = 1.0,
 ) -> Room:
     """Six mottled walls of few texels, a glowing sheet and a globe: built in seconds, for trials of the machinery.
 
@@ -426,6 +430,7 @@ def booth(
         side: metres; lamps, walls and all grow with it.
         lamp: the globe is so many metres from the centre, and as large as it seems from there otherwise.
         texture: contrast of the walls' tiles.
+        globe: the globe has this share of its light.
         glow: the walls glow themselves, and there are no lamps; the contrast of their tiles, which is all that light differs by.
     """
     rng, times = np.random.default_rng(61), side / 2.8
@@ -446,11 +451,11 @@ def booth(
     sheet = Sheet(times * np.array([-0.2, -0.5, 2.75]), times * X, times * Y, light)
     towards = np.array([-1.1, 0.7, 0.3])
     near = times if lamp is None else lamp / float(np.linalg.norm(towards))
-    globe = Globe(centre + near * towards, 0.09 * near, np.array([38.0, 34.0, 30.0]))
-    return Room("booth", tuple(walls), (globe,), (sheet,), centre)
+    shining_globe = Globe(centre + near * towards, 0.09 * near, globe * np.array([38.0, 34.0, 30.0]))
+    return Room("booth", tuple(walls), (shining_globe,), (sheet,), centre)
 
 
-BOOTH = ("side", "lamp", "texture", "glow")
+BOOTH = ("side", "lamp", "texture", "glow", "globe")
 NEAREST_LAMP_M = 0.45  # the rig's object sweeps .35 m about the room's centre
 
 ROOMS: dict[str, Callable[..., Room]] = {

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from app.bench.choices import Choice, built_in, picked
 from app.bench.record import BenchError
 from app.bench.stored import Stored
-from app.bench.stress.dials import DIALS
+from app.bench.stress.dials import DIALS, half_way
 from engine.types import Masks
 from hardware.virtual.studio import bodies, rooms
 from tests.app.bench.synthetic import stored
@@ -70,6 +70,31 @@ def test_poses_are_off_by_the_degrees_that_are_said(clean: Stored) -> None:
     assert np.degrees(apart.magnitude()).mean() == pytest.approx(1.6, rel=0.2)  # of three normal draws of 1
     shift = np.linalg.norm(worse.poses.cam_from_world[:, :, 3], axis=1)
     assert shift.mean() == pytest.approx(0.025 * 1.6, rel=0.2)
+
+
+def test_one_axis_keeps_the_views_that_stand_upright(clean: Stored) -> None:
+    number = np.arange(40)
+    tilt_deg = np.where(number % 4 == 0, 0, 30 * (-1) ** number)
+    tilts = Rotation.from_rotvec(np.radians(tilt_deg)[:, None] * [1, 0, 0])
+    placed = clean.poses.cam_from_world.copy()
+    placed[:, :, :3] = tilts.as_matrix() @ placed[:, :, :3]
+    tilted = replace(clean, poses=replace(clean.poses, cam_from_world=placed))
+    kept = DIALS["one_axis"].at(tilted, 5, 0).frames.names
+    assert len(kept) == 9
+    assert set(kept) < {f"view{i:02d}" for i in range(0, 40, 4)}
+
+
+def test_motion_smears_the_room_and_not_the_object_that_moves_along(clean: Stored) -> None:
+    worse, inside = DIALS["shaken"].at(clean, 4, 0), clean.masks.object
+    assert np.array_equal(worse.frames.radiance[:, inside], clean.frames.radiance[:, inside])
+    assert worse.frames.radiance[:, ~inside].std() < 0.6 * clean.frames.radiance[:, ~inside].std()
+
+
+def test_a_light_that_changes_half_way_leaves_the_first_half_as_it_was(clean: Stored) -> None:
+    dark = replace(clean, frames=replace(clean.frames, radiance=0.5 * clean.frames.radiance))
+    both = half_way(clean, dark).frames.radiance
+    assert np.array_equal(both[:20], clean.frames.radiance[:20])
+    assert np.array_equal(both[20:], dark.frames.radiance[20:])
 
 
 def test_a_cap_of_the_room_is_shown_by_no_photograph(clean: Stored) -> None:

@@ -6,13 +6,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from app.bench.alike import alike
+from app.bench.rows import Answer, Method
 from app.bench.sizes import SIZES
+from app.bench.stored import Stored
 from app.bench.stress import measure as measuring
 from app.bench.stress.measure import CLEAN, measure
 from engine.errors import LightError
-from tests.app.bench.synthetic import a_set, leaning
+from engine.progress import Progress
+from tests.app.bench.synthetic import a_set, leaning, method
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +51,13 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     emitters = SimpleNamespace(gaussians=None, lamps=a_set().stored.lamps)
     solved = SimpleNamespace(surface=leaning(4.0), report=Report(), emitters=emitters)
     monkeypatch.setattr(measuring, "solve", lambda *asked: solved)
-    monkeypatch.setattr(measuring, "under", lambda stored, emitters: stored)
-    monkeypatch.setattr(measuring, "far_field", lambda *asked: leaning(6.0))
     return counts
 
 
 def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path, fits: list[int]) -> None:
     found = measure(a_call(tmp_path), a_set(), CLEAN, 0)
     assert found.normal_deg == pytest.approx(4, abs=1e-3)
-    assert found.far_field_deg == pytest.approx(6, abs=1e-3)
+    assert found.others == {}
     assert (found.in_50, found.in_95) == (0, 0)  # four degrees off, and less than one stated
     assert found.solved == 1
     assert (found.refused, found.grade) == ("", "not to be trusted")
@@ -65,6 +68,26 @@ def test_errors_and_the_verdict_are_those_of_the_answer_and_kept(tmp_path: Path,
     measure(a_call(tmp_path, fresh=True), a_set(), CLEAN, 0)
     measure(a_call(tmp_path), a_set(), "exposure", 2)
     assert fits == [12, 12, 12]
+
+
+def test_others_are_held_against_ours_over_their_own_pixels(tmp_path: Path, fits: list[int]) -> None:
+    mask = a_set().truth.mask
+    tile = mask & (np.cumsum(mask).reshape(mask.shape) <= 16)
+
+    def on_a_tile(given: Stored, device: str, seed: int, progress: Progress) -> Answer:
+        assert alike(given, device, seed).distance == 0.5  # that of our own solve, which is not run again
+        return Answer(leaning(6.0, tile), 900.0)
+
+    others = (Method("reference", "", "reference", on_a_tile), method("nowhere", 2.0, 5.0))
+    found = measure(a_call(tmp_path), a_set(), CLEAN, 0, others)
+    theirs = found.others["reference"]
+    assert theirs.normal_deg == pytest.approx(6, abs=1e-3)
+    assert theirs.ours_deg == pytest.approx(4, abs=1e-3)
+    assert theirs.roughness == pytest.approx(0.06, abs=1e-3)  # of the tile: what it left out is not charged
+    assert theirs.solved == pytest.approx(16 / mask.sum())
+    assert measure(a_call(tmp_path), a_set(), CLEAN, 0, others) == found
+    measure(a_call(tmp_path), a_set(), CLEAN, 0, others[:1])  # other methods: another measurement
+    assert fits == [12, 12]
 
 
 def test_a_capture_that_is_refused_says_why(tmp_path: Path, fits: list[int]) -> None:

@@ -1,11 +1,13 @@
 """What was wrong, what was told, and how often the one without the other."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.bench.stress import chart, scores
-from app.bench.stress.measure import CLEAN, Stressed
+from app.bench.stress.measure import CLEAN, Beside, Stressed
 from engine.results.quality import BAD, DOUBTFUL, GOOD
 
 
@@ -14,8 +16,9 @@ def run(
 ) -> Stressed:
     coverage = {"in_50": 0.4, "in_68": 0.6, "in_90": 0.85, "in_95": 0.95}
     return Stressed(
-        on, dial, step, 1.0, "", normal_deg, 4.0, 2.0, **coverage, ause=0.1, albedo_db=30.0, roughness=0.05,
+        on, dial, step, 1.0, "", normal_deg, 2.0, **coverage, ause=0.1, albedo_db=30.0, roughness=0.05,
         solved=1.0, seconds=9.0, grade=grade, doubt=doubt, reason="why",
+        others={"far_field": Beside(4.0, normal_deg, 28.0, 0.06, 1.0, 5.0)},
     )  # fmt: skip
 
 
@@ -45,7 +48,9 @@ def test_silent_failures_and_false_alarms_are_counted():
     assert found.auroc == pytest.approx((16 - 2) / 16)
     assert found.coverage == pytest.approx((0.4, 0.6, 0.85, 0.95))
     assert found.ause == pytest.approx(0.1)
-    assert found.behind == 3 / 8  # 5, 4.5 and 9 degrees, where light from afar leaves 4
+    assert found.behind == {"far_field": 3 / 8}  # 5, 4.5 and 9 degrees, where light from afar leaves 4
+    # 2.9 + 5 + 2.5 + 3.5 over four times 4, and 4.5 + 9 over twice 4; nothing was solved with fewer views.
+    assert found.corruption == {"far_field": pytest.approx((13.9 / 16 + 13.5 / 8) / 2)}
 
 
 def test_the_table_tells_ratios_and_marks():
@@ -62,6 +67,21 @@ def test_the_table_tells_ratios_and_marks():
     assert "silent failures 14.3 %, false alarms 50.0 %, AUROC 0.875" in scores.summary(scores.score(RUNS))
 
 
+def test_methods_beside_ours_are_a_column_each_with_ours_over_their_pixels():
+    tile = {"reference_256_100": Beside(7.0, 3.0, 20.0, 0.1, 0.01, 900.0)}
+    nowhere = {
+        "reference_256_100": replace(tile["reference_256_100"], normal_deg=math.nan, ours_deg=math.nan)
+    }
+    runs = [replace(RUNS[0], others=RUNS[0].others | tile), replace(RUNS[2], others=nowhere), RUNS[5]]
+    lines = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in scores.columns(runs).splitlines()
+    ]
+    assert lines[0][1:] == ["far field (ours there)", "reference 256 100 (ours there)"]
+    assert lines[2][1:] == ["4.00 (2.00)", "7.00 (3.00)"]
+    assert lines[3][1:] == ["-", "-"]  # of the tile's pixels ours answered none there
+    assert "in the mean of the dials ours has 1.28 of its error" in scores.summary(scores.score(RUNS))
+
+
 def test_scores_are_gated_and_single_errors_are_not():
     metrics = {metric.key: metric for metric in scores.as_metrics(RUNS, scores.score(RUNS))}
     assert metrics["stress/silent_failures"].tolerance is not None
@@ -73,7 +93,9 @@ def test_the_heat_map_is_drawn_with_every_run_beside_it(tmp_path: Path):
     paths = chart.write(RUNS, tmp_path, "two sets")
     assert [path.name for path in paths[:3]] == ["stress.png", "stress.svg", "stress.csv"]
     assert [path.name for path in paths[3:]] == ["stress_dials.png", "stress_dials.svg"]
-    assert len(paths[2].read_text().splitlines()) == 1 + len(RUNS)
+    table = paths[2].read_text().splitlines()
+    assert len(table) == 1 + len(RUNS)
+    assert dict(zip(table[0].split(","), table[1].split(","), strict=True))["far_field.normal_deg"] == "4.0"
     drawn = paths[1].read_text()
     for words in ("focal length, % off", "2.25 S", "R", "two sets"):
         assert words in drawn
