@@ -121,7 +121,8 @@ def settle(scene: Scene, captured: CapturedScene, progress: Progress) -> Estimat
     first = once(scene.seed, spans[0])
     others = (once(seed, span) for seed, span in enumerate(spans[1:], scene.seed + 1))
     states = [known(first.state), *(known(end.state) for end in others if end.level == first.level)]
-    return run(scene, replace(first, state=medoid(states)), schedule(scene.params, False)[-2:], last)
+    after = [phase for phase in schedule(scene.params, False) if phase.name in ("fine", "finish")]
+    return run(scene, replace(first, state=medoid(states)), after, last)
 
 
 def initial_state(scene: Scene, room: RoomLight) -> Estimate:
@@ -184,6 +185,5 @@ def surface_of(
         maps.normals, maps.albedo, maps.roughness, z, maps.stderr_normal, maps.stderr_albedo, maps.stderr_roughness,
         maps.residual_scale * model_error,
     )  # fmt: skip
-    flags = image(mask, maps.flags).astype(np.uint8)
-    made = None if material is None else image(mask, material)
-    return Surface(mask, *(image(mask, x) for x in values), flags=flags, material=made)
+    flags, made = image(mask, maps.flags), None if material is None else image(mask, material)
+    return Surface(mask, *(image(mask, x) for x in values), flags=flags.astype(np.uint8), material=made)

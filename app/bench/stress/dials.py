@@ -80,6 +80,13 @@ def _pose_noise(stored: Stored, sigma_deg: float, rng: Rng) -> Stored:
     return replace(stored, poses=replace(stored.poses, cam_from_world=placed))
 
 
+def _scale(stored: Stored, times: float, rng: Rng) -> Stored:
+    """Lengths are told otherwise: no angle of the scene changes, and no answer should."""
+    placed = stored.poses.cam_from_world.copy()
+    placed[:, :, 3] *= times
+    return replace(stored, poses=replace(stored.poses, cam_from_world=placed))
+
+
 def _focal(stored: Stored, percent: float, rng: Rng) -> Stored:
     camera, factor = stored.poses.camera, 1 + percent / 100
     wrong = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
@@ -225,6 +232,7 @@ DIALS: Mapping[str, Dial] = {
     "narrow": Dial("share of the views, those turned least", (0.6, 0.45, 0.35, 0.25, 0.2), _narrow),
     "one_axis": Dial("share of the views, those tilted least", (0.6, 0.45, 0.35, 0.25, 0.2), _one_axis),
     "pose_noise": Dial("noise of the poses, deg", (0.1, 0.25, 0.5, 1.0, 2.0), _pose_noise),
+    "scale": Dial("lengths told so many times as large", (0.8, 0.65, 0.5, 1.5, 2.0), _scale),
     "focal": Dial("focal length, % off", (0.3, 0.8, 1.5, 3.0, 5.0), _focal),
     "mask_grown": Dial("mask too large, px", (1, 2, 3, 4, 6), _mask_grown),
     "mask_shrunk": Dial("mask too small, px", (1, 2, 3, 4, 6), _mask_shrunk),
