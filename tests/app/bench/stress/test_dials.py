@@ -21,7 +21,7 @@ def clean() -> Stored:
     one = stored()
     count, frames = 40, one.frames
     turns = Rotation.from_rotvec(np.radians(np.linspace(0, 350, count))[:, None] * [0, 1, 0]).as_matrix()
-    placed = np.concatenate([turns, np.zeros((count, 3, 1))], 2)
+    placed = np.concatenate([turns, np.broadcast_to([[0], [0], [1]], (count, 3, 1))], 2)
     many = np.arange(count) % len(frames.names)
     radiance = (
         np.random.default_rng(3).uniform(0.2, 1, (count, *frames.radiance.shape[1:])).astype(np.float32)
@@ -64,11 +64,11 @@ def test_a_dial_makes_it_worse_with_every_step_and_the_same_with_the_same_seed(
 
 def test_poses_are_off_by_the_degrees_that_are_said(clean: Stored) -> None:
     worse = DIALS["pose_noise"].at(clean, 4, 1)
-    apart = Rotation.from_matrix(
-        worse.poses.cam_from_world[:, :, :3] @ clean.poses.cam_from_world[:, :, :3].transpose(0, 2, 1)
-    )
+    turned = worse.poses.cam_from_world[:, :, :3] @ clean.poses.cam_from_world[:, :, :3].transpose(0, 2, 1)
+    apart = Rotation.from_matrix(turned)
     assert np.degrees(apart.magnitude()).mean() == pytest.approx(1.6, rel=0.2)  # of three normal draws of 1
-    shift = np.linalg.norm(worse.poses.cam_from_world[:, :, 3], axis=1)
+    meant = np.einsum("nij,nj->ni", turned, clean.poses.cam_from_world[:, :, 3])
+    shift = np.linalg.norm(worse.poses.cam_from_world[:, :, 3] - meant, axis=1)
     assert shift.mean() == pytest.approx(0.025 * 1.6, rel=0.2)
 
 
