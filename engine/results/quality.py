@@ -6,7 +6,7 @@ of the dials of `roomlight bench stress`; the other half scored them (docs/decis
 
 import math
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ GOOD, DOUBTFUL, BAD = "good", "doubtful", "not to be trusted"
 BAD_FROM = 2.0
 """So many times its limit a sign says that the result is wrong; once, that it may be."""
 
+LEAST_PART = 4
+"""Views before and after a change, for a mean and its error."""
 LEAST_SHARE = 0.01
 """Of the error of the views kept out: a part of the model that buys less is not needed, however certain that little is."""
 
@@ -88,10 +90,37 @@ def _share(value: float) -> str:
     return f"{100 * value:.0f} %"
 
 
+def _share_of_log(logarithm: float) -> str:
+    return _share(math.expm1(logarithm))
+
+
+def _drift(facts: Facts) -> list[float]:
+    """Log factors of the fitted views, in the order in which they were taken; the others have 0."""
+    return [float(offset) for offset in facts.get("surface", {}).get("exposure_drift") or () if offset]
+
+
 def _exposure_drift(facts: Facts) -> float:
     """Standard deviation of the views' log factors."""
-    drift = facts.get("surface", {}).get("exposure_drift")
+    drift = _drift(facts)
     return statistics.pstdev(drift) if drift else math.nan
+
+
+def _exposure_step(facts: Facts) -> float:
+    """By how much the log factors differ before and after a time, at least: three standard errors less than measured, the
+    most of the eighths of the session."""
+    drift = _drift(facts)
+    cuts = {len(drift) * eighth // 8 for eighth in range(1, 8)}
+    steps = [
+        abs(statistics.fmean(before) - statistics.fmean(after))
+        - 3 * math.hypot(_stderr(before), _stderr(after))
+        for before, after in ((drift[:cut], drift[cut:]) for cut in sorted(cuts))
+        if min(len(before), len(after)) >= LEAST_PART
+    ]
+    return max(0.0, *steps) if steps else math.nan
+
+
+def _stderr(values: Sequence[float]) -> float:
+    return statistics.stdev(values) / math.sqrt(len(values))
 
 
 SIGNS = (
@@ -123,12 +152,17 @@ SIGNS = (
     Sign(
         "backgrounds of validation views differ from the fitted light by {}.",
         "Check poses and focal length, and whether lamps or people moved while the photographs were taken; add views.",
-        _number("light", "heldout_log_l1"), 0.35, lambda logarithm: _share(math.expm1(logarithm)),
+        _number("light", "heldout_log_l1"), 0.35, _share_of_log,
     ),
     Sign(
         "the brightness of the light varies by {} from view to view (standard deviation).",
         "Fix exposure and white balance, and keep lamps and curtains as they are.",
         _exposure_drift, 0.2, _share,
+    ),
+    Sign(
+        "the object is {} brighter in photographs before some time than in those after it, or darker, than one light makes it.",
+        "A lamp was switched, a curtain moved or the sun came out: take them again, or leave out those before or after.",
+        _exposure_step, 0.1, _share_of_log,
     ),
     Sign(
         "{} of the light on the object comes from directions that no photograph shows.",

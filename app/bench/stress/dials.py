@@ -43,15 +43,16 @@ def _fewer(stored: Stored, count: float, rng: Rng) -> Stored:
     return fewer_views(stored, min(int(count), len(stored.frames.names)))
 
 
-def half_way(first: Stored, second: Stored) -> Stored:
-    """The light changes half-way: photographs from the same poses, the first half of one set and the second of another."""
+def half_way(first: Stored, second: Stored, times: float) -> Stored:
+    """The light changes half-way: photographs from the same poses, the first half of one set and the second of another, whose
+    radiance counts in units `times` as large."""
     late = np.arange(len(first.frames.names)) >= len(first.frames.names) // 2
     frames, after = first.frames, second.frames
     clipped, dark = (
         np.where(late[:, None, None], b, a)
         for a, b in ((frames.clipped, after.clipped), (frames.dark, after.dark))
     )
-    radiance = np.where(late[:, None, None, None], after.radiance, frames.radiance)
+    radiance = np.where(late[:, None, None, None], np.float32(times) * after.radiance, frames.radiance)
     return replace(second, frames=replace(frames, radiance=radiance, clipped=clipped, dark=dark))
 
 

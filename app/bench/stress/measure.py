@@ -20,7 +20,9 @@ from app.bench.sets import Set, job
 from app.bench.stress.dials import DIALS, half_way
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
+from engine.io import session as sessions
 from engine.io.ground_truth import Truth
+from engine.io.raw import read_facts
 from engine.light.fitting import fit as light_fit
 from engine.light.fitting.params import LightParams
 from engine.pipeline import artifacts
@@ -87,7 +89,17 @@ def photographed(call: Call, on: Set, room: Choice, thing: Choice, dial: str, st
     if scene is None:
         return None
     there = replace(call.set(*scene, None), room=on.room, thing=on.thing)
-    return replace(there, stored=half_way(on.stored, there.stored)) if one.half_way else there
+    if not one.half_way:
+        return there
+    return replace(there, stored=half_way(on.stored, there.stored, _metered(on) / _metered(there)))
+
+
+def _metered(on: Set) -> float:
+    """Exposure of the middle photograph of a bracket, which the studio meters for a whole set: what its radiance counts in."""
+    session = sessions.open_session(on.session)
+    if session.kind == "linear":
+        return 1.0
+    return float(np.median([read_facts(file).exposure() for file in sessions.shots(session)[0].files]))
 
 
 def measure(call: Call, on: Set, dial: str, step: int, others: Sequence[Method] = ()) -> Stressed:

@@ -92,9 +92,9 @@ def test_motion_smears_the_room_and_not_the_object_that_moves_along(clean: Store
 
 def test_a_light_that_changes_half_way_leaves_the_first_half_as_it_was(clean: Stored) -> None:
     dark = replace(clean, frames=replace(clean.frames, radiance=0.5 * clean.frames.radiance))
-    both = half_way(clean, dark).frames.radiance
+    both = half_way(clean, dark, 4.0).frames.radiance
     assert np.array_equal(both[:20], clean.frames.radiance[:20])
-    assert np.array_equal(both[20:], dark.frames.radiance[20:])
+    assert np.array_equal(both[20:], 4 * dark.frames.radiance[20:])
 
 
 def test_a_cap_of_the_room_is_shown_by_no_photograph(clean: Stored) -> None:
