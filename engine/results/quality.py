@@ -160,8 +160,8 @@ SIGNS = (
         _exposure_drift, 0.2, _share,
     ),
     Sign(
-        "the object is {} brighter in photographs before some time than in those after it, or darker, than one light makes it.",
-        "A lamp was switched, a curtain moved or the sun came out: take them again, or leave out those before or after.",
+        "earlier photographs show the object {} brighter or darker, beside its renderings, than later ones.",
+        "A lamp was switched, a curtain moved or the sun came out: take them again, or leave out those before or after the change.",
         _exposure_step, 0.1, _share_of_log,
     ),
     Sign(
