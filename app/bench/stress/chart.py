@@ -19,7 +19,7 @@ from app.bench.stress.scores import cell, failed, keys, mean_ratio, was_told
 MOST = 8.0  # times the clean error that the darkest colour stands for
 ROW_IN, AROUND_IN = 0.24, 1.0
 ACROSS, PANEL_IN = 4, 1.35
-DASHES = ":", "--", "-."
+DASHES = "dotted", "dashed", "dashdot"
 SET_COLOURS = drawing.BLUE, drawing.GREEN, drawing.PURPLE, drawing.ORANGE
 
 
@@ -103,7 +103,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
             axes.plot(at, [one.normal_deg for one in line], ".-", color=colour, lw=1, ms=4)
             for style, key in zip(DASHES * len(named), named, strict=False):
                 other = [one.others[key].normal_deg if key in one.others else math.nan for one in line]
-                axes.plot(at, other, style, color=colour, lw=0.8)
+                axes.plot(at, other, linestyle=style, color=colour, lw=0.8)
             broken = next((one for one in line if failed(one, first)), None)
             if broken is not None:
                 mark = "x" if was_told(broken) else "X"
@@ -121,7 +121,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
     figure.suptitle(
         "mean error of the normals, degrees; "
         + "".join(
-            f"{style} {key.replace('_', ' ')}; "
+            f"{style}: {key.replace('_', ' ')}; "
             for style, key in zip(DASHES * len(named), named, strict=False)
         )
         + "x: breaks and is told of, filled X: breaks silently",

@@ -255,7 +255,7 @@ DIALS: Mapping[str, Dial] = {
     ),
     "bare_walls": Dial("contrast of the booth's walls", (0.5, 0.25, 0.1, 0.03, 0), scene=_room("texture")),
     "switched_lamp": Dial(
-        "share of its light that the booth's globe has left half-way",
+        "share of the globe's light left, half-way",
         (0.9, 0.7, 0.4, 0.2, 0),
         scene=_room("globe"),
         half_way=True,
