@@ -149,7 +149,7 @@ def _solved(
     beside = {}
     for i, method in enumerate(others):
         span = progress.part(0.8 + 0.2 * i / len(others), 0.8 + 0.2 * (i + 1) / len(others))
-        beside[method.key] = _beside(method.solve(given, device, seed, span), surface, on.truth)
+        beside[method.key] = _beside(method, method.solve(given, device, seed, span), surface, on.truth)
     return Stressed(
         on.name, dial, step, DIALS[dial].amounts[step - 1] if step else 0.0, "",
         normal_deg=scored.normal_mean_deg,
@@ -175,7 +175,7 @@ def _solved(
     )  # fmt: skip
 
 
-def _beside(answer: Answer, ours: Surface, truth: Truth) -> Beside:
+def _beside(method: Method, answer: Answer, ours: Surface, truth: Truth) -> Beside:
     """Errors over the pixels that both answered; NaN where there are none."""
     both = answer.surface.mask & ours.mask & truth.mask
     solved = float((answer.surface.mask & truth.mask).sum() / truth.mask.sum())
@@ -183,6 +183,7 @@ def _beside(answer: Answer, ours: Surface, truth: Truth) -> Beside:
         return Beside(math.nan, math.nan, math.nan, math.nan, solved, answer.seconds)
     there = replace(truth, mask=both)
     theirs, own = metrics.evaluate(answer.surface, there), metrics.evaluate(ours, there)
+    albedo = theirs.albedo_psnr_matched_db if method.matched else theirs.albedo_psnr_db
     return Beside(
-        theirs.normal_mean_deg, own.normal_mean_deg, theirs.albedo_psnr_db, theirs.roughness_mae, solved, answer.seconds,
-    )  # fmt: skip
+        theirs.normal_mean_deg, own.normal_mean_deg, albedo, theirs.roughness_mae, solved, answer.seconds
+    )
