@@ -29,12 +29,9 @@ class Score:
     auroc: float  # of the verdict's doubt, for telling failed from others
     coverage: tuple[float, ...]  # mean shares within the stated 50, 68, 90, 95 %, of runs that were not told
     ause: float  # mean, of all that were solved
-    behind: Mapping[
-        str, float
-    ]  # by another method: share of the solved runs in which it does better, over its pixels,
-    corruption: Mapping[
-        str, float
-    ]  # and ours' error over its, each summed over a dial's runs, the mean of all dials
+    # By the keys of the methods beside ours, over the pixels that both solved:
+    behind: Mapping[str, float]  # share of the solved runs in which it does better
+    corruption: Mapping[str, float]  # ours' error over its: `corruption`
 
 
 def was_told(one: Stressed) -> bool:
