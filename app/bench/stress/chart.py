@@ -7,14 +7,15 @@ show the errors themselves, those of other methods beside them, and where each s
 import math
 import textwrap
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
 from app.bench import drawing
 from app.bench.stress.dials import DIALS
-from app.bench.stress.measure import CLEAN, Beside, Stressed
-from app.bench.stress.scores import cell, failed, keys, mean_ratio, was_told
+from app.bench.stress.measure import CLEAN, MethodErrors, Stressed
+from app.bench.stress.scores import cell, failed, keys, mean_ratio, name_of, was_told
 
 MOST = 8.0  # times the clean error that the darkest colour stands for
 ROW_IN, AROUND_IN = 0.24, 1.0
@@ -39,7 +40,7 @@ def write(runs: Sequence[Stressed], folder: Path, caption: str) -> list[Path]:
 def rows(runs: Sequence[Stressed]) -> str:
     """Every run as CSV."""
     columns = [name for name in Stressed.__slots__ if name not in ("seconds", "others", "facts")]
-    of_others = [(key, name) for key in keys(runs) for name in Beside.__slots__ if name != "seconds"]
+    of_others = [(key, name) for key in keys(runs) for name in MethodErrors.__slots__ if name != "seconds"]
     lines: list[Sequence[object]] = [[*columns, *(f"{key}.{name}" for key, name in of_others)]]
     for one in runs:
         theirs = [getattr(one.others.get(key), name, math.nan) for key, name in of_others]
@@ -92,7 +93,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
 
     clean = {one.set: one for one in runs if one.dial == CLEAN}
     dials = list(dict.fromkeys(one.dial for one in runs if one.dial != CLEAN))
-    down, named = max(math.ceil(len(dials) / ACROSS), 1), keys(runs)
+    down, styles = max(math.ceil(len(dials) / ACROSS), 1), dict(zip(keys(runs), cycle(DASHES), strict=False))
     figure = Figure(figsize=(drawing.WIDTH_IN, PANEL_IN * down + 0.4), dpi=drawing.DPI, layout="constrained")
     panels = figure.subplots(down, ACROSS, squeeze=False).ravel()
     for dial, axes in zip(dials, panels, strict=False):
@@ -101,7 +102,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
             line = [first, *sorted(turned, key=lambda one: one.step)]
             at = [one.step for one in line]
             axes.plot(at, [one.normal_deg for one in line], ".-", color=colour, lw=1, ms=4)
-            for style, key in zip(DASHES * len(named), named, strict=False):
+            for key, style in styles.items():
                 other = [one.others[key].normal_deg if key in one.others else math.nan for one in line]
                 axes.plot(at, other, linestyle=style, color=colour, lw=0.8)
             broken = next((one for one in line if failed(one, first)), None)
@@ -120,10 +121,7 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
         axes.axis("off")
     figure.suptitle(
         "mean error of the normals, degrees; "
-        + "".join(
-            f"{style}: {key.replace('_', ' ')}; "
-            for style, key in zip(DASHES * len(named), named, strict=False)
-        )
+        + "".join(f"{style}: {name_of(key)}; " for key, style in styles.items())
         + "x: breaks and is told of, filled X: breaks silently",
         fontsize=6.5,
     )

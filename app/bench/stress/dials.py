@@ -43,8 +43,8 @@ def _fewer(stored: Stored, count: float, rng: Rng) -> Stored:
     return fewer_views(stored, min(int(count), len(stored.frames.names)))
 
 
-def half_way(first: Stored, second: Stored, times: float) -> Stored:
-    """The light changes half-way: photographs from the same poses, the first half of one set and the second of another, whose
+def joined_halves(first: Stored, second: Stored, times: float) -> Stored:
+    """The light changes half-way: photographs from the same poses, the first half of one set and the second half of another, whose
     radiance counts in units `times` as large."""
     late = np.arange(len(first.frames.names)) >= len(first.frames.names) // 2
     frames, after = first.frames, second.frames
@@ -59,16 +59,16 @@ def half_way(first: Stored, second: Stored, times: float) -> Stored:
 def _narrow(stored: Stored, share: float, rng: Rng) -> Stored:
     """The views that are turned least from the middle one."""
     turn = Rotation.from_matrix(stored.poses.cam_from_world[:, :, :3])
-    return _least(stored, share, (turn * turn[len(turn) // 2].inv()).magnitude())
+    return _keep_least(stored, share, (turn * turn[len(turn) // 2].inv()).magnitude())
 
 
 def _one_axis(stored: Stored, share: float, rng: Rng) -> Stored:
     """The views that are tilted least against one upright, as from a turntable."""
     upright = stored.poses.cam_from_world[:, 1, :3]
-    return _least(stored, share, -upright @ upright.mean(0))
+    return _keep_least(stored, share, -upright @ upright.mean(0))
 
 
-def _least(stored: Stored, share: float, away: np.ndarray) -> Stored:
+def _keep_least(stored: Stored, share: float, away: np.ndarray) -> Stored:
     return stored.views(np.sort(np.argsort(away)[: max(round(share * len(away)), 9)]))
 
 
@@ -81,7 +81,7 @@ def _pose_noise(stored: Stored, sigma_deg: float, rng: Rng) -> Stored:
     return replace(stored, poses=replace(stored.poses, cam_from_world=placed))
 
 
-def _scale(stored: Stored, times: float, rng: Rng) -> Stored:
+def _lengths(stored: Stored, times: float, rng: Rng) -> Stored:
     """Lengths are told otherwise: no angle of the scene changes, and no answer should."""
     placed = stored.poses.cam_from_world.copy()
     placed[:, :, 3] *= times
@@ -233,7 +233,7 @@ DIALS: Mapping[str, Dial] = {
     "narrow": Dial("share of the views, those turned least", (0.6, 0.45, 0.35, 0.25, 0.2), _narrow),
     "one_axis": Dial("share of the views, those tilted least", (0.6, 0.45, 0.35, 0.25, 0.2), _one_axis),
     "pose_noise": Dial("noise of the poses, deg", (0.1, 0.25, 0.5, 1.0, 2.0), _pose_noise),
-    "scale": Dial("lengths told so many times as large", (0.8, 0.65, 0.5, 1.5, 2.0), _scale),
+    "scale": Dial("lengths told so many times as large", (0.8, 0.65, 0.5, 1.5, 2.0), _lengths),
     "focal": Dial("focal length, % off", (0.3, 0.8, 1.5, 3.0, 5.0), _focal),
     "mask_grown": Dial("mask too large, px", (1, 2, 3, 4, 6), _mask_grown),
     "mask_shrunk": Dial("mask too small, px", (1, 2, 3, 4, 6), _mask_shrunk),

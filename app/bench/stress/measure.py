@@ -17,7 +17,7 @@ from app.bench.call import Call
 from app.bench.choices import Choice
 from app.bench.rows import Answer, Method
 from app.bench.sets import Set, job
-from app.bench.stress.dials import DIALS, half_way
+from app.bench.stress.dials import DIALS, joined_halves
 from engine.errors import RoomlightError
 from engine.geometry import angle_between
 from engine.io import session as sessions
@@ -40,7 +40,7 @@ CLEAN = "clean"
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class MethodErrors:
     """Another method on the same capture, under the light and at the distance that ours found."""
 
     normal_deg: float  # mean error
@@ -74,7 +74,9 @@ class Stressed:
     grade: str = ""
     doubt: float = math.nan
     reason: str = ""
-    others: Mapping[str, Beside] = field(default_factory=dict)  # methods beside ours, by their rows' keys
+    others: Mapping[str, MethodErrors] = field(
+        default_factory=dict
+    )  # methods beside ours, by their rows' keys
     facts: Mapping[str, float] = field(
         default_factory=dict
     )  # the numbers that the stages measured of themselves
@@ -91,10 +93,12 @@ def photographed(call: Call, on: Set, room: Choice, thing: Choice, dial: str, st
     there = replace(call.set(*scene, None), room=on.room, thing=on.thing)
     if not one.half_way:
         return there
-    return replace(there, stored=half_way(on.stored, there.stored, _metered(on) / _metered(there)))
+    return replace(
+        there, stored=joined_halves(on.stored, there.stored, _middle_exposure(on) / _middle_exposure(there))
+    )
 
 
-def _metered(on: Set) -> float:
+def _middle_exposure(on: Set) -> float:
     """Exposure of the middle photograph of a bracket, which the studio meters for a whole set: what its radiance counts in."""
     session = sessions.open_session(on.session)
     if session.kind == "linear":
@@ -116,7 +120,7 @@ def measure(call: Call, on: Set, dial: str, step: int, others: Sequence[Method] 
     amount = DIALS[dial].amounts[step - 1] if step else 0.0
     with job(f"{on.name} {dial} {step}") as progress:
         try:
-            found = _solved(call, on, dial, step, others, progress)
+            found = _solved(call, on, dial, step, amount, others, progress)
         except RoomlightError as refusal:
             found = Stressed(on.name, dial, step, amount, str(refusal))
     places.keep(path, json.dumps(artifacts.plain(found)))
@@ -124,7 +128,7 @@ def measure(call: Call, on: Set, dial: str, step: int, others: Sequence[Method] 
 
 
 def _solved(
-    call: Call, on: Set, dial: str, step: int, others: Sequence[Method], progress: Progress
+    call: Call, on: Set, dial: str, step: int, amount: float, others: Sequence[Method], progress: Progress
 ) -> Stressed:
     seed, device, fit = call.args.seed, call.device, LightParams(**call.size.settings.get("light", {}))
     given = DIALS[dial].at(on.stored, step, seed) if step else on.stored
@@ -146,12 +150,12 @@ def _solved(
     answered = surface.mask & on.truth.mask
     error, stated = angle_between(surface.normal, on.truth.normal)[answered], surface.stderr_normal[answered]
     hand_over(given, device, seed, solved.emitters, report.distance.value)
-    beside = {}
+    errors = {}
     for i, method in enumerate(others):
         span = progress.part(0.8 + 0.2 * i / len(others), 0.8 + 0.2 * (i + 1) / len(others))
-        beside[method.key] = _beside(method, method.solve(given, device, seed, span), surface, on.truth)
+        errors[method.key] = _errors_of(method, method.solve(given, device, seed, span), surface, on.truth)
     return Stressed(
-        on.name, dial, step, DIALS[dial].amounts[step - 1] if step else 0.0, "",
+        on.name, dial, step, amount, "",
         normal_deg=scored.normal_mean_deg,
         stated_deg=float(np.degrees(stated.mean())),
         in_50=metrics.normal_coverage(error, stated, 0.5),
@@ -166,7 +170,7 @@ def _solved(
         grade=verdict.grade,
         doubt=verdict.doubt,
         reason=verdict.reason,
-        others=beside,
+        others=errors,
         facts={
             f"{stage}.{name}": float(value)
             for stage, values in told.items() for name, value in values.items()
@@ -175,15 +179,15 @@ def _solved(
     )  # fmt: skip
 
 
-def _beside(method: Method, answer: Answer, ours: Surface, truth: Truth) -> Beside:
+def _errors_of(method: Method, answer: Answer, ours: Surface, truth: Truth) -> MethodErrors:
     """Errors over the pixels that both answered; NaN where there are none."""
     both = answer.surface.mask & ours.mask & truth.mask
     solved = float((answer.surface.mask & truth.mask).sum() / truth.mask.sum())
     if not both.any():
-        return Beside(math.nan, math.nan, math.nan, math.nan, solved, answer.seconds)
+        return MethodErrors(math.nan, math.nan, math.nan, math.nan, solved, answer.seconds)
     there = replace(truth, mask=both)
     theirs, own = metrics.evaluate(answer.surface, there), metrics.evaluate(ours, there)
     albedo = theirs.albedo_psnr_matched_db if method.matched else theirs.albedo_psnr_db
-    return Beside(
+    return MethodErrors(
         theirs.normal_mean_deg, own.normal_mean_deg, albedo, theirs.roughness_mae, solved, answer.seconds
     )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from app.bench.markdown import markdown
 from app.bench.record import Metric
 from app.bench.stress.dials import DIALS, FITTED
-from app.bench.stress.measure import CLEAN, Beside, Stressed
+from app.bench.stress.measure import CLEAN, MethodErrors, Stressed
 from engine.results.quality import GOOD
 
 TIMES, LEAST_DEG = 2.0, 3.0
@@ -62,7 +62,10 @@ def score(runs: Sequence[Stressed]) -> Score:
         auroc(solved),
         tuple(map(statistics.fmean, zip(*trusted, strict=True))) or (math.nan,) * 4,
         _mean([one.ause for one in answered]),
-        {key: _mean([float(b.normal_deg < b.ours_deg) for b in beside(answered, key)]) for key in keys(runs)},
+        {
+            key: _mean([float(b.normal_deg < b.ours_deg) for b in errors_of(answered, key)])
+            for key in keys(runs)
+        },
         {key: corruption(worse, key) for key in keys(runs)},
     )
 
@@ -72,7 +75,7 @@ def keys(runs: Sequence[Stressed]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(key for one in runs for key in one.others))
 
 
-def beside(runs: Sequence[Stressed], key: str) -> list[Beside]:
+def errors_of(runs: Sequence[Stressed], key: str) -> list[MethodErrors]:
     """What one of them made of the runs, where it and ours answered some of the same pixels."""
     found = [one.others[key] for one in runs if key in one.others]
     return [one for one in found if not math.isnan(one.normal_deg)]
@@ -81,7 +84,7 @@ def beside(runs: Sequence[Stressed], key: str) -> list[Beside]:
 def corruption(runs: Sequence[Stressed], key: str) -> float:
     """Mean corruption error: ours' error over another's, each summed over a dial's runs, the mean of all dials."""
     by_dial = [
-        beside([one for one in runs if one.dial == dial], key)
+        errors_of([one for one in runs if one.dial == dial], key)
         for dial in dict.fromkeys(one.dial for one in runs)
     ]
     sums = [(sum(one.ours_deg for one in found), sum(one.normal_deg for one in found)) for found in by_dial]
@@ -149,7 +152,7 @@ def summary(found: Score) -> str:
         f" within the stated 50, 68, 90, 95 % where nothing was told: {', '.join(map(_percent, found.coverage))}; AUSE"
         f" {found.ause:.3f}"
     ) + "".join(
-        f"; {_name(key)} does better in {_percent(share)}, and in the mean of the dials ours has {found.corruption[key]:.2f}"
+        f"; {name_of(key)} does better in {_percent(share)}, and in the mean of the dials ours has {found.corruption[key]:.2f}"
         " of its error"
         for key, share in found.behind.items()
     )
@@ -157,21 +160,21 @@ def summary(found: Score) -> str:
 
 def columns(runs: Sequence[Stressed]) -> str:
     """A dial as a row, a method as a column: its mean error, and ours over its pixels."""
-    lines = [["mean error of normals, deg", *(f"{_name(key)} (ours there)" for key in keys(runs))]]
+    lines = [["mean error of normals, deg", *(f"{name_of(key)} (ours there)" for key in keys(runs))]]
     for dial in dict.fromkeys(one.dial for one in runs):
         here = [one for one in runs if one.dial == dial]
-        cells = [_column(beside(here, key)) for key in keys(runs)]
+        cells = [_column(errors_of(here, key)) for key in keys(runs)]
         lines.append([DIALS[dial].title if dial in DIALS else dial, *cells])
     return markdown(lines)
 
 
-def _column(found: Sequence[Beside]) -> str:
+def _column(found: Sequence[MethodErrors]) -> str:
     if not found:
         return "-"
     return f"{_mean([one.normal_deg for one in found]):.2f} ({_mean([one.ours_deg for one in found]):.2f})"
 
 
-def _name(key: str) -> str:
+def name_of(key: str) -> str:
     return key.replace("_", " ")
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from app.bench.choices import Choice, built_in, picked
 from app.bench.record import BenchError
 from app.bench.stored import Stored
-from app.bench.stress.dials import DIALS, half_way
+from app.bench.stress.dials import DIALS, joined_halves
 from engine.types import Masks
 from hardware.virtual.studio import bodies, rooms
 from tests.app.bench.synthetic import stored
@@ -92,7 +92,7 @@ def test_motion_smears_the_room_and_not_the_object_that_moves_along(clean: Store
 
 def test_a_light_that_changes_half_way_leaves_the_first_half_as_it_was(clean: Stored) -> None:
     dark = replace(clean, frames=replace(clean.frames, radiance=0.5 * clean.frames.radiance))
-    both = half_way(clean, dark, 4.0).frames.radiance
+    both = joined_halves(clean, dark, 4.0).frames.radiance
     assert np.array_equal(both[:20], clean.frames.radiance[:20])
     assert np.array_equal(both[20:], 4 * dark.frames.radiance[20:])
 

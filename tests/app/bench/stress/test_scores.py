@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.bench.stress import chart, scores
-from app.bench.stress.measure import CLEAN, Beside, Stressed
+from app.bench.stress.measure import CLEAN, MethodErrors, Stressed
 from engine.results.quality import BAD, DOUBTFUL, GOOD
 
 
@@ -18,7 +18,7 @@ def run(
     return Stressed(
         on, dial, step, 1.0, "", normal_deg, 2.0, **coverage, ause=0.1, albedo_db=30.0, roughness=0.05,
         solved=1.0, seconds=9.0, grade=grade, doubt=doubt, reason="why",
-        others={"far_field": Beside(4.0, normal_deg, 28.0, 0.06, 1.0, 5.0)},
+        others={"far_field": MethodErrors(4.0, normal_deg, 28.0, 0.06, 1.0, 5.0)},
     )  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def test_the_table_tells_ratios_and_marks():
 
 
 def test_methods_beside_ours_are_a_column_each_with_ours_over_their_pixels():
-    tile = {"reference_256_100": Beside(7.0, 3.0, 20.0, 0.1, 0.01, 900.0)}
+    tile = {"reference_256_100": MethodErrors(7.0, 3.0, 20.0, 0.1, 0.01, 900.0)}
     nowhere = {
         "reference_256_100": replace(tile["reference_256_100"], normal_deg=math.nan, ours_deg=math.nan)
     }
