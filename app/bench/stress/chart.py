@@ -103,8 +103,8 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
             at = [one.step for one in line]
             axes.plot(at, [one.normal_deg for one in line], ".-", color=colour, lw=1, ms=4)
             for key, style in styles.items():
-                other = [one.others[key].normal_deg if key in one.others else math.nan for one in line]
-                axes.plot(at, other, linestyle=style, color=colour, lw=0.8)
+                theirs = [one.normal_deg * _times_ours(one, key) for one in line]
+                axes.plot(at, theirs, linestyle=style, color=colour, lw=0.8)
             broken = next((one for one in line if failed(one, first)), None)
             if broken is not None:
                 mark = "x" if was_told(broken) else "X"
@@ -120,13 +120,18 @@ def draw_dials(runs: Sequence[Stressed], caption: str):
     for axes in panels[len(dials) :]:
         axes.axis("off")
     figure.suptitle(
-        "mean error of the normals, degrees; "
+        "mean error of the normals, degrees (of others: as many times ours as over the pixels that they solved); "
         + "".join(f"{style}: {name_of(key)}; " for key, style in styles.items())
-        + "x: breaks and is told of, filled X: breaks silently",
+        + "\nx: breaks and is told of, filled X: breaks silently",
         fontsize=6.5,
     )
     figure.supxlabel(caption, fontsize=5.5, color="0.35")
     return figure
+
+
+def _times_ours(one: Stressed, key: str) -> float:
+    """A method's error over ours, of its pixels: a few of them may be harder than the rest."""
+    return one.others[key].normal_deg / one.others[key].ours_deg if key in one.others else math.nan
 
 
 def _named(dial: str, steps: Sequence[int]) -> str:
