@@ -18,7 +18,7 @@ from app.bench.choices import Choice
 from app.bench.rows import Answer, Method
 from app.bench.sets import Set, job
 from app.bench.stress.dials import DIALS, joined_halves
-from engine.errors import RoomlightError
+from engine.errors import Cancelled, RoomlightError
 from engine.geometry import angle_between
 from engine.io import session as sessions
 from engine.io.ground_truth import Truth
@@ -107,7 +107,11 @@ def _middle_exposure(on: Set) -> float:
 
 
 def measure(call: Call, on: Set, dial: str, step: int, others: Sequence[Method] = ()) -> Stressed:
-    """A dial of `DIALS` turned to a step, or `CLEAN` at 0; kept beside the sets for the next call."""
+    """A dial of `DIALS` turned to a step, or `CLEAN` at 0; kept beside the sets for the next call.
+
+    Raises:
+        Cancelled: a stop was asked for; finished runs are kept.
+    """
     args = call.args
     facts = [
         on.stored.fingerprint, dial, step, args.preset, call.device, args.seed, record.engine_digest(),
@@ -121,6 +125,8 @@ def measure(call: Call, on: Set, dial: str, step: int, others: Sequence[Method] 
     with job(f"{on.name} {dial} {step}") as progress:
         try:
             found = _solved(call, on, dial, step, amount, others, progress)
+        except Cancelled:
+            raise  # a stop says nothing of the capture, and is not kept
         except RoomlightError as refusal:
             found = Stressed(on.name, dial, step, amount, str(refusal))
     places.keep(path, json.dumps(artifacts.plain(found)))

@@ -15,7 +15,7 @@ from app.bench.sizes import SIZES
 from app.bench.stored import Stored
 from app.bench.stress import measure as measuring
 from app.bench.stress.measure import CLEAN, measure
-from engine.errors import LightError
+from engine.errors import Cancelled, LightError
 from engine.progress import Progress
 from tests.app.bench.synthetic import a_set, leaning, method
 
@@ -97,3 +97,16 @@ def test_a_capture_that_is_refused_says_why(tmp_path: Path, fits: list[int]) -> 
         assert math.isnan(found.normal_deg)
         assert found.amount == 9
     assert fits == [9]
+
+
+def test_a_stop_is_no_refusal_and_is_not_kept(
+    tmp_path: Path, fits: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*asked: Any) -> Any:
+        raise Cancelled("stopped")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(measuring, "solve", stopped)
+        with pytest.raises(Cancelled):
+            measure(a_call(tmp_path), a_set(), CLEAN, 0)
+    assert measure(a_call(tmp_path), a_set(), CLEAN, 0).refused == ""
